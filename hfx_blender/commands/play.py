@@ -83,7 +83,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play, and report devices that failed."""
     from ..devices.configuration import is_file
-    from ..devices.live import live_targets
+    from ..devices.live import live_settings
     from ..devices.live.client import LiveClient
     from ..devices.live.track_playback import fault_of, play
     from ..files import resources
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             client.connect(
                 name,
                 Path(name).absolute() if is_file(name) else name,
-                live_targets.target_of(device, settings),
+                live_settings.target_of(device, settings),
                 folder=resources.user_devices(),
                 script=None if script is None else script.as_request(),
                 offset_ms=settings.offset_ms,
@@ -200,7 +200,7 @@ def _opened(
     that scripts gave.
     """
     from ..devices.configuration import load_device
-    from ..devices.live import live_targets
+    from ..devices.live import live_settings
     from ..devices.live.played_track import PlayedTrack
     from ..files import resources
     from ..formats.clip.container import SUFFIX
@@ -214,9 +214,9 @@ def _opened(
         title = kinds.title_of(options.file)
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
     track = stack.enter_context(PlayedTrack(options.file, options.body))
-    targets = {name: live_targets.named(name) for name in names}
+    targets = {name: live_settings.named(name) for name in names}
     devices = [device for device, _ in targets.values()]
-    track.latencies_ms = {ms for device in devices for ms in live_targets.latencies_ms(device)}
+    track.latencies_ms = {ms for device in devices for ms in live_settings.latencies_ms(device)}
     return track, targets
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic devices: their configurations, and live output to hardware."""
+"""Haptic devices: configurations, scripts, and live output to hardware."""

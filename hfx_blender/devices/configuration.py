@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Device configurations: one JSON file a device, read strictly.
+"""Device configurations: one JSON file for each device, looked up by name and read strictly.
 
-``docs/device-configuration.md`` describes the format. A configuration holds facts only: no
-code, no path, nothing to open.
+``docs/device-configuration.md`` describes the format. A configuration has no code and no paths.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Final
 from ..engine.body.model import PerceptualModel, load_model, manifest
 from ..engine.modality import MODALITIES
 from ..engine.rendering.actuator_vertices import vertices_of
-from ..engine.rendering.device_config import Actuator, DeviceConfig, ScriptFiles, VertexPlace
+from ..engine.rendering.device_config import DeviceConfig, ScriptFiles, VertexPlace
 from ..errors import InputError
 from ..files import resources
 from ..files.json_shapes import read
@@ -30,20 +29,20 @@ _OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def list_devices(folder: Path | None = None) -> list[str]:
-    """Names that :func:`load_device` takes: the shipped devices and those of a folder.
+    """Names for :func:`load_device`, sorted: shipped devices, and those of a folder.
 
-    A device for one side of the body is listed once for each side, a file that cannot be
-    read by its own name.
+    ``folder`` None is the user's own. A device for one side of the body has a name for each side;
+    an unreadable file is listed by its stem.
     """
     names: set[str] = set()
-    for each in _folders(folder):
-        for path in each.glob("*" + SUFFIX) if each.is_dir() else ():
+    for parent in _folders(folder):
+        for path in parent.glob("*" + SUFFIX) if parent.is_dir() else ():
             names.update(_names(path))
     return sorted(names)
 
 
 def _folders(folder: Path | None) -> tuple[Path, Path]:
-    """Folders to search for a device: the user's own, or another; then the shipped one."""
+    """Folders to search: the given one, by default the user's own, then the shipped one."""
     return folder or resources.user_devices(), resources.device_configs()
 
 
@@ -52,40 +51,34 @@ def _names(path: Path) -> list[str]:
         side = load_device(path).side
     except InputError:
         return [path.stem]
-    return [path.stem] if side is None else [f"{path.stem}_{each}" for each in WEARABLE_SIDES]
+    return [path.stem] if side is None else [f"{path.stem}_{side}" for side in WEARABLE_SIDES]
 
 
 def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceConfig:
-    """Read a device configuration.
+    """Read a device configuration, with the user's calibration of the device.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A name of :func:`list_devices`, or a file (a ``Path``, or text with a folder in it or
-        ending in ``.json``). A device that can be worn on either side takes ``_left`` or
-        ``_right`` after its name, and after its file's name; alone it is as it was written.
+        Name of :func:`list_devices`, or a file: a ``Path``, or text with a folder or with the
+        suffix ``.json``. ``_left`` or ``_right`` after the name, or after the file's stem,
+        chooses the side of a device for one side of the body; without it, the side of the file.
     folder : Path, optional
-        Configurations that go before shipped ones of the same name; without, the user's own.
-
-    What the user has calibrated for it comes along.
+        Configurations with precedence over shipped ones of the same name; by default the user's.
 
     Raises
     ------
     InputError
-        There is no such device, or its file is not a valid configuration.
+        The device is unknown, or its file is no valid configuration.
     """
-    device = _found(name_or_path, folder)
+    device = _find(name_or_path, folder)
     own = surface_calibration.of_device(str(name_or_path), device.id)
     return device if own is None else replace(device, surface_drive_per_m=own)
 
 
 def named_in_blend(name: str) -> str:
-    """Return the name of a device that a .blend gives, for :func:`load_device`.
-
-    Raises
-    ------
-    InputError
-        :func:`load_device` would take it for a file: a .blend never chooses files.
+    """Return a device name of a .blend unchanged; InputError if :func:`load_device` would read
+    it as a file, as a .blend must not choose files.
     """
     if is_file(name):
         raise InputError(
@@ -96,16 +89,17 @@ def named_in_blend(name: str) -> str:
 
 
 def is_file(name_or_path: str | Path) -> bool:
+    """Test that :func:`load_device` reads an argument as a file, not as a name."""
     text = str(name_or_path)
     return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
 
 
-def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
+def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if is_file(name_or_path):
-        return _on_side(Path(text)) or _read(Path(text))
-    for each in _folders(folder) if re.fullmatch(ID.pattern, text) else ():
-        device = _on_side(each / (text + SUFFIX))
+        return _on_side(Path(text)) or _read(Path(text))  # the latter raises: no such file
+    for parent in _folders(folder) if re.fullmatch(ID.pattern, text) else ():
+        device = _on_side(parent / (text + SUFFIX))
         if device is not None:
             return device
     known = ", ".join(list_devices(folder)) or "none"
@@ -113,23 +107,25 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 
 
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
-    """File that :func:`load_device` reads for the same arguments; None if there is none."""
+    """File read by :func:`load_device` for the same arguments; None without a file."""
     text = str(name_or_path)
     if is_file(name_or_path):
         paths = [Path(text)]
     else:
-        paths = [each / (text + SUFFIX) for each in _folders(folder)]
+        paths = [parent / (text + SUFFIX) for parent in _folders(folder)]
     for path in paths:
         stem, _, side = path.stem.rpartition("_")
-        written = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
-        for found in (path, written):
-            if found.is_file():
-                return found
+        sided = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
+        for candidate in (path, sided):
+            if candidate.is_file():
+                return candidate
     return None
 
 
 def _on_side(path: Path) -> DeviceConfig | None:
-    """The device of a file, or of the file without ``_left`` or ``_right``; None: neither."""
+    """Device of a file, or of the file without ``_left`` or ``_right`` in its stem, mirrored if
+    that is the opposite side. None without a file, or for a device without sides.
+    """
     if path.is_file():
         return _with_script(_read(path), path, path)
     stem, _, side = path.stem.rpartition("_")
@@ -143,7 +139,7 @@ def _on_side(path: Path) -> DeviceConfig | None:
 
 
 def script_beside(configuration: Path) -> Path | None:
-    """The script of a device, ``<device>.py`` beside its configuration; None: it has none."""
+    """Script of a device, ``<device>.py`` next to its configuration; None without a script."""
     script = configuration.with_suffix(SCRIPT_SUFFIX)
     return script if script.is_file() else None
 
@@ -157,10 +153,11 @@ def _with_script(device: DeviceConfig, configuration: Path, loaded: Path) -> Dev
 
 
 def check(path: Path, models: Callable[[str], PerceptualModel] | None = load_model) -> list[str]:
-    """Faults of a configuration file, each one sentence; empty if it can be used.
+    """Faults of a configuration file, one sentence each; empty for a usable file.
 
-    Reading stops at the first fault. What can be read is then placed on the shipped
-    perceptual models (``models`` None: is not), and every actuator that does not fit is told.
+    Only the first fault of the reading is returned. A readable configuration is then placed on
+    the shipped perceptual models, and each actuator that does not fit is a fault; ``models``
+    loads a model by its id, None skips this.
     """
     try:
         device = _read(path)
@@ -174,12 +171,13 @@ def _placing_faults(
 ) -> list[str]:
     faults = []
     for i, actuator in enumerate(device.actuators):
-        sources = [s.source for s in device.substitutions.values()]
-        felt = [each for each in sources if _shows(device, each, actuator)]
-        used = {MODALITIES[each].model for each in [actuator.type.modality, *felt]}
-        ids = {id for id, each in manifest()["models"].items() if each["modality"] in used}
+        # The models of the actuator's modality, and of modalities that it substitutes.
+        modality = actuator.type.modality
+        sources = [s.source for s in device.substitutions.values() if s.target == modality]
+        used = {MODALITIES[name].model for name in [modality, *sources]}
+        ids = {id for id, model in manifest()["models"].items() if model["modality"] in used}
         if isinstance(actuator.place, VertexPlace):
-            ids = {each.model_id for each in actuator.place.sets}
+            ids = {vertex_set.model_id for vertex_set in actuator.place.sets}
         for model_id in sorted(ids):
             try:
                 vertices_of(actuator.place, models(model_id))
@@ -189,11 +187,8 @@ def _placing_faults(
     return faults
 
 
-def _shows(device: DeviceConfig, source: str, actuator: Actuator) -> bool:
-    return device.substitutions[source].target == actuator.type.modality
-
-
 def _mirrored(device: DeviceConfig) -> DeviceConfig:
+    """Device for the opposite side, with its id and name."""
     side = _OTHER_SIDE[str(device.side)]
     return replace(
         device,

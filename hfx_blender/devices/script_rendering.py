@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders devices for an export, their scripts included.
+"""Rendering of devices for an export, including their scripts.
 
-A script is run as live playback runs it, by the same worker, but for each row of the raster, in
-the order of time, from the track's first row to its last. So its state depends on the track
-alone, whoever recorded it in however many parts.
+A script runs in the same worker as in live playback, once for each row of the raster, from the
+first to the last row of the track. So its state does not depend on the division of the recording.
 """
 
 from __future__ import annotations
@@ -33,18 +32,18 @@ from .workers.message_bodies import decode_values
 FeltRuns = list[tuple[SampleRun, F64]]
 
 START_S: Final = 60.0
-"""Time limit of a script's start, seconds: it may import what it needs, on a busy machine."""
+"""Time limit for the start of a script, seconds, which includes its imports."""
 
 ROW_S: Final = 10.0
-"""Time limit of a script for one row, seconds; live it has 0.1."""
+"""Time limit for one row, seconds; live the limit is 0.1."""
 
 SUM_S: Final = 60.0
 SUM_ROW_S: Final = 0.1
-"""Time per row that is added to the limit for all rows, seconds, as live."""
+"""Time limit for all rows, seconds: the sum of ``SUM_S`` and ``SUM_ROW_S`` for each row."""
 
 _BATCH_ROWS: Final = 64
 _BATCH_BYTES: Final = 1 << 20
-"""Size of a batch of rows, bytes; the next batch waits in the pipe meanwhile."""
+"""Size of a batch of rows, bytes; the next batch is in the pipe during the work on one."""
 
 _log = logging.getLogger(__name__)
 
@@ -54,37 +53,31 @@ class Rendered:
     """Rendered rasters, and the devices without one."""
 
     played: list[Played]
-    silent: Mapping[str, str] = field(default_factory=dict)  # by device: why it plays nothing
+    silent: Mapping[str, str] = field(default_factory=dict)  # reasons by device id
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def without(self, silent: Mapping[str, str]) -> Rendered:
-        """Copy in which some devices play nothing."""
-        played = [each for each in self.played if each[0].id not in silent]
+        """Copy without the rasters of some devices, given by id with the reasons."""
+        played = [pair for pair in self.played if pair[0].id not in silent]
         return replace(self, played=played, silent={**self.silent, **silent})
 
     def complete(self) -> Rendered:
-        """Itself, with all devices.
-
-        Raises
-        ------
-        ScriptError
-            A device plays nothing.
-        """
+        """Return this object, or raise ``ScriptError`` if a device has no raster."""
         for reason in self.silent.values():
             raise ScriptError(f"{reason}.")
         return self
 
 
 def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Played]:
-    """A recorded track, rendered for each device on each body.
+    """Render a recorded track for each device on each body.
 
     Raises
     ------
     ScriptError
         A device's script may not run, or has failed.
     InputError
-        A place of a device does not fit a model, or a model is not the track's.
+        A place of a device does not fit a model, or the models differ from the track's.
     """
     return finish(rendering(track, renderers_of_track(track, devices))).complete().played
 
@@ -92,10 +85,10 @@ def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[
 def rendering(
     track: TrackReader, renderers: Sequence[tuple[DeviceConfig, Renderer]]
 ) -> Generator[float, None, Rendered]:
-    """Render devices, whose renderers have been given all of a track, in steps.
+    """Render devices in steps, for progress; renderers have received the whole track before.
 
-    The track is read once more for each script. A device whose script fails on one body plays
-    nothing on any.
+    Reads the track again for each script. A device whose script fails on one body has no raster
+    on any body.
     """
     played: list[Played] = []
     silent: dict[str, str] = {}
@@ -103,7 +96,7 @@ def rendering(
     warnings: list[str] = []
     for device, renderer in renderers:
         if device.id in silent:
-            continue  # its reason is told once
+            continue  # failed on an earlier body
         answers = None
         if device.script is not None:
             try:
@@ -111,10 +104,10 @@ def rendering(
             except ScriptError as error:
                 silent[device.id] = str(error)
                 continue
-            lost = int(np.count_nonzero(~np.isfinite(answers).all(axis=1)))
-            if lost:
+            invalid = int(np.count_nonzero(~np.isfinite(answers).all(axis=1)))
+            if invalid:
                 warnings.append(
-                    f"device '{device.id}': its script gave no number at {lost} of "
+                    f"device '{device.id}': its script gave no number at {invalid} of "
                     f"{len(answers)} times; actuators were silent then"
                 )
         notes += renderer.notes()
@@ -125,13 +118,7 @@ def rendering(
 def _answers(
     track: TrackReader, device: DeviceConfig, renderer: Renderer
 ) -> Generator[float, None, F64]:
-    """Answers of a device's script for each row, (T, columns).
-
-    Raises
-    ------
-    ScriptError
-        It may not run, or has failed.
-    """
+    """Answers of a device's script for all rows, (T, columns); ScriptError if that fails."""
     script = _approved_script(device)
     script_input = renderer.script_input()
     answers = np.zeros_like(script_input)
@@ -149,10 +136,10 @@ def _answers(
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
                     run.ask(batch)
                     batch, size = [], 0
-                    yield 1.0  # the track is complete; progress of reading it again is not shown
+                    yield 1.0  # share of the recording, which is complete; scripts have no share
             run.ask(batch)
             run.wait()
-    except MessageError as error:  # more than a message holds
+    except MessageError as error:  # haptic data exceed the size of a message
         reason = f"cannot be told {error}{_when(track.header, row)}"
         raise ScriptError(_nothing_for(device, script, reason)) from None
     except _FaultError as error:
@@ -164,13 +151,7 @@ def _answers(
 
 
 def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
-    """Approved script of a device, in its present state.
-
-    Raises
-    ------
-    ScriptError
-        It cannot be read, or the user has not approved it as it is.
-    """
+    """Approved script of a device; ScriptError if it is missing, unreadable or not approved."""
     assert device.script is not None
     try:
         script = approval.script_of(device.script.configuration)
@@ -187,46 +168,48 @@ def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
 
 
 def _nothing_for(device: DeviceConfig, script: approval.DeviceScript, reason: str) -> str:
+    """Message about a device without a raster."""
     return f"device '{device.id}' plays nothing: its script {script.path} {reason}"
 
 
 def _when(header: TrackHeader, row: int) -> str:
-    """Time of a row as the script gets it, as text."""
+    """Time and frame of a row, to end a sentence with; the time is that of the script."""
     frame = float(header.time.frame(min(row, header.time.sample_count - 1)))
     return f" at {frame / float(header.time.fps):.3f} s (frame {frame:g})"
 
 
 def _scene_times_s(header: TrackHeader) -> list[float]:
-    """The scene's time at each row, as live: that of its frame, and frame 0 is at 0 s."""
+    """Scene time of each row, seconds, as in live playback: frame 0 is at 0 s."""
     fps = float(header.time.fps)
     return [float(header.time.frame(row)) / fps for row in range(header.time.sample_count)]
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
-    """Effects on the wearer at each row of a track, with their gains at each actuator."""
+    """Yield for each row of a track the effects on the wearer and their gains (A,)."""
     nothing: FeltRuns = []
-    row = 0
+    row = 0  # next row to yield
     for block in blocks(track.header, track.runs()):
         runs = [run for run in block if run.stream.body_id == renderer.body_id and len(run)]
         gains = [renderer.gains(run) for run in runs]
+        # A merge of the runs' ascending indices; -1 ends each list and equals no index.
         indices = [[*run.indices.tolist(), -1] for run in runs]
-        places = [0] * len(runs)
-        for index in sorted({index for each in indices for index in each[:-1]}):
+        positions = [0] * len(runs)
+        for index in sorted({index for column in indices for index in column[:-1]}):
             for _ in range(row, index):
                 yield nothing
-            felt = []
-            for n, k in enumerate(places):
+            effects = []
+            for n, k in enumerate(positions):
                 if indices[n][k] == index:
-                    felt.append((runs[n].one(k), gains[n][k]))
-                    places[n] += 1
-            yield felt
+                    effects.append((runs[n].one(k), gains[n][k]))
+                    positions[n] += 1
+            yield effects
             row = index + 1
     for _ in range(row, track.header.time.sample_count):
         yield nothing
 
 
 class _FaultError(Exception):
-    """Fault of a script, with its row if it was asked one."""
+    """Fault of a script; ``row`` is None during its start."""
 
     def __init__(self, text: str, row: int | None = None) -> None:
         super().__init__(text)
@@ -234,12 +217,12 @@ class _FaultError(Exception):
 
 
 class _ScriptRun:
-    """Run of a script, which is asked row after row; it ends with the ``with`` block.
+    """Run of a script, row by row; a context manager that kills the worker at the end.
 
     Parameters
     ----------
     answers : (T, columns) float64
-        Is filled row by row.
+        Filled in place, row by row.
     """
 
     def __init__(self, script: approval.DeviceScript, device: DeviceConfig, answers: F64) -> None:
@@ -247,9 +230,10 @@ class _ScriptRun:
         self._answers = answers
         self._path = script.path
         self._request = {**script.as_request(), "device": str(device.script.device), "folder": None}
-        # Where a script goes through a set, it does so in one order.
+        # A fixed seed makes the order of sets in the script reproducible.
         self._worker = Worker("devices.workers.script_worker", variables={"PYTHONHASHSEED": "0"})
-        self._asked = self._answered = self._last = 0  # rows; asked before the last batch
+        self._asked = self._answered = 0  # rows sent, rows answered
+        self._last = 0  # rows sent before the last batch
         self._is_ready = False
         self._went_on_at = 0.0
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
@@ -268,12 +252,9 @@ class _ScriptRun:
         self._worker.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
-        """Send the messages of the next rows, after the rows before the last are answered.
+        """Send the messages of a batch, once all batches before the last one are answered.
 
-        Raises
-        ------
-        _FaultError
-            The script has failed, or does not answer.
+        So the script always has work, and the pipe has a bounded length. Raises ``_FaultError``.
         """
         self.wait(self._asked - self._last)
         if self._answered == self._asked:
@@ -282,12 +263,12 @@ class _ScriptRun:
         self._worker.send(b"".join(batch))
 
     def wait(self, most: int = 0) -> None:
-        """Wait until no more than some rows are unanswered.
+        """Wait until at most ``most`` rows are unanswered.
 
         Raises
         ------
         _FaultError
-            The script has failed, or does not answer.
+            The script has failed, or has exceeded a time limit.
         """
         while not self._is_ready or self._asked - self._answered > most:
             began = time.monotonic()
@@ -295,17 +276,19 @@ class _ScriptRun:
             if self._is_ready:
                 limit_s = min(limit_s, self._left_s)
             try:
-                found = self._worker.receive(max(limit_s, 0.0))
+                received = self._worker.receive(max(limit_s, 0.0))
             except TimeoutError:
                 raise self._fault(self._late(is_sum=limit_s == self._left_s)) from None
+            # Only the time of waiting counts: the work of this process is not the script's.
             if self._is_ready:
                 self._left_s -= time.monotonic() - began
-            self._process_message(found)
+            self._process_message(received)
 
     def _fault(self, text: str) -> _FaultError:
         return _FaultError(text, self._answered if self._is_ready else None)
 
     def _late(self, *, is_sum: bool) -> str:
+        """Reason of an exceeded time limit; ``is_sum``: that for all rows."""
         if not self._is_ready:
             return f"did not start within {START_S:g} s"
         if is_sum:
@@ -313,21 +296,24 @@ class _ScriptRun:
             return f"it took longer than {allowed_s:g} s for {len(self._answers)} rows in all"
         return f"it did not answer within {ROW_S:g} s"
 
-    def _process_message(self, found: Message | None) -> None:
-        if found is None and self._worker.fault:
+    def _process_message(self, received: Message | None) -> None:
+        """Take an answer, a log line or the end of the worker's messages (None)."""
+        if received is None and self._worker.fault:
             raise self._fault(f"its process {self._worker.fault}")
-        if found is None:
+        if received is None:
             raise self._fault("it ended itself" if self._is_ready else "ended as it was started")
-        if found.kind in (MessageKind.LOG, MessageKind.FAULT):
-            text = found.body.decode(errors="replace")
-            if found.kind is MessageKind.LOG:
+        if received.kind in (MessageKind.LOG, MessageKind.FAULT):
+            text = received.body.decode(errors="replace")
+            if received.kind is MessageKind.LOG:
                 _log.info("%s: %s", self._path, text)
                 return
             raise self._fault(text if self._is_ready else f"cannot be started: {text}")
-        if found.kind is MessageKind.READY and not self._is_ready:
+        if received.kind is MessageKind.READY and not self._is_ready:
             self._is_ready = True
-        elif found.kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked:
-            values = decode_values(found.body)
+        elif (
+            received.kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked
+        ):
+            values = decode_values(received.body)
             if values.shape != self._answers[0].shape:
                 raise self._fault("its process sent no values")
             self._answers[self._answered] = values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device configuration's JSON as plain data: its shape, and conditions between its fields."""
+"""Reader of device configurations: JSON to ``DeviceConfig``, with conditions between fields."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from .device_shape import DEVICE, SCHEMA
 
 
 def device_from(document: Node) -> DeviceConfig:
-    """Understand a whole configuration.
+    """Convert a JSON document to a device.
 
     Raises
     ------
     InputError
-        For the first fault: file, place in it, what was found and what is allowed.
+        With the first fault: file, place, found and allowed values.
     """
     refuse_another(document.value, document.file, SCHEMA)
     top = document.hold(DEVICE)
@@ -66,6 +66,7 @@ def device_from(document: Node) -> DeviceConfig:
 
 
 def _refuse_repeated_ids(actuators: Node) -> None:
+    """Raise ``InputError`` for an actuator id of an earlier actuator."""
     seen: set[str] = set()
     for actuator in actuators.items():
         node = actuator["id"]
@@ -78,9 +79,7 @@ def _refuse_repeated_ids(actuators: Node) -> None:
 
 
 def _brand(node: Node) -> Brand:
-    usb = (
-        (int(each["vendor_id"], 16), int(each["product_id"], 16)) for each in node.get("usb", ())
-    )
+    usb = ((int(ids["vendor_id"], 16), int(ids["product_id"], 16)) for ids in node.get("usb", ()))
     return Brand(node.get("vendor"), node.get("model", ""), tuple(usb), node.get("serial", ""))
 
 
@@ -90,7 +89,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
     return ActuatorType(
         name=name,
         modality=modality.name,
-        controls=tuple(_control(modality, each, node) for each in modality.controls),
+        controls=tuple(_control(modality, parameter, node) for parameter in modality.controls),
         latency_ms=node.number("latency_ms", 0.0),
         update_interval_ms=node.number("update_interval_ms", 10.0),
         takes_waveform=node.get("takes_waveform", False),
@@ -106,20 +105,25 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
 
 
 def _drive(node: Node) -> tuple[DriveCurve, ...]:
+    """Drive curves, by ascending frequency; each has to rise, so that it can be inverted."""
     curves = []
-    for each in node.items():
-        points = each.curve("points")
+    for item in node.items():
+        points = item.curve("points")
         is_rising = all(a[0] < b[0] and a[1] < b[1] for a, b in itertools.pairwise(points))
         if points[0] != (0.0, 0.0) or not is_rising:
-            each["points"].fail("pairs of drive and output that both rise from [0, 0]")
-        curves.append(DriveCurve(each.number("frequency_hz"), points))
+            item["points"].fail("pairs of drive and output that both rise from [0, 0]")
+        curves.append(DriveCurve(item.number("frequency_hz"), points))
     if any(b.frequency_hz <= a.frequency_hz for a, b in itertools.pairwise(curves)):
         node.fail("curves of ascending frequency")
     return tuple(curves)
 
 
 def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
-    """Range, limits and neutral value of a parameter of an actuator type."""
+    """Control of an actuator type for a parameter: range, limits and neutral value.
+
+    Limits lie within the range, and below the modality's maximum for devices. The default of the
+    neutral value is that of the modality, clipped to the limits.
+    """
     node = kind["parameters"][known.name]
     if "fixed" in node:
         minimum = maximum = node.number("fixed")
@@ -153,13 +157,13 @@ def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -
 
 
 def _substitutions(node: Node, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
-    types = tuple(each.type for each in actuators)
-    return {name: _substitution(name, each, types) for name, each in node.members().items()}
+    types = tuple(actuator.type for actuator in actuators)
+    return {name: _substitution(name, item, types) for name, item in node.members().items()}
 
 
 def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> Substitution:
     target = node.get("as")
-    targets = tuple(dict.fromkeys(each.modality for each in types if each.modality != source))
+    targets = tuple(dict.fromkeys(kind.modality for kind in types if kind.modality != source))
     if target not in targets:
         node["as"].fail("one of " + ", ".join(targets))
     frequency_hz = None
@@ -169,7 +173,7 @@ def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> S
 
 
 def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
-    """The frequency of what has none: the resonance, else the neutral, or only, frequency."""
-    vibrating = [each for each in types if each.modality == "vibration"]
-    resonances = (each.resonance_hz for each in vibrating if each.resonance_hz is not None)
+    """Frequency of substitutions: the first resonance, else the first neutral frequency."""
+    vibrating = [kind for kind in types if kind.modality == "vibration"]
+    resonances = (kind.resonance_hz for kind in vibrating if kind.resonance_hz is not None)
     return next(resonances, vibrating[0].controls[1].neutral)

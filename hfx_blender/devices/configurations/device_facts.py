@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about a device for people who choose one: its name, maker, modalities, places, picture."""
+"""Texts about a device for lists and panels: name, maker, modalities, places, picture."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from ...engine.rendering.device_config import Actuator, BodyPlace, DeviceConfig,
 from ...errors import InputError
 from ..configuration import find_file, load_device, named_in_blend
 
-_MODEL: Final = "hfx-pressure-1"  # that tells places apart
-_MOST_PLACES: Final = 3  # that are named
+_MODEL: Final = "hfx-pressure-1"  # perceptual model with the regions of places
+_MOST_PLACES: Final = 3  # in a summary
 ROOM: Final = "In the Room"
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceFacts:
-    """Device in the words of its configuration; the name alone where that cannot be read."""
+    """Texts about a device; only id, title and fault for an unreadable configuration."""
 
-    id: str  # as a scene names it
+    id: str  # name in a scene
     title: str
     device: DeviceConfig | None
-    fault: str = ""
-    places: tuple[str, ...] = ()  # those with the most actuators first
+    fault: str = ""  # message of the reading
+    places: tuple[str, ...] = ()  # region labels, by descending number of actuators
     picture: Path | None = None
 
     @property
     def maker(self) -> str:
-        """Maker and model; empty for a generic layout, and where the title names both."""
+        """Maker and model; "" without a brand, or if the title contains both."""
         brand = None if self.device is None else self.device.brand
         if brand is None or (brand.vendor in self.title and brand.model in self.title):
             return ""
@@ -50,14 +50,14 @@ class DeviceFacts:
 
     @property
     def group(self) -> str:
-        """Group of regions with the most actuators; empty where nothing is known."""
+        """Region group of the first place; "" without places."""
         first = self.places[0] if self.places else ""
         groups = {region.label: region.group for region in REGIONS} | {ROOM: ROOM}
         return groups.get(first, "")
 
     @property
     def summary(self) -> str:
-        """Modalities that it plays, numbers of actuators, and their places."""
+        """Modalities, number of actuators, and places; "" for an unreadable configuration."""
         if self.device is None:
             return ""
         count = len(self.device.actuators)
@@ -69,7 +69,7 @@ class DeviceFacts:
 
 
 def facts_of(name: str) -> DeviceFacts:
-    """Facts about a device; read anew when its file has changed."""
+    """Texts about a device by its name in a scene; cached until the file changes."""
     try:
         path = find_file(named_in_blend(name))
         stamp = 0 if path is None else path.stat().st_mtime_ns
@@ -82,7 +82,7 @@ def facts_of(name: str) -> DeviceFacts:
 def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
     try:
         device = load_device(name)
-        places = Counter(_place(each) for each in device.actuators)
+        places = Counter(_place(actuator) for actuator in device.actuators)
     except InputError as error:
         return DeviceFacts(name, name, None, str(error))
     picture = None if path is None else path.parent / "pictures" / f"{path.stem}.png"
@@ -96,7 +96,7 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
 
 
 def _place(actuator: Actuator) -> str:
-    """Region of the body at an actuator."""
+    """Label of the body region at an actuator; :data:`ROOM` for an actuator of the room."""
     place = actuator.place
     if isinstance(place, BodyPlace):
         model = load_model(_MODEL)

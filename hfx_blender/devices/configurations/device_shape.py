@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape of device configurations: each field's type, range, unit and allowed values.
+"""Shape of device configurations: type, range, unit and allowed values of each field.
 
-Readers hold documents against it, and ``device_configs/schema/device.schema.json`` is generated
-from it (``python docs/regenerate.py schema``). Conditions between fields are in the readers.
+Readers check documents by this shape, and ``device_configs/schema/device.schema.json`` is
+generated from it (``python docs/regenerate.py schema``). The readers check conditions between
+fields.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ BHAPTICS_MOTORS: Final = {
     **dict.fromkeys(("Head", "ForearmL", "ForearmR", "GloveL", "GloveR"), 6),
     **dict.fromkeys(("HandL", "HandR", "FootL", "FootR"), 3),
 }
-"""Motors of each place that the bHaptics Player knows."""
+"""Number of motors at each position of the bHaptics Player."""
 
 FULL_SCALES: Final = {"u8": 0xFF, "u16le": 0xFFFF, "u16be": 0xFFFF}
 
@@ -77,7 +78,7 @@ BRAND: Final = strict(
 )
 MOUNT: Final = strict(
     {"origin_m": _POSITION, "x_axis": _DIRECTION, "y_axis": _DIRECTION},
-    # From a fingertip's curve to one that cannot be told from a plane; negative for a hollow.
+    # From the curvature of a fingertip to practically none; negative for a concave surface.
     {"bend_radius_mm": Number(-10_000.0, 10_000.0, "mm", smallest=3.0)},
 )
 
@@ -87,7 +88,7 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Shape]]] = {
     "surface": {"law": Text(LAWS)},
     "splat": {"sigma_m": Number(0.001, 1.0, "m")},
 }
-"""Options of each rendering scheme that has some."""
+"""Options of the rendering schemes with options."""
 
 RENDERING: Final = tagged(
     "scheme",
@@ -99,7 +100,10 @@ RENDERING: Final = tagged(
 
 
 def _range(modality: Modality, parameter: Parameter) -> Shape:
-    """Shape of an actuator's range of a parameter: within that of the modality."""
+    """Shape of an actuator's range of a parameter, within the range of the modality.
+
+    A strength has a range with silence, other parameters may also be fixed.
+    """
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     unit = Text((parameter.unit,))
     if parameter.name != modality.strength:
@@ -118,14 +122,14 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
 
 
 def _limits(modality: Modality, parameter: Parameter) -> Record:
-    """Shape of narrower limits of an actuator."""
+    """Shape of an actuator's limits of a parameter."""
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     is_silent_at_0 = parameter.name == modality.strength and modality.is_silent_at_0
     least = Number(0, 0, note="0, at which the actuator is silent") if is_silent_at_0 else value
     return strict({}, {"minimum": least, "maximum": value})
 
 
-_IN_TIME: Final[Mapping[str, Shape]] = {
+_TIMING: Final[Mapping[str, Shape]] = {
     "latency_ms": Number(0.0, 60_000.0, "ms"),
     "update_interval_ms": Number(0.1, 60_000.0, "ms"),
     "slew_per_s": Number(0.001, 1e6),
@@ -148,19 +152,20 @@ _VIBRATION: Final[Mapping[str, Shape]] = {
     ),
     "detection_thresholds": Items(Row((_FREQUENCY, Number(0.0, 1000.0))), 1, 64, order="ascending"),
 }
-_OTHERS: Final[Mapping[str, Shape]] = {
+_NO_VIBRATION: Final[Mapping[str, Shape]] = {
     "takes_waveform": Flag(False, "false: only vibration is played as a waveform")
 }
 
 
 def _actuator_type(modality: Modality) -> Record:
+    """Shape of an actuator type, without its modality."""
     is_vibration = modality.name == "vibration"
     return strict(
         {"parameters": strict({p.name: _range(modality, p) for p in modality.controls})},
         {
             "limits": strict({}, {p.name: _limits(modality, p) for p in modality.controls}),
-            **_IN_TIME,
-            **(_VIBRATION if is_vibration else _OTHERS),
+            **_TIMING,
+            **(_VIBRATION if is_vibration else _NO_VIBRATION),
         },
         needs={"waveform": "takes_waveform"} if is_vibration else {},
     )
@@ -212,7 +217,7 @@ ACTUATOR: Final = strict(
 
 
 def _substitution(source: Modality, target: Modality) -> Record:
-    # A negative scale makes sense only where a strength can be negative: wind that cools.
+    # A negative scale is useful only for a strength that can be negative, as of cooling wind.
     least = 0.0 if target.is_silent_at_0 else -1000.0
     unit = Text((f"{target.strength_parameter.unit} per {source.strength_parameter.unit}",))
     return strict(
@@ -281,7 +286,7 @@ def _dot(motors: int) -> Record:
 
 _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
     "hfx-wire": ("serial", strict({})),
-    "bytes": ("serial", tagged("number", {each: _bytes(each) for each in FULL_SCALES})),
+    "bytes": ("serial", tagged("number", {number: _bytes(number) for number in FULL_SCALES})),
     "text": (
         "serial",
         strict(
@@ -335,7 +340,7 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
         ),
     ),
 }
-"""Transport of each encoder, and its members."""
+"""Transport and shape of each encoder."""
 
 TRANSPORT_OF: Final = {encoder: transport for encoder, (transport, _) in _ENCODERS.items()}
 
@@ -369,7 +374,7 @@ DEVICE: Final = strict(
     {
         "description": PRINTABLE,
         "brand": BRAND,
-        "size_m": strict({each: Number(0.001, 10.0, "m") for each in ("width", "height")}),
+        "size_m": strict(dict.fromkeys(("width", "height"), Number(0.001, 10.0, "m"))),
         "mount": MOUNT,
         "side": Text(WEARABLE_SIDES),
         "rendering": RENDERING,

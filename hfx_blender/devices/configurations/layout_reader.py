@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Part of a device configuration with the places of actuators and their panning."""
+"""Reader of the places of actuators, the mount and the rendering scheme of a configuration."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ def scheme(node: Node) -> Scheme:
 
 
 def mount(node: Node) -> Mount:
-    """Mount of a layout on the body; its axes are made orthogonal and of unit length."""
+    """Mount of a layout on the body; the axes are made orthogonal and of unit length."""
+    # Gram-Schmidt: the part of the y axis along the x axis is removed.
     x = _direction(node["x_axis"])
     y = np.array(node.numbers("y_axis"))
     y = y - (y @ x) * x
@@ -43,7 +44,7 @@ def mount(node: Node) -> Mount:
 
 
 def _direction(node: Node) -> F64:
-    """A unit vector, (3,)."""
+    """Unit vector (3,) of a node; fails for a vector near 0."""
     direction = np.array(node.value, np.float64)
     if np.linalg.norm(direction) < 0.1:
         node.fail("a direction: three numbers of which one is not near 0")
@@ -56,10 +57,10 @@ def _triple(node: Node, key: str) -> tuple[float, float, float]:
 
 
 def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
-    """Reject a bent mount around which the pads of some actuators go twice."""
+    """Reject a bent mount whose circumference is shorter than the distance of pads along x."""
     if mount.bend_radius_m is None:
         return
-    places = [each["place"]["pad"]["at_mm"] for each in actuators.value if "pad" in each["place"]]
+    places = [a["place"]["pad"]["at_mm"] for a in actuators.value if "pad" in a["place"]]
     width_mm = max((x for x, _ in places), default=0) - min((x for x, _ in places), default=0)
     round_mm = 2000.0 * math.pi * abs(mount.bend_radius_m)
     if width_mm > round_mm:
@@ -80,7 +81,7 @@ def place(node: Node, mount: Mount | None) -> Place:
 
 
 def _body_place(node: Node, mount: Mount | None) -> BodyPlace:
-    """Place on the body in metres, or in the layout's millimetres, which the mount puts on it."""
+    """Place on the body, given in metres, or in millimetres of the layout on its mount."""
     if "centre_m" in node:
         centre = _triple(node, "centre_m")
     elif mount is None:
@@ -98,13 +99,14 @@ def _body_place(node: Node, mount: Mount | None) -> BodyPlace:
 
 
 def _vertex_place(node: Node) -> VertexPlace:
-    sets = tuple(VertexSet(each["model"], each["hash"], tuple(each["ids"])) for each in node.value)
-    if len({each.model_id for each in sets}) != len(sets):
+    sets = tuple(VertexSet(item["model"], item["hash"], tuple(item["ids"])) for item in node.value)
+    if len({vertex_set.model_id for vertex_set in sets}) != len(sets):
         node.fail("each model once")
     return VertexPlace(sets)
 
 
 def _room_place(node: Node) -> RoomPlace:
+    """Place in the room; without a position the actuator reaches all its parts equally."""
     parts = tuple(node.get("reaches", PARTS))
     if "at_m" not in node:
         return RoomPlace(parts)

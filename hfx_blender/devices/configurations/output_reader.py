@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The part of a device configuration that says how the device is connected and spoken to."""
+"""Reader of the output of a configuration: encoder and transport."""
 
 from __future__ import annotations
 
@@ -31,12 +31,7 @@ _PORTS: Final = {"osc": 9000, "buttplug": 12345, "bhaptics": 15881}
 
 
 def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
-    """Encoder and transport of a device.
-
-    Raises
-    ------
-    InputError
-    """
+    """Encoder and transport of a device; InputError for conditions between fields."""
     readers: dict[str, Callable[[Node, tuple[Actuator, ...]], Encoder]] = {
         "hfx-wire": _wire,
         "bytes": _bytes,
@@ -63,7 +58,7 @@ def _transport(node: Node, encoder: str) -> Transport:
 
 
 def is_local(host: str) -> bool:
-    """Test a host for this computer or an address of a private network; names are neither."""
+    """Test that a host is "localhost", a loopback address or one of a private network."""
     if host == "localhost":
         return True
     try:
@@ -79,9 +74,9 @@ def is_local(host: str) -> bool:
 def _wire(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
     if len(actuators) > MAX_WIRE_CHANNELS:
         node.fail(f"another encoder: this one takes {MAX_WIRE_CHANNELS} actuators at most")
-    for each in actuators:  # a board that falls silent sets its pins to 0
-        if each.type.strength.neutral != each.type.strength.minimum:
-            node.fail(f"another encoder: actuator '{each.id}' is not silent at its minimum")
+    for actuator in actuators:  # a board that falls silent sets its pins to 0
+        if actuator.type.strength.neutral != actuator.type.strength.minimum:
+            node.fail(f"another encoder: actuator '{actuator.id}' is not silent at its minimum")
     return WireEncoder()
 
 
@@ -107,7 +102,8 @@ def _text(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
 
 
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
-    counts = [sum(c.minimum < c.maximum for c in each.type.controls) for each in actuators]
+    counts = [sum(c.minimum < c.maximum for c in x.type.controls) for x in actuators]
+    # A single template has to give a different address for each channel.
     if "address" in node:
         address = node.get("address")
         if sum(counts) > 1 and "{actuator}" not in address and "{number}" not in address:
@@ -126,17 +122,17 @@ def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
 
 
 def _one_for_each(node: Node, count: int) -> None:
-    """Refuse a list that has not an item for each actuator, or each control of them."""
+    """Reject a list without exactly ``count`` items, one for each actuator or channel."""
     if len(node.value) != count:
         node.fail(f"{count} items")
 
 
 def _buttplug(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
     _one_for_each(node["outputs"], len(actuators))
-    outputs = tuple((each["feature"], each["output"]) for each in node.get("outputs"))
+    outputs = tuple((item["feature"], item["output"]) for item in node.get("outputs"))
     return ButtplugEncoder(node.get("device_name", ""), outputs)
 
 
 def _bhaptics(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
     _one_for_each(node["dots"], len(actuators))
-    return BhapticsEncoder(tuple((each["position"], each["index"]) for each in node.get("dots")))
+    return BhapticsEncoder(tuple((dot["position"], dot["index"]) for dot in node.get("dots")))

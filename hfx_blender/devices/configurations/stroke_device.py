@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stroke over a surface as one device plays it: its range, frequencies and update interval."""
+"""Strokes over surfaces within the range, frequencies and update interval of one device."""
 
 from __future__ import annotations
 
@@ -15,16 +15,10 @@ from ...errors import InputError
 
 
 class StrokeDevice:
-    """Vibration actuator of a device that plays strokes, the first of its configuration.
-
-    Raises
-    ------
-    InputError
-        The device has none.
-    """
+    """First vibration actuator of a device, which plays strokes; InputError without one."""
 
     def __init__(self, device: DeviceConfig) -> None:
-        kinds = [each.type for each in device.actuators if each.type.modality == "vibration"]
+        kinds = [a.type for a in device.actuators if a.type.modality == "vibration"]
         if not kinds:
             raise InputError(f"Device '{device.id}': no actuator of it vibrates.")
         self._kind: ActuatorType = kinds[0]
@@ -32,12 +26,12 @@ class StrokeDevice:
 
     @property
     def update_s(self) -> float:
-        """Time between two values."""
+        """Time between two values, seconds."""
         return self._kind.update_interval_ms / 1000.0
 
     @property
     def range(self) -> DeviceRange:
-        """Range to which files of a stroke refer."""
+        """Range for the files of a stroke; accelerations in units of standard gravity."""
         strength, frequency = self._kind.controls
         return DeviceRange(
             (0.0, strength.highest / STANDARD_GRAVITY),
@@ -46,19 +40,19 @@ class StrokeDevice:
             self.update_s,
         )
 
-    def played(self, felt: StrokeSignal) -> StrokeSignal:
-        """A stroke within the limits of the device, as an export of it is."""
+    def played(self, stroke: StrokeSignal) -> StrokeSignal:
+        """Copy of a stroke with the device's gain, clipped to the limits of the actuator."""
         controls = self._kind.controls
         values = limited(
-            np.stack([felt.amplitude_m_s2 * self._gain, felt.frequency_hz], axis=1),
-            [each.lowest for each in controls],
-            [each.highest for each in controls],
-            [each.neutral for each in controls],
+            np.stack([stroke.amplitude_m_s2 * self._gain, stroke.frequency_hz], axis=1),
+            [control.lowest for control in controls],
+            [control.highest for control in controls],
+            [control.neutral for control in controls],
         )
         amplitude, frequency = np.ascontiguousarray(values.T)
         return replace(
-            felt,
+            stroke,
             amplitude_m_s2=amplitude,
             frequency_hz=frequency,
-            waveform_m_s2=carrier(amplitude, frequency, felt.step_s, felt.waveform_rate_hz),
+            waveform_m_s2=carrier(amplitude, frequency, stroke.step_s, stroke.waveform_rate_hz),
         )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calibration constant c_v of the textile paper, set per user and device.
+"""Calibration constant c_v of the textile paper, stored by device in the user's data folder.
 
-It is kept beside the user's data, by device: never in a .blend, which others open.
+Not in a .blend, which is passed on to users with other devices.
 """
 
 from __future__ import annotations
@@ -15,45 +15,45 @@ from ...files import resources
 from ...files.atomic import amend_json
 
 ANY_DEVICE = ""
-"""Key of the value for devices that were not calibrated."""
+"""Key of the value for devices without a value."""
 
 _MOST_PER_M = 1e9
 
 
 def load() -> dict[str, float]:
-    """Load c_v in 1/m by device; unreadable values count as never set."""
+    """Load c_v, 1/m, by device; invalid values and an unreadable file are ignored."""
     try:
-        found = json.loads(resources.surface_calibration().read_bytes())
+        content = json.loads(resources.surface_calibration().read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         return {}
-    return {str(name): value for name, value in found.items() if _is_good(value)}
+    return {str(name): value for name, value in content.items() if _is_valid(value)}
 
 
 def drive_per_m(device: str = ANY_DEVICE) -> float:
-    """Drive constant c_v of a device: its own, else the one for any, else the default."""
+    """c_v of a device, 1/m: its own value, else that of :data:`ANY_DEVICE`, else the default."""
     known = load()
     return known.get(device, known.get(ANY_DEVICE, DRIVE_PER_M))
 
 
 def of_device(*names: str) -> float | None:
-    """Calibrated c_v in 1/m of a device itself, by the first of its names that has one."""
+    """c_v, 1/m, of the first of a device's names with a value; None without any."""
     known = load()
     return next((known[name] for name in names if name and name in known), None)
 
 
 def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
-    """Remember c_v for a device; what another process remembers meanwhile stays.
+    """Store c_v of a device; entries of concurrent processes are kept.
 
     Raises
     ------
     InputError
-        It is no number above zero.
+        The value is no number above zero.
     OutputError
-        It cannot be stored.
+        The file cannot be written.
     """
-    if not _is_good(value_per_m):
+    if not _is_valid(value_per_m):
         raise InputError(f"Calibration: {value_per_m} per metre; expected a number above 0.")
     amend_json(
         resources.surface_calibration(),
@@ -61,7 +61,8 @@ def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
     )
 
 
-def _is_good(value: object) -> bool:
+def _is_valid(value: object) -> bool:
+    """Test for a finite number above 0, at most 1e9."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return math.isfinite(value) and 0.0 < value <= _MOST_PER_M

@@ -55,6 +55,6 @@ class SoundingOutput(Output, Protocol):
 
 
 def shown(received: str) -> str:
-    """Beginning of a text of another program, on one line, as a message quotes it."""
+    """Quote the start of a received text for a message, on one line."""
     cut = received if len(received) <= _SHOWN else received[:_SHOWN] + "..."
     return f"'{printable(cut)}'"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: from values to bytes at a port, in a process of their own.
+"""Live devices: client of the output process, which converts values to bytes at a port.
 
-Order of everything that reaches hardware: device script (if any), then the guard (finite,
-range, slew, time on), then the encoder, then the transport. Stop is data and goes its own way.
+Order of the steps: device script (if any), guard (finite, range, slew, time on), encoder,
+transport. Stop bytes go past these steps.
 """

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Approval of device scripts: shipped ones, and those that the user has approved, may run.
+"""Approval of device scripts: shipped scripts and scripts approved by the user may run.
 
-An approval is for the bytes of script and configuration and for the version of the interface;
-a changed byte asks again. The process that runs a script asks :func:`may_run` of the very bytes
-it has read, whoever has it run; all others ask only to tell people sooner. It is not a sandbox:
-an approved script has its user's rights.
+An approval is valid for the exact bytes of script and configuration and for one version of the
+interface. The process that runs a script checks :func:`may_run` for the bytes that it has read;
+all earlier checks only serve for early messages. Not a sandbox: an approved script has all rights
+of its user.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True)
 class DeviceScript:
-    """Script beside a device's configuration, in its present state."""
+    """Script of a device, with its present fingerprint."""
 
     path: Path
     configuration: Path
@@ -37,7 +37,7 @@ class DeviceScript:
     is_approved: bool
 
     def as_request(self) -> dict[str, str]:
-        """Entry of :meth:`LiveClient.connect` for the script."""
+        """Argument ``script`` of :meth:`.client.LiveClient.connect`."""
         return {
             "path": str(self.path),
             "configuration": str(self.configuration),
@@ -46,7 +46,7 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """Instructions to approve a device's script."""
+    """Instructions to approve a device's script, to end a sentence with."""
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
@@ -54,7 +54,7 @@ def how_to_approve(name_or_path: str | Path) -> str:
 
 
 def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScript | None:
-    """The script of a device: ``<device>.py`` beside its configuration; None: it has none.
+    """Script of a device, ``<device>.py`` next to its configuration; None without one.
 
     Raises
     ------
@@ -75,12 +75,12 @@ def may_run(script: Path, mark: str) -> bool:
 
 
 def is_shipped(script: Path) -> bool:
-    """Test for a script of the release, which needs no approval and cannot lose it."""
+    """Test for a shipped script, which needs no approval."""
     return script.resolve().parent == resources.device_configs().resolve()
 
 
 def fingerprint(script: Path, configuration: Path) -> str:
-    """Fingerprint that an approval refers to.
+    """Fingerprint of the present bytes of script and configuration.
 
     Raises
     ------
@@ -94,8 +94,9 @@ def fingerprint(script: Path, configuration: Path) -> str:
 
 
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
-    """:func:`fingerprint` of content that has been read already."""
+    """:func:`fingerprint` of given bytes: a SHA-256 as 64 hexadecimal digits."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
+    # With lengths, so that bytes cannot move from one file to the next.
     for content in (script, configuration):
         digest.update(len(content).to_bytes(8, "little"))
         digest.update(content)
@@ -103,14 +104,14 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 
 
 def approve(script: DeviceScript) -> None:
-    """Approve the script with its present bytes.
+    """Approve a script as it was when ``script`` was created.
 
     Raises
     ------
     InputError
-        They have changed since they were shown, or the list of approvals cannot be read.
+        A file has changed since then, or the list of approvals cannot be read.
     OutputError
-        It cannot be stored.
+        The list cannot be written.
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has just changed; read it again.")
@@ -119,16 +120,16 @@ def approve(script: DeviceScript) -> None:
 
 
 def revoke(script: DeviceScript) -> None:
-    """Revoke an approval; a live script is stopped.
+    """Revoke the approvals of a script's fingerprint and path, also of earlier bytes.
 
-    Whatever of this very file was approved before, with other bytes, is withdrawn as well.
+    A running script is stopped.
 
     Raises
     ------
     InputError
         The list of approvals cannot be read.
     OutputError
-        It cannot be stored.
+        The list cannot be written.
     """
     path = str(script.path.absolute())
     amend_json(
@@ -138,29 +139,29 @@ def revoke(script: DeviceScript) -> None:
 
 
 def revoke_fingerprint(mark: str) -> None:
-    """Revoke an approval by its fingerprint, even if its files are gone.
+    """Revoke an approval by its fingerprint; the files of the script may be missing.
 
     Raises
     ------
     InputError
-        It is not on the list, or the list cannot be read.
+        The fingerprint is not approved, or the list cannot be read.
     OutputError
-        It cannot be stored.
+        The list cannot be written.
     """
 
     def content() -> dict[str, str]:
-        found = _read()
-        if mark not in found:
+        paths = _read()
+        if mark not in paths:
             raise InputError(f"{resources.approved_scripts()}: '{mark[:64]}' is not approved.")
-        return {m: path for m, path in found.items() if m != mark}
+        return {m: path for m, path in paths.items() if m != mark}
 
     amend_json(resources.approved_scripts(), content)
 
 
 def approved() -> dict[str, str]:
-    """Paths of approved scripts by fingerprint; a list that cannot be read approves nothing.
+    """Paths of approved scripts by fingerprint; empty if the list cannot be read.
 
-    Those of older versions are names of files only.
+    Entries of older versions have file names in place of paths.
     """
     try:
         return _read()
@@ -169,7 +170,7 @@ def approved() -> dict[str, str]:
 
 
 def fault_of_list() -> str:
-    """Fault of the list of approvals; empty if it can be read."""
+    """Message about an unreadable list of approvals; "" for a readable or missing list."""
     try:
         _read()
     except InputError as error:
@@ -178,22 +179,22 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """Approval under which a running script was started.
+    """Watch for the withdrawal of the approval of a running script, by its fingerprint.
 
-    Parameters
+    Attributes
     ----------
-    mark : str
-        The script's fingerprint.
+    was_given : bool
+        The script was on the list at first; False for shipped scripts.
     """
 
     def __init__(self, mark: str) -> None:
         self._mark = mark
         self._seen = _stamp()
-        self.was_given = mark in approved()  # shipped scripts are on no list
+        self.was_given = mark in approved()
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
-        """Test for a withdrawn approval; reads the list only after it has changed."""
+        """Test that the approval was withdrawn; the list is read only after a change."""
         seen = _stamp()
         if self.was_given and seen != self._seen:
             self._seen, self._is_withdrawn = seen, self._mark not in approved()
@@ -201,35 +202,30 @@ class Approval:
 
 
 def _stamp() -> tuple[int, ...] | None:
+    """State of the list's file, which differs after a change; None without a file."""
     try:
-        found = resources.approved_scripts().stat()
+        state = resources.approved_scripts().stat()
     except OSError:
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return state.st_ino, state.st_size, state.st_mtime_ns
 
 
 def _read() -> dict[str, str]:
-    """Paths by fingerprint.
-
-    Raises
-    ------
-    InputError
-        There is a list, but it cannot be read.
-    """
+    """Paths by fingerprint; empty without a file, ``InputError`` for an unreadable one."""
     path = resources.approved_scripts()
     try:
         with open(path, "rb") as file:
-            found = json.loads(file.read(_MOST_BYTES))
+            paths = json.loads(file.read(_MOST_BYTES))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
         raise _unreadable(path, str(error)) from None
-    if not isinstance(found, dict):
+    if not isinstance(paths, dict):
         raise _unreadable(path, "it is no JSON object")
-    for mark, script in found.items():
+    for mark, script in paths.items():
         if not (isinstance(script, str) and _FINGERPRINT.fullmatch(mark)):
             raise _unreadable(path, f"'{mark[:64]}' is no approval")
-    return found
+    return paths
 
 
 def _unreadable(path: Path, why: str) -> InputError:

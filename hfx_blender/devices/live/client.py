@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Client of the output process, for use in Blender."""
+"""Client of the output process in Blender, and the states of connected devices."""
 
 from __future__ import annotations
 
 import atexit
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +13,68 @@ import numpy.typing as npt
 
 from ...engine.track.header import TrackHeader
 from ...processes.messages import EVERY_DEVICE, MessageKind, encode_json, message
-from ..host.device_state import DeviceState as DeviceState
-from ..host.device_state import Event as Event
 from ..workers.live_frame import LiveFrame, RenderedDevice, SceneMessage, encode_scene
 from ..workers.message_bodies import encode_values
+from .host_pipe import Event as Event
 from .host_pipe import HostPipe
 
 
-class LiveClient:
-    """Devices that follow Blender. No method waits for a device or for the output process.
+@dataclass(eq=False)
+class DeviceState:
+    """State of a connected device, as its events describe it."""
 
-    Whoever uses it calls :meth:`heartbeat` from the thread whose life matters, several times
-    within 250 ms; otherwise every device stops.
+    number: int
+    name: str
+    state: str = "connecting"  # connected armed stopped frozen fault lost closed
+    configuration: str = ""  # name or file
+    folder: str | None = None  # of the user's configurations
+    has_script: bool = False
+    scheme: str = ""  # rendering scheme that replaces the configured one; "": as configured
+    text: str = ""  # reason of the state, or the last line of the device's script
+    unit: str = ""  # label of the device at a server; "" without
+    levels: tuple[float, ...] = ()  # 0..1 by actuator
+
+    @property
+    def is_armed(self) -> bool:
+        return self.state == "armed"
+
+    def update(self, event: Event) -> None:
+        """Apply an event; events of other devices change nothing, "gone" affects all devices."""
+        if event.event == "gone":  # the output process, and all devices with it
+            self.state, self.text, self.levels = "lost", event.text, ()
+        elif event.device != self.number:
+            return
+        elif event.event == "levels":
+            self.levels = event.levels
+        elif event.event == "log":
+            self.text = event.text
+        elif event.event in ("connected", "armed"):
+            self.state, self.text = event.event, ""
+            if event.event == "connected":
+                self.unit = event.text
+        elif event.event == "closed":
+            if self.state != "lost":
+                self.state, self.levels = "closed", ()
+        else:
+            self.state, self.text, self.levels = event.event, event.text, ()
+
+
+class LiveClient:
+    """Devices connected to Blender; no method waits for a device or for the output process.
+
+    :meth:`heartbeat` has to be called several times within 250 ms, from the thread to be watched;
+    otherwise all devices stop.
+
+    Attributes
+    ----------
+    devices : dict
+        States by name of the connected devices; :meth:`events` updates the states.
     """
 
     def __init__(self) -> None:
-        self.pipe = HostPipe()  # to the output process
+        self.pipe = HostPipe()
         self._numbers = 0
-        self._gains: Mapping[int, float] = {}  # of the newest moment
+        self._gains: Mapping[int, float] = {}  # by device number, of the newest moment
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
@@ -43,13 +88,7 @@ class LiveClient:
         return self.pipe.pid
 
     def start(self) -> None:
-        """Start the output process, unless it runs.
-
-        Raises
-        ------
-        DeviceError
-            It cannot be started.
-        """
+        """Start the output process if it does not run; DeviceError if that fails."""
         if not self.is_running:
             self.close()
             self.pipe.start()
@@ -64,21 +103,26 @@ class LiveClient:
         script: Mapping[str, Any] | None = None,
         offset_ms: float = 0.0,
     ) -> DeviceState:
-        """Open a device under a given name, to play at once; replaces an open one of that name.
+        """Open a device under a name and arm it; a device of the same name is closed first.
 
         Parameters
         ----------
         configuration : str or Path
-            As :func:`~hfx_blender.devices.configuration.load_device` takes it.
+            As for :func:`~hfx_blender.devices.configuration.load_device`.
         output : mapping
-            As :func:`~hfx_blender.devices.host.opening.open_output` takes it.
+            Target as for :func:`~hfx_blender.devices.host.opening.open_output`.
         folder : Path, optional
-            Of the user's own configurations.
+            Folder of the user's configurations.
         script : mapping, optional
-            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. If
-            the user has not approved these bytes, it is not run and the device has a fault.
+            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. A
+            script whose bytes are not approved is not run, and the device has a fault.
         offset_ms : float
-            How long its values are held back.
+            Delay of the values.
+
+        Returns
+        -------
+        DeviceState
+            State "connecting"; failures of the opening arrive as events.
 
         Raises
         ------
@@ -86,53 +130,53 @@ class LiveClient:
             The output process cannot be started.
         """
         self.start()
-        known = self.devices.get(name)
-        if known is None:
+        state = self.devices.get(name)
+        if state is None:
             self._numbers += 1
-            known = self.devices[name] = DeviceState(self._numbers, name)
-        known.state, known.text, known.levels = "connecting", "", ()
-        known.configuration, known.has_script = str(configuration), script is not None
-        known.folder = None if folder is None else str(folder)
+            state = self.devices[name] = DeviceState(self._numbers, name)
+        state.state, state.text, state.levels = "connecting", "", ()
+        state.configuration, state.has_script = str(configuration), script is not None
+        state.folder = None if folder is None else str(folder)
         request = {
-            "configuration": known.configuration,
-            "folder": known.folder,
+            "configuration": state.configuration,
+            "folder": state.folder,
             "output": dict(output),
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
-        self.pipe.send(MessageKind.CONNECT, known.number, encode_json(request))
-        self.pipe.send(MessageKind.ARM, known.number)
-        return known
+        self.pipe.send(MessageKind.CONNECT, state.number, encode_json(request))
+        self.pipe.send(MessageKind.ARM, state.number)
+        return state
 
     def disconnect(self, name: str) -> None:
-        known = self.devices.pop(name, None)
-        if known is not None:
-            self.pipe.send(MessageKind.DISCONNECT, known.number)
+        """Stop a device, close its port and forget its state; unknown names are ignored."""
+        self.close_port(name)
+        self.devices.pop(name, None)
 
-    def give_back(self, name: str) -> None:
-        """Stop a device and give its port back. Its state remains known: it becomes "closed", or
-        "lost" where the stop did not arrive.
+    def close_port(self, name: str) -> None:
+        """Stop a device and close its port; its state becomes "closed", or "lost" if the stop did
+        not arrive.
         """
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """Send a device's values (columns,); replaces unsent ones."""
+        """Send values (columns,) of a device, in place of its unsent values."""
         self._feed(name, MessageKind.VALUES, encode_values(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
-        """Send the haptic data for a device's script."""
+        """Send haptic data, as of :func:`.haptics.encode_haptics`, to a device's script."""
         self._feed(name, MessageKind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
-        """Set the scene and the body of later moments; silent until one comes.
+        """Set the scene and the body of later moments, for the devices connected now.
 
-        They are for the devices that are connected now.
+        All devices are silent until the next moment.
         """
         rendered = tuple(
             RenderedDevice(
-                each.number, each.configuration, each.folder, each.has_script, each.scheme
+                state.number, state.configuration, state.folder, state.has_script, state.scheme
             )
-            for each in self.devices.values()
+            for state in self.devices.values()
         )
         body = encode_scene(SceneMessage(header, body_id, rendered))
         self.pipe.void(EVERY_DEVICE)
@@ -140,17 +184,18 @@ class LiveClient:
         self.pipe.send(MessageKind.SCENE, body=body)
 
     def show(self, moment: LiveFrame) -> None:
-        """Send the current samples for every device; replaces what was not sent yet.
+        """Send the current samples to all devices, in place of unsent samples.
 
-        It is handed over as it is: nothing of it may be changed any more. A device that is muted
-        by it is silent at once.
+        ``moment`` is encoded later in a thread: it must not be changed after the call. A device
+        with gain 0 is silent at once.
         """
         self.set_gains(moment.gains)
         self.pipe.replace(EVERY_DEVICE, moment)
 
     def set_gains(self, gains: Mapping[int, float]) -> None:
-        """Turn devices down, by their numbers, in moments from now on; 0 is mute, and silence at
-        once. What was not sent yet is void where one is muted: show it anew.
+        """Set the gains of later moments, by device number; 0 silences a device at once.
+
+        Muting a device discards unsent moments: call :meth:`show` again.
         """
         for number, gain in gains.items():
             if not gain and self._gains.get(number, 1.0):
@@ -160,31 +205,32 @@ class LiveClient:
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play one actuator for a moment, softly."""
+        """Play a soft test pulse on one actuator, by its index."""
         if name in self.devices:
             self.pipe.send(
                 MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
             )
 
     def set_offset(self, name: str, offset_ms: float) -> None:
+        """Change the delay of a device's values."""
         if name in self.devices:
             number = self.devices[name].number
             self.pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
-        """A sign of life."""
+        """Send a sign of life, and end an output process that has not confirmed a stop in time."""
         self.pipe.send(MessageKind.HEARTBEAT)
         self.pipe.watch()
 
     def pause(self) -> None:
-        """Announce work of several 100 ms: devices are silent until the next values, and no
-        heartbeat is missed.
+        """Announce work of up to 10 s: devices are silent until the next values, and heartbeats
+        may be missing.
         """
         self.pipe.void()
         self.pipe.send(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
-        """Resume playing, from silence; all devices, or one."""
+        """Let one device, or all devices, play again after a stop, from silence."""
         self._command(MessageKind.ARM, name)
 
     def stop(self, name: str) -> None:
@@ -194,23 +240,24 @@ class LiveClient:
         self._command(MessageKind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence all devices now, before anything that waits. If it is not confirmed,
-        :meth:`heartbeat` ends the output process.
+        """Silence all devices now, ahead of unsent messages.
+
+        :meth:`heartbeat` ends the output process if the stop is not confirmed within 0.2 s.
         """
         self.pipe.stop(reason)
 
     def close(self) -> None:
-        """Stop everything and end the output process, in at most a moment."""
+        """Stop all devices and end the output process, within about a second."""
         if self.pipe.close():
             self.devices.clear()
 
     def events(self) -> list[Event]:
-        """Events since the last call; brings :attr:`devices` up to date."""
-        found = list(self.pipe.events())
-        for event in found:
+        """Events since the last call, in order; updates the states in :attr:`devices`."""
+        events = list(self.pipe.events())
+        for event in events:
             for state in self.devices.values():
                 state.update(event)
-        return found
+        return events
 
     def _command(self, kind: MessageKind, name: str | None) -> None:
         if name is None:

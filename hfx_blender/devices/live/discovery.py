@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Discovers devices: serial ports by USB ids, programs that answer on the network."""
+"""Discovery of connected devices: serial ports by USB ids, programs at network addresses."""
 
 from __future__ import annotations
 
@@ -18,48 +18,48 @@ from ..configurations.output_reader import is_local
 from ..host.output import OutputLostError
 
 ANSWER_S: Final = 0.15
-"""A program on this computer or its network answers sooner than that."""
+"""Time limit for a connection to a program on this computer or its network, seconds."""
 
 
 @dataclass(frozen=True)
 class FoundPort:
-    """A serial port of this machine."""
+    """Serial port of this computer."""
 
     name: str
     description: str
     usb: tuple[int, int] | None  # vendor id, product id
-    serial: str = ""
+    serial: str = ""  # serial number
 
 
 def serial_ports() -> list[FoundPort]:
-    """The ports of this machine; none without pyserial."""
+    """Serial ports of this computer; empty without pyserial."""
     try:
         from serial.tools import list_ports
     except ImportError:
         return []
     return [
         FoundPort(
-            each.device,
-            each.description or "",
-            None if each.vid is None or each.pid is None else (each.vid, each.pid),
-            each.serial_number or "",
+            port.device,
+            port.description or "",
+            None if port.vid is None or port.pid is None else (port.vid, port.pid),
+            port.serial_number or "",
         )
-        for each in list_ports.comports()
+        for port in list_ports.comports()
     ]
 
 
 @dataclass(frozen=True)
 class Found:
-    """Device that can be connected now."""
+    """Configuration of a device that can be connected now, and its connection."""
 
-    device: str
-    port: str  # serial port; empty: as its configuration has it
+    device: str  # id
+    port: str  # serial port; "": a network address as configured
     description: str
-    unit: str = ""  # which of several: see LiveSettings
+    unit: str = ""  # as of LiveSettings
 
 
 def answers(host: str, port: int) -> bool:
-    """Test that a program takes connections at an address; nothing is sent to it."""
+    """Test that a program accepts connections at a local address, without sending data."""
     if not is_local(host):
         return False
     with suppress(OSError), socket.create_connection((host, port), ANSWER_S):
@@ -68,35 +68,31 @@ def answers(host: str, port: int) -> bool:
 
 
 def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -> list[Found]:
-    """Devices that are present: on a port with their USB ids, or behind a program that answers.
+    """Devices on a port with their USB ids, or behind a program that accepts connections.
 
-    Datagrams get no answer, so that what is driven by them cannot be looked for.
+    Devices with OSC cannot be discovered, as datagrams get no answer.
     """
-    ports, found = list(ports), []
+    ports, matches = list(ports), []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}
     for device in devices:
-        found += [
+        matches += [
             Found(device.id, p.name, p.description, p.serial) for p in ports if _is_on(device, p)
         ]
         transport = None if device.output is None else device.output.transport
         if isinstance(transport, WebsocketTransport):
             programs.setdefault((transport.host, transport.port), []).append(device)
     if programs:
+        # In parallel, as an address without a program costs the whole time limit.
         with ThreadPoolExecutor(len(programs)) as pool:
-            there = list(pool.map(lambda place: answers(*place), programs))
-        for (host, port), is_there in zip(programs, there, strict=True):
-            if is_there:
-                found += _behind(host, port, programs[host, port])
-    return found
+            answered = list(pool.map(lambda address: answers(*address), programs))
+        for (host, port), is_present in zip(programs, answered, strict=True):
+            if is_present:
+                matches += _behind(host, port, programs[host, port])
+    return matches
 
 
 def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
-    """Look for all known devices.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the user's own configurations.
+    """Look for all shipped devices and those of a folder, for some tenths of a second.
 
     Returns
     -------
@@ -104,7 +100,7 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
         Names of all serial ports.
     found : list of Found
     faults : list of str
-        Of configurations that cannot be read.
+        Messages about configurations that cannot be read.
     """
     from ..configuration import list_devices, load_device
 
@@ -115,27 +111,27 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
         except HfxError as error:
             faults.append(str(error))
     ports = serial_ports()
-    return [each.name for each in ports], found_devices(devices, ports), faults
+    return [port.name for port in ports], found_devices(devices, ports), faults
 
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
-    """Devices behind a program: with Buttplug, each of its devices that one fits."""
+    """Devices behind a program; of a Buttplug server only those that fit one of its devices."""
     from ..transports.buttplug import devices_at
 
-    text, found, served = f"a program on {host}:{port}", [], None
+    text, matches, served = f"a program on {host}:{port}", [], None
     for device in devices:
         how = None if device.output is None else device.output.encoder
         if not isinstance(how, ButtplugEncoder):
-            found.append(Found(device.id, "", text))
+            matches.append(Found(device.id, "", text))
             continue
         if served is None:
             try:
                 served = devices_at(host, port)
-            except OutputLostError:  # it answers, but not as Buttplug
+            except OutputLostError:  # the program is no Buttplug server
                 served = []
-        fitting = [each for each in served if each.fits(how)]
-        found += [Found(device.id, "", f"{e.label} at {text}", e.label) for e in fitting]
-    return found
+        fitting = [unit for unit in served if unit.fits(how)]
+        matches += [Found(device.id, "", f"{u.label} at {text}", u.label) for u in fitting]
+    return matches
 
 
 def _is_on(device: DeviceConfig, port: FoundPort) -> bool:
@@ -145,24 +141,26 @@ def _is_on(device: DeviceConfig, port: FoundPort) -> bool:
 
 
 def serial_number_of(name: str, ports: Iterable[FoundPort]) -> str:
-    """Serial number of the device on a port; empty where it has none."""
-    return next((each.serial for each in ports if each.name == name), "")
+    """Serial number of the device on a port; "" without a number or port."""
+    return next((port.serial for port in ports if port.name == name), "")
 
 
 def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[FoundPort]) -> str:
-    """Find the port of the device that was on a port when it was chosen.
+    """Port of the device with a serial number, which was on port ``name`` when it was chosen.
+
+    ``name`` without a serial number to compare.
 
     Raises
     ------
     DeviceError
-        It is on no port, and another device is on the one that was chosen.
+        The device is on no port, and a device with another serial number is on ``name``.
     """
     at_name = serial_number_of(name, ports)
     if not serial_number or not at_name or at_name == serial_number:
         return name
-    for each in ports:
-        if each.serial == serial_number:
-            return each.name
+    for port in ports:
+        if port.serial == serial_number:
+            return port.name
     raise DeviceError(
         f"Device '{device.id}' was connected with serial number {serial_number[:80]}, which is on "
         f"no port; on {name} is another one, {at_name[:80]}. To use that, clear 'Which One' when "
@@ -171,17 +169,17 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
 
 
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
-    """Find the only port with the device's USB ids, and its serial number if one is given.
+    """The only port with the device's USB ids, and serial number pattern if configured.
 
     Raises
     ------
     DeviceError
-        There is none, or more than one.
+        No port, or more than one, matches.
     """
-    matching = [each.name for each in ports if _is_on(device, each)]
+    matching = [port.name for port in ports if _is_on(device, port)]
     if len(matching) == 1:
         return matching[0]
-    there = ", ".join(f"{each.name} ({each.description})" for each in ports) or "none"
+    there = ", ".join(f"{port.name} ({port.description})" for port in ports) or "none"
     if matching:
         raise DeviceError(
             f"Device '{device.id}' is on several ports ({', '.join(matching)}); choose one."

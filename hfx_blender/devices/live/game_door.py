@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loopback door through which a game on this computer drives devices, with their limits.
+"""Values of a game on this computer for devices, by UDP datagrams to the loopback address.
 
-A datagram is ``HFX1``, a token of 16 bytes, a number that rises (uint32), the length of a device's
-id (uint8), the id, and a float32 for each of its columns; all little-endian. Whatever else comes
-is not heard. Without a valid datagram for the dead-man time a device is silent.
+A datagram is ``HFX1``, a token of 16 bytes, a rising number (uint32), the length of a device's id
+(uint8), the id, and a float32 for each column of the device, all little-endian. Invalid datagrams
+are ignored. A device without a valid datagram for the dead-man time is silent.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ DEAD_MAN_S: Final = DEAD_MAN_MS / 1000.0
 _MARK: Final = b"HFX1"
 _HEAD: Final = struct.Struct(f"<4s{TOKEN_BYTES}sIB")
 _MOST_BYTES: Final = 1 << 16
-_MOST_AT_ONCE: Final = 256  # datagrams of one step; who sends more is not waited for
+_MOST_AT_ONCE: Final = 256  # datagrams read in one step
 
 
 @dataclass(eq=False)
 class _Driven:
-    """Device, and what it was told last."""
+    """Device, and the state of its datagrams."""
 
     name: str
-    neutral: F64
-    number: int = -1  # last one that was heard
-    heard_s: float = -np.inf
-    first: int | None = None  # first one of a game that may have begun anew
+    neutral: F64  # (columns,)
+    number: int = -1  # of the last accepted datagram
+    heard_s: float = -np.inf  # time of the last accepted datagram
+    first: int | None = None  # first number of a game that may have been restarted
 
     def is_next(self, number: int, now_s: float) -> bool:
-        """Test a datagram's number: it has to rise.
+        """Accept or reject a datagram by its number, which has to rise; updates the state.
 
-        After the dead-man time a game may begin lower. It is heard from its second datagram on:
-        one datagram that is sent again and again is not.
+        After the dead-man time a restarted game may start at a lower number: its first datagram
+        is rejected and its second one accepted, so that a repeated datagram stays rejected.
         """
         rises = number > self.number
         if not rises and now_s - self.heard_s > DEAD_MAN_S:
@@ -60,21 +60,21 @@ class _Driven:
 
 
 class GameDoor:
-    """Values of a game for the devices of a client, as a source that :func:`play` plays.
+    """Values of a game as a :class:`.track_playback.ValueSource`, without an end.
 
     Parameters
     ----------
     devices : mapping
-        Devices by the names under which the client knows them.
+        Devices by their names in the client.
     port : int
-        0: any that is free.
+        UDP port; 0 for a free one. The attribute ``port`` has the port in use.
     token : bytes, optional
-        By default a new one.
+        Secret of 16 bytes; by default a random one, in the attribute ``token``.
 
     Raises
     ------
     UsageError
-        There is no such port, or it is taken.
+        The port is not allowed or in use.
     """
 
     is_rendered = False
@@ -107,28 +107,29 @@ class GameDoor:
         self.port = int(self.socket.getsockname()[1])
 
     def close(self) -> None:
+        """Close the socket."""
         self.socket.close()
 
     def begin(self, client: LiveClient) -> None:
-        """Do nothing: values come rendered."""
+        """Do nothing: values need no scene."""
 
     def show(self, client: LiveClient, time_s: float) -> None:
-        """Send what has come; neutral values to devices that nothing has come for in time."""
+        """Send received values to the devices, and neutral values after the dead-man time."""
         for _ in range(_MOST_AT_ONCE):
             try:
                 datagram = self.socket.recv(_MOST_BYTES)
-            except OSError:  # none waits; on Windows also: an answer could not be delivered
+            except OSError:  # no datagram; on Windows also an undeliverable answer
                 break
-            found = self._values(datagram)
-            if found is not None:
-                client.send(*found)
+            accepted = self._values(datagram)
+            if accepted is not None:
+                client.send(*accepted)
         now_s = self._clock()
-        for each in self._driven.values():
-            if now_s - each.heard_s > DEAD_MAN_S:
-                client.send(each.name, each.neutral)
+        for driven in self._driven.values():
+            if now_s - driven.heard_s > DEAD_MAN_S:
+                client.send(driven.name, driven.neutral)
 
     def _values(self, datagram: bytes) -> tuple[str, F64] | None:
-        """Device and values of a valid datagram that is newer than the last, else None."""
+        """Name of the device and values (columns,) of an accepted datagram, else None."""
         if len(datagram) < _HEAD.size:
             return None
         mark, token, number, length = _HEAD.unpack_from(datagram)

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process as Blender has it: started, written to and listened to without waiting."""
+"""Blender's side of the output process: start, messages and events, without waiting."""
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Final, TypeVar
 
@@ -15,7 +17,6 @@ from ...engine.samples import Stream
 from ...errors import DeviceError
 from ...processes.messages import EVERY_DEVICE, Message, MessageKind, message
 from ...processes.worker import Worker
-from ..host.device_state import Event, event_of
 from ..workers.live_frame import LiveFrame, encode_live_frame
 
 _MAX_EVENTS: Final = 1000
@@ -23,54 +24,88 @@ _END_S: Final = 1.0
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
-"""Time limit for the confirmation of a stop, seconds, by a process that has reported ready (no
-port is open before); then the output process is ended, and its ports close with it."""
+"""Time limit for the confirmation of a stop, seconds. After it the output process is killed, which
+closes its ports. Counts from the event "ready": no port is open before."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Event of the output process; "gone" is created by :class:`.host_pipe.HostPipe`."""
+
+    # ready prepared connected armed stopped frozen silent fault lost closed levels log gone
+    event: str
+    device: int  # number, or EVERY_DEVICE
+    text: str = ""  # reason of a stop; for "connected" the label of the device at a server
+    levels: tuple[float, ...] = ()  # 0..1 by actuator
+
+
+def event_of(body: bytes) -> Event | None:
+    """Parse the JSON body of a message as an event; None if it is no event."""
+    try:
+        content = json.loads(body)
+        return Event(
+            str(content["event"]),
+            int(content["device"]),
+            str(content.get("text", "")),
+            tuple(float(level) for level in content.get("levels", ())),
+        )
+    except (ValueError, TypeError, KeyError):
+        return None
 
 
 class HostPipe:
-    """Output processes, one after another. Only its threads wait for them."""
+    """Messages to an output process and its events; the process can be started again.
+
+    Only threads of this object wait for the process.
+
+    Attributes
+    ----------
+    urgent : deque of bytes
+        Unsent messages, all to be sent, in order.
+    newest : dict
+        Unsent values or moment of each device number; a newer entry replaces an older one.
+    places : mapping
+        Index of each stream in the header of the present scene.
+    """
 
     def __init__(self) -> None:
         self.worker: Worker | None = None
-        # Between threads without a lock, which Blender would wait for: each step is atomic.
+        # Shared between threads without a lock, for which Blender would have to wait: each
+        # operation on these containers is atomic in Python.
         self._wake: SimpleQueue[None] = SimpleQueue()
         self.urgent: deque[bytes] = deque()
         self.newest: dict[int, bytes | LiveFrame] = {}
-        self._silences = 0  # how often everything before became void
+        self._silences = 0  # number of calls of void()
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._is_ready = False
-        self._asked_silence_s: float | None = None
-        self.places: Mapping[Stream, int] = {}  # of the scene that moments are of
+        self._asked_silence_s: float | None = None  # time of the oldest unconfirmed stop
+        self.places: Mapping[Stream, int] = {}
 
     @property
     def is_open(self) -> bool:
-        """Test that a process was started and not ended by us; cheaper than asking if it runs."""
+        """Test that a process was started and not closed; quicker than :attr:`is_running`."""
         return self.worker is not None
 
     @property
     def is_running(self) -> bool:
+        """Test that the output process runs."""
         return self.worker is not None and self.worker.is_running
 
     @property
     def pid(self) -> int | None:
+        """Process id of the output process; None without a process."""
         return None if self.worker is None else self.worker.pid
 
     def start(self) -> None:
-        """Start the output process.
-
-        Raises
-        ------
-        DeviceError
-            It cannot be started.
-        """
+        """Start a new output process; DeviceError if that fails."""
         worker = self.worker = Worker(
             "devices.host.host",
             str(os.getpid()),
             received=self.take,
             ended=self._ended,
             outgoing=self.outgoing,
-            variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few
+            variables={"OPENBLAS_NUM_THREADS": "1"},  # threads do not pay for small arrays
         )
         self._is_closing, self._is_ready, self._asked_silence_s = False, False, None
         self._wake, self.urgent, self.newest = SimpleQueue(), deque(), {}
@@ -81,23 +116,23 @@ class HostPipe:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
 
     def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
-        """A message; they arrive in their order."""
+        """Queue a message; messages arrive in order. Dropped without a running process."""
         if not self.is_running:
             return
         if kind is MessageKind.HEARTBEAT and (self.urgent or self.newest):
-            return  # whatever waits is one
+            return  # any unsent message is a sign of life
         self.urgent.append(message(kind, device, body))
         self._nudge()
 
     def replace(self, device: int, newest: bytes | LiveFrame) -> None:
-        """Set what a device is to play now, in place of what was not sent yet."""
+        """Queue a device's values, or the moment of all devices, in place of unsent ones."""
         if self.worker is None:
             return
         self.newest[device] = newest
         self._nudge()
 
     def void(self, device: int | None = None) -> None:
-        """Discard everything that was to be played and was not sent."""
+        """Discard the unsent values of a device number; None: of all, with the moment."""
         if device is None:
             self.newest.clear()
         else:
@@ -105,24 +140,24 @@ class HostPipe:
         self._silences += 1
 
     def stop(self, reason: str) -> None:
-        """Silence all devices now, before anything that waits."""
+        """Silence all devices now: discard unsent values, and send a stop ahead of all messages."""
         if not self.is_running:
             return
         self.void()
         stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
         if self.urgent:
-            self.urgent.append(stop)  # what waits may arm a device: a stop follows it, too
+            self.urgent.append(stop)  # an unsent message may arm a device: a second stop follows
         self.urgent.appendleft(stop)
         if self._asked_silence_s is None:
             self._asked_silence_s = time.monotonic()
         self._nudge()
 
     def watch(self) -> None:
-        """End the process if it has not confirmed a stop in time."""
-        asked = self._asked_silence_s
-        if not self._is_ready or asked is None:
+        """Kill a process that has not confirmed a stop in time, and create the event "gone"."""
+        since_s = self._asked_silence_s
+        if not self._is_ready or since_s is None:
             return
-        if time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
+        if time.monotonic() - since_s > STOP_PATIENCE_S and self.is_running:
             if self.worker is not None:
                 self.worker.kill()
             self._asked_silence_s = None
@@ -130,7 +165,7 @@ class HostPipe:
             self._events.append(Event("gone", EVERY_DEVICE, text))
 
     def close(self) -> bool:
-        """Stop everything and end the process; at most a moment. Whether there was any."""
+        """Stop all devices and end the process within about a second; False without a process."""
         worker, self.worker = self.worker, None
         if worker is None:
             return False
@@ -143,44 +178,49 @@ class HostPipe:
         return True
 
     def events(self) -> Iterator[Event]:
-        """Events since the last call."""
+        """Yield the events since the last call."""
         return _taken(self._events.popleft)
 
     def _nudge(self) -> None:
-        """Wake the writer, unless it has been woken already."""
+        """Wake the writing thread, unless a wake-up is pending."""
         if self._wake.empty():
             self._wake.put(None)
 
-    # Called in threads of the worker: pipes may make them wait.
+    # Called in threads of the worker: pipes may block.
 
     def outgoing(self, worker: Worker) -> Iterator[bytes]:
-        """Yield what is to be written next, until the worker is closed."""
+        """Yield encoded messages for the writing thread, until the worker is closed or replaced."""
         wake = self._wake
         while True:
             wake.get()
             if worker is not self.worker and not self._is_closing:
                 return
-            # New values first: urgent messages from before them are then present as well.
+            # Values are taken before the urgent messages, but sent after them: a message queued
+            # before the values, such as their scene, is then never sent after them.
             silences, is_last, places = self._silences, self._is_closing, self.places
             newest = list(_taken(self.newest.popitem))[::-1]
-            waiting = list(_taken(self.urgent.popleft))
-            if waiting:
-                yield b"".join(waiting)
-            data = b"".join(self.encoded(each, places) for _, each in newest)
+            messages = list(_taken(self.urgent.popleft))
+            if messages:
+                yield b"".join(messages)
+            data = b"".join(self.encoded(content, places) for _, content in newest)
             if silences != self._silences and not is_last:
-                continue  # a stop came meanwhile: values from before it are dropped
+                continue  # a stop was queued during the encoding: these values are older
             if data:
                 yield data
             if is_last:
                 return
 
     def encoded(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
+        """Message of a moment; bytes are returned unchanged.
+
+        Empty for a moment of an earlier scene. A moment that cannot be encoded stops all devices.
+        """
         if not isinstance(newest, LiveFrame):
             return newest
         try:
             return message(MessageKind.MOMENT, EVERY_DEVICE, encode_live_frame(newest, places))
         except KeyError:
-            return b""  # of the scene before
+            return b""  # a stream that the present scene does not have
         except Exception as error:
             self.stop(f"what is felt cannot be handed over ({error})")
             return b""
@@ -189,9 +229,9 @@ class HostPipe:
         if worker is self.worker:
             self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
 
-    def take(self, _worker: Worker, found: Message) -> None:
-        """Take an event of the output process."""
-        event = event_of(found.body)
+    def take(self, _worker: Worker, received: Message) -> None:
+        """Append an event of the output process; "silent" confirms a stop instead."""
+        event = event_of(received.body)
         if event is None:
             return
         if event.event == "silent":
@@ -205,7 +245,7 @@ class HostPipe:
 
 
 def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
-    """Yield items until none is left; other threads may add some meanwhile."""
+    """Yield the results of ``take`` until an IndexError or KeyError: the container is empty."""
     with suppress(IndexError, KeyError):
         while True:
             yield take()

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connection settings of this user's devices, stored in the user's data folder, never in a .blend.
+"""Connection settings of a user's devices, and the targets and limits made from them.
 
-A .blend brings names of devices only; a stranger's file so can open no port.
+Settings are stored in the user's data folder, never in a .blend, which has only the names of
+devices: a downloaded .blend cannot open a port.
 """
 
 from __future__ import annotations
@@ -9,12 +10,21 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
+from ...errors import DeviceError, InputError
 from ...files import resources
 from ...files.atomic import amend_json
 
-MAX_OFFSET_MS = 1000.0
+if TYPE_CHECKING:
+    from ...engine.rendering.device_config import DeviceConfig
+    from .approval import DeviceScript
+
+MAX_OFFSET_MS: Final = 1000.0
+
+LEAST_LATENCY_MS: Final = 5.0
+"""Shortest latency that is compensated, ms; the delay of the picture is longer."""
 
 
 @dataclass(frozen=True)
@@ -22,49 +32,131 @@ class LiveSettings:
     """Connection settings of one device."""
 
     kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
-    port: str = ""  # serial: empty is found by its USB ids; network: empty as configured; a card
-    host: str = ""
+    port: str = ""  # serial port, "": by USB ids; network port, "": as configured; sound card
+    host: str = ""  # "": as configured
     path: str = ""  # of a log
-    offset_ms: float = 0.0
-    unit: str = ""  # which of several: a name at a server, or the serial number of a port's device
+    offset_ms: float = 0.0  # delay of the values, 0..1000
+    unit: str = ""  # one of several devices: label at a server, or serial number at a port
 
 
 def load() -> dict[str, LiveSettings]:
-    """Load the settings by device; unreadable ones count as never set."""
+    """Load the settings by device name; empty, or with defaults, where the file is not readable."""
     try:
-        found = json.loads(resources.live_settings().read_bytes())
+        content = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         return {}
-    return {str(name): _one(each) for name, each in found.items() if isinstance(each, dict)}
+    return {str(k): _settings_of(entry) for k, entry in content.items() if isinstance(entry, dict)}
 
 
 def store(name: str, settings: LiveSettings) -> None:
-    """Remember how a device is connected; what another process remembers meanwhile stays.
+    """Store the settings of one device; entries of concurrent processes are kept.
 
     Raises
     ------
     OutputError
-        It cannot be stored.
+        The file cannot be written.
     """
     if load().get(name) == settings:
         return
-
-    def content() -> dict[str, Any]:
-        known = {**load(), name: settings}
-        return {each: asdict(known[each]) for each in sorted(known)}
-
-    amend_json(resources.live_settings(), content)
+    amend_json(
+        resources.live_settings(),
+        lambda: {k: asdict(entry) for k, entry in sorted({**load(), name: settings}.items())},
+    )
 
 
-def _one(found: dict[str, Any]) -> LiveSettings:
-    taken: dict[str, Any] = {}
+def _settings_of(entry: dict[str, Any]) -> LiveSettings:
+    """Settings of a JSON object; invalid members have their defaults."""
+    members: dict[str, Any] = {}
     for field in fields(LiveSettings):
-        value = found.get(field.name, field.default)
+        value = entry.get(field.name, field.default)
         if isinstance(field.default, str):
-            taken[field.name] = value if isinstance(value, str) else field.default
+            members[field.name] = value if isinstance(value, str) else field.default
         else:
             is_number = isinstance(value, int | float) and math.isfinite(value)
-            taken[field.name] = min(max(float(value), 0.0), MAX_OFFSET_MS) if is_number else 0.0
-    return LiveSettings(**taken)
+            members[field.name] = min(max(float(value), 0.0), MAX_OFFSET_MS) if is_number else 0.0
+    return LiveSettings(**members)
+
+
+class UnapprovedScriptError(InputError):
+    """Raised for a device's script that the user has not approved in its present state."""
+
+
+def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
+    """Load a device by its name or file, with its approved script; None without a script.
+
+    Raises
+    ------
+    InputError
+        The device is unknown or its file invalid.
+    UnapprovedScriptError
+        The user has not approved the script.
+    """
+    from ..configuration import load_device
+    from . import approval
+
+    folder = resources.user_devices()
+    device = load_device(name, folder)
+    script = approval.script_of(name, folder)
+    if script is not None and not script.is_approved:
+        raise UnapprovedScriptError(
+            f"Device '{name}' has the script {script.path}; {approval.how_to_approve(name)}."
+        )
+    return device, script
+
+
+def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
+    """Target for :func:`~hfx_blender.devices.host.opening.open_output`; looks for serial ports.
+
+    Raises
+    ------
+    DeviceError
+        The device has no output, is on no port, or the settings are incomplete.
+    """
+    from ..host import opening
+    from .discovery import port_of, same_port, serial_ports
+
+    if settings.kind == "SIMULATOR":
+        return {"kind": "simulator", **({"path": settings.path} if settings.path else {})}
+    if settings.kind == "CSV":
+        if not settings.path:
+            raise DeviceError(f"Device '{device.id}': choose a file for the log.")
+        return {"kind": "csv", "path": str(Path(settings.path))}
+    if settings.kind == "AUDIO":
+        return {"kind": "audio", "interface": settings.port}
+    kind = opening.kind_of(device)
+    if kind is None:
+        raise DeviceError(
+            f"Device '{device.id}': its configuration has no output, so it cannot be driven live."
+        )
+    if kind == "serial":
+        ports = serial_ports()
+        if not settings.port:
+            return {"kind": kind, "port": port_of(device, ports)}
+        return {"kind": kind, "port": same_port(device, settings.port, settings.unit, ports)}
+    target: dict[str, Any] = {"kind": kind}
+    if settings.host:
+        target["host"] = settings.host
+    if settings.port:
+        if not settings.port.isdecimal():
+            raise DeviceError(f"Device '{device.id}': '{settings.port}' is no network port.")
+        target["port"] = int(settings.port)
+    if settings.unit:
+        target["unit"] = settings.unit
+    return target
+
+
+def latencies_ms(device: DeviceConfig) -> set[float]:
+    """Latencies of a device's actuators, ms, from :data:`LEAST_LATENCY_MS` on."""
+    latencies = {actuator.type.latency_ms for actuator in device.actuators}
+    return {ms for ms in latencies if ms >= LEAST_LATENCY_MS}
+
+
+def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
+    """Values (columns,) with equal vibration of all vibration actuators, silence of the rest."""
+    values = device.neutral
+    for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
+        if actuator.type.modality == "vibration":
+            values[part] = amplitude_m_s2, frequency_hz
+    return values.tolist()

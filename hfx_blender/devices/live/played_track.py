@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A track's samples as live frames: devices play what was recorded, without any scene."""
+"""Samples of a recorded track as live frames for devices, without the scene."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class PlayedTrack:
-    """Track that live devices play; a context manager.
+    """Open track as a :class:`.track_playback.ValueSource`; a context manager.
 
     Parameters
     ----------
     path : Path
         A ``.hfxtrack``.
     body : str, optional
-        Name or id of who wears the devices; by default the first body.
+        Name or id of the body with the devices; by default the first body.
 
     Attributes
     ----------
@@ -36,16 +36,16 @@ class PlayedTrack:
         For :meth:`~hfx_blender.devices.live.client.LiveClient.describe`.
     body_id : str
     start_s, end_s : float
-        Times of the first sample, and after the last one, on the clock of the recorded scene.
+        Time of the first sample and end of the last, on the clock of the recorded scene.
     sample_s : float
-        Time from one sample to the next.
+        Interval of samples.
     latencies_ms : iterable of float
-        Latencies of actuators that :meth:`show` compensates; none at first.
+        Actuator latencies that :meth:`show` compensates; empty at first.
 
     Raises
     ------
     InputError
-        It cannot be read, or has no such body.
+        The file cannot be read, or has no such body.
     """
 
     is_rendered = True
@@ -83,16 +83,16 @@ class PlayedTrack:
         self._reader.close()
 
     def begin(self, client: LiveClient) -> None:
-        """Describe the recorded scene to the devices that are connected."""
+        """Describe the recorded scene to the connected devices."""
         client.describe(self.header, self.body_id)
 
     def show(self, client: LiveClient, time_s: float) -> None:
-        """Let the devices play what is felt at a time."""
+        """Send the samples of a time to the devices, with later samples for late actuators."""
         later_s = {ms: time_s + ms / 1000.0 for ms in self.latencies_ms}
         client.show(self.frame(time_s, later_s=later_s))
 
     def time_s(self, frame: float, fps: float) -> float:
-        """Time of a frame of a scene that plays ``fps`` frames a second."""
+        """Time on the track's clock of a frame of a scene with a frame rate."""
         return (frame - self.time.scene_start) / fps
 
     def frame(
@@ -102,13 +102,13 @@ class PlayedTrack:
         later_s: Mapping[float, float] | None = None,
         gains: Mapping[int, float] | None = None,
     ) -> LiveFrame:
-        """Samples at a time; nothing is felt before the first and after the last.
+        """Samples at a time; no effects before the first sample and after the last.
 
         Parameters
         ----------
         time_s : float
         later_s : mapping, optional
-            Latencies of actuators, ms, to the times of what they are to begin now.
+            Time of the samples for actuators with a latency, by latency in ms.
         gains : mapping, optional
             As of :class:`LiveFrame`.
 
@@ -131,9 +131,9 @@ class PlayedTrack:
 
     def _body_id(self, body: str | None) -> str:
         bodies = self.header.bodies
-        found = [each.id for each in bodies if body in (None, each.id, each.name)]
-        if not found:
-            there = ", ".join(f"'{each.name}'" for each in bodies[:5]) or "none"
-            wanted = "" if body is None else f" '{body[:100]}'"
-            raise InputError(f"{self.path}: it has no body{wanted}; there are: {there}.")
-        return found[0]
+        ids = [x.id for x in bodies if body in (None, x.id, x.name)]
+        if not ids:
+            names = ", ".join(f"'{x.name}'" for x in bodies[:5]) or "none"
+            missing = "" if body is None else f" '{body[:100]}'"
+            raise InputError(f"{self.path}: it has no body{missing}; there are: {names}.")
+        return ids[0]

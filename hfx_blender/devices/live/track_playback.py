@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plays a track or clip on devices in real time, without Blender; it always ends in silence."""
+"""Playback of a track or clip on devices in real time, without Blender; always ends in silence."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from ...errors import DeviceError
-from ..host.device_state import DeviceState
 from ..workers.render_process import SCENE_S
-from .client import LiveClient
+from .client import DeviceState, LiveClient
 
 _STEPS_S: Final = (0.01, 0.05)
-"""Shortest and longest time between two frames, seconds; each is a sign of life."""
+"""Bounds of the time between two frames, seconds; each frame is a sign of life."""
 
 _FADE_S: Final = 0.1
 """Time for the last ramp of a device, seconds."""
 
 _CLOSE_S: Final = 4.0
-"""Time limit for the confirmation of the last stop, seconds; an output has 3 s at most."""
+"""Time limit for the closing of the ports, seconds; an output needs 3 s at most."""
 
 
 class ValueSource(Protocol):
-    """Interface of a file that is played: a track, or a clip."""
+    """Interface of a source of values over time: a track, a clip, or a game."""
 
-    is_rendered: bool  # by the output process
+    is_rendered: bool  # True: values; False: samples, which the output process renders
     start_s: float
     end_s: float
     sample_s: float
@@ -44,23 +43,25 @@ def play(
     progress: Callable[[float], None] = lambda share: None,
     connected: Callable[[], None] = lambda: None,
 ) -> list[DeviceState]:
-    """Play a file once on the connected devices of a client; returns those that failed meanwhile.
+    """Play a source once on the connected devices of a client; return the failed devices.
+
+    Devices are stopped and their ports closed at the end, after an exception they are stopped.
 
     Parameters
     ----------
     from_s : float, optional
-        Begin there, on the source's clock.
+        Start time on the source's clock; by default the source's start.
     offset_s : float
-        The longest delay of a device: the end waits for it.
+        Longest delay of a device; the end is delayed by it.
     progress : callable
-        Takes the share that has been played.
+        Takes the played share, 0..1.
     connected : callable
         Called once, when the devices are ready.
 
     Raises
     ------
     DeviceError
-        No device plays, or none does any more.
+        All devices have failed.
     InputError
         The file is damaged.
     """
@@ -74,68 +75,65 @@ def play(
         begun = time.monotonic()
         while (now_s := begin_s + time.monotonic() - begun) < source.end_s:
             source.show(client, now_s)
-            _live_on(client, step_s)
+            _wait_alive(client, step_s)
             progress((now_s - begin_s) / length_s)
         progress(1.0)
         ended = time.monotonic()
         while time.monotonic() - ended < offset_s + _FADE_S:
-            source.show(client, source.end_s + source.sample_s)  # of which nothing is felt
-            _live_on(client, _STEPS_S[0])
-        failed = _failed(client)
+            source.show(client, source.end_s + source.sample_s)  # silence after the last sample
+            _wait_alive(client, _STEPS_S[0])
+        failed = [state for state in client.devices.values() if not state.is_armed]
     finally:
         client.stop_all("the end was reached")
     return failed + _unstopped(client, [x for x in client.devices.values() if x not in failed])
 
 
 def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
-    """Wait until what is to be rendered is prepared and each device plays, or has failed."""
+    """Wait until all devices play or have failed, and the scene is prepared for rendering."""
     deadline = time.monotonic() + SCENE_S
     while time.monotonic() < deadline:
         client.heartbeat()
-        is_prepared |= any(each.event == "prepared" for each in client.events())
+        is_prepared |= any(event.event == "prepared" for event in client.events())
         states = client.devices.values()
-        if is_prepared and not any(each.state in ("connecting", "connected") for each in states):
+        if is_prepared and not any(x.state in ("connecting", "connected") for x in states):
             break
         time.sleep(_STEPS_S[0])
-    _refuse_silence(client)
+    _require_playing(client)
 
 
-def _live_on(client: LiveClient, step_s: float) -> None:
+def _wait_alive(client: LiveClient, step_s: float) -> None:
+    """Send a sign of life, process events, and sleep for ``step_s``."""
     client.heartbeat()
     client.events()
-    _refuse_silence(client)
+    _require_playing(client)
     time.sleep(step_s)
 
 
-def _refuse_silence(client: LiveClient) -> None:
-    if not any(each.is_armed for each in client.devices.values()):
-        raise DeviceError(" ".join(fault_of(each) for each in client.devices.values()))
-
-
-def _failed(client: LiveClient) -> list[DeviceState]:
-    return [each for each in client.devices.values() if not each.is_armed]
+def _require_playing(client: LiveClient) -> None:
+    """Raise ``DeviceError`` with all reasons if no device plays."""
+    if not any(state.is_armed for state in client.devices.values()):
+        raise DeviceError(" ".join(fault_of(state) for state in client.devices.values()))
 
 
 def _unstopped(client: LiveClient, states: list[DeviceState]) -> list[DeviceState]:
-    """Give devices back; returns those that did not confirm the stop."""
+    """Close the ports of devices; return the devices that have not confirmed the stop."""
     for state in states:
-        client.give_back(state.name)
+        client.close_port(state.name)
     deadline = time.monotonic() + _CLOSE_S
-    while any(each.state not in ("closed", "lost") for each in states):
+    while open_states := [x for x in states if x.state not in ("closed", "lost")]:
         if time.monotonic() > deadline:
-            for each in states:
-                if each.state not in ("closed", "lost"):
-                    each.state, each.text = "lost", "its output did not close in time"
+            for state in open_states:
+                state.state, state.text = "lost", "its output did not close in time"
             break
         client.heartbeat()
         client.events()
         time.sleep(_STEPS_S[0])
-    return [each for each in states if each.state != "closed"]
+    return [state for state in states if state.state != "closed"]
 
 
 def fault_of(state: DeviceState) -> str:
-    """Sentence about a device that does not play."""
+    """Sentence about a device that does not play, with the reason."""
     text = state.text or f"it is {state.state}"
-    if state.state == "frozen":  # the output process speaks of Blender
+    if state.state == "frozen":  # the text of the output process is about Blender
         text = "this command did not run for 250 ms, so the device stopped"
     return f"Device '{state.name}': {text.removesuffix('.')}."

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bHaptics Player on this computer: frames of dots over its local websocket (SDK1)."""
+"""Output to the bHaptics Player: frames of dots over its local websocket (SDK1)."""
 
 from __future__ import annotations
 
@@ -16,24 +16,20 @@ from .reservations import release, reserve, server_key
 from .websocket import WebSocket
 
 DURATION_MS: Final = 100
-"""Time for which the Player holds a frame, ms: then it is silent, if we are."""
+"""Duration of a frame in the Player, ms; without a further frame it is silent then."""
 
 INTERVAL_S: Final = 0.02
+"""Shortest time between two frames, seconds: the Player's own rate."""
 _PATH: Final = "/v2/feedbacks?app_id=hfx_blender&app_name=HFX"
 
 
 class BhapticsOutput:
-    """Output to a device that the bHaptics Player drives.
-
-    Parameters
-    ----------
-    host, port
-        Of the Player.
+    """Output to a device of the bHaptics Player at ``host`` and ``port``.
 
     Raises
     ------
     OutputLostError
-        The Player does not run, or another device has one of the actuators.
+        The Player does not run, or an actuator is in use by another device.
     """
 
     def __init__(self, device: DeviceConfig, how: BhapticsEncoder, host: str, port: int) -> None:
@@ -55,20 +51,20 @@ class BhapticsOutput:
             raise
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,); at most every 20 ms, the Player's own rate."""
+        """Send values (columns,); values within 20 ms of the last frame are dropped."""
         self._socket.check()
         now = time.monotonic()
         if now < self._sent_s + INTERVAL_S or not self._socket.has_room:
             return
         self._sent_s = now
         levels = self._channels.whole(self._channels.values(values), 100)
-        dots: dict[str, list[dict[str, int]]] = {each: [] for each in self._positions}
+        dots: dict[str, list[dict[str, int]]] = {position: [] for position in self._positions}
         for (position, index), level in zip(self._dots, levels, strict=True):
             if level > 0:
                 dots[position].append({"index": index, "intensity": int(level)})
-        is_on = {position for position, each in dots.items() if each}
-        frames = [self._frame(each, dots[each]) for each in self._positions if each in is_on]
-        frames += [self._off(each) for each in sorted(self._was_on - is_on)]
+        is_on = {position for position, entries in dots.items() if entries}
+        frames = [self._frame(p, dots[p]) for p in self._positions if p in is_on]
+        frames += [self._off(position) for position in sorted(self._was_on - is_on)]
         self._was_on = is_on
         if frames:
             self._socket.send(json.dumps({"Submit": frames}))
@@ -77,17 +73,11 @@ class BhapticsOutput:
         """Switch off all actuators of this device."""
         self._was_on = set()
         with suppress(OutputLostError):
-            frames = [self._off(each) for each in self._positions]
+            frames = [self._off(position) for position in self._positions]
             self._socket.send(json.dumps({"Submit": frames}), is_urgent=True)
 
     def close(self) -> None:
-        """Leave the Player, when it has read the stop.
-
-        Raises
-        ------
-        OutputLostError
-            It has not read the stop.
-        """
+        """Disconnect after the Player has read the stop; OutputLostError if it has not."""
         try:
             self._socket.finish()
         finally:

@@ -22,9 +22,11 @@ from .reservations import Keys, are_free, release, reserve, server_key
 from .websocket import WebSocket
 
 ANSWER_S: Final = 3.0
+"""Time limit for an answer of a server, seconds."""
+
 _LEAST_INTERVAL_S: Final = 0.02
 _LONGEST_INTERVAL_S: Final = 0.25
-"""A server cannot have a device changed less often than this; silence waits for nothing."""
+"""Bounds of the interval between two commands, seconds, for any demand of a server."""
 
 _EXPECTED: Final = "Expected is what a Buttplug server such as Intiface Central sends"
 
@@ -32,48 +34,40 @@ _opening: defaultdict[tuple[str, int], threading.Lock] = defaultdict(threading.L
 _users = threading.Lock()
 _servers: dict[tuple[str, int], Server] = {}
 had_before: dict[tuple[tuple[str, int], str], str] = {}
-"""Server and device of ours -> label of the server's device that it got, if several fitted."""
+"""Label of the server's device that was chosen last, by server and id of the configuration; only
+where several devices fitted."""
 
 
 @dataclass(frozen=True)
 class ServedDevice:
-    """Device of a Buttplug server.
+    """Device of a Buttplug server."""
 
-    Attributes
-    ----------
-    index : int
-        The server may give another one after a reconnection.
-    label : str
-        Name, display name in parentheses if it has one, and "#" with the index where another
-        device of the server has the same names.
-    """
-
-    index: int
+    index: int  # may change after a reconnection
     name: str
-    display_name: str
-    label: str
-    facts: Mapping[str, Any]
+    display_name: str  # "" without
+    label: str  # names, with "#" and the index if several devices have the same names
+    facts: Mapping[str, Any]  # entry of the server's list
 
     @property
     def names(self) -> str:
-        """Label without the index."""
+        """Name, and display name in parentheses if it differs."""
         return _names(self.name, self.display_name)
 
     def fits(self, how: ButtplugEncoder) -> bool:
-        """Test for a configuration's name and outputs."""
+        """Test that the names and outputs are those of a configuration."""
         is_named = any(n.startswith(how.device_name) for n in (self.name, self.display_name))
         return is_named and self.ranges(how) is not None
 
     def ranges(self, how: ButtplugEncoder) -> list[tuple[int, int]] | None:
-        """Range of whole numbers of each of a configuration's outputs; None if one is not there."""
-        found = []
+        """Lowest and highest level of each configured output; None if an output is missing."""
+        ranges = []
         try:
             for feature, kind in how.outputs:
                 low, high = self.facts["DeviceFeatures"][str(feature)]["Output"][kind]["Value"]
-                found.append((int(low), int(high)))
+                ranges.append((int(low), int(high)))
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
-        return found
+        return ranges
 
 
 def _names(name: str, display_name: str) -> str:
@@ -81,17 +75,17 @@ def _names(name: str, display_name: str) -> str:
 
 
 def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
-    """Devices of a server's list, by ascending index; entries without an index are left out."""
-    found = []
+    """Devices of a server's list, sorted by index; invalid entries are left out."""
+    entries = []
     for facts in devices.values():
         with suppress(KeyError, TypeError, ValueError, OverflowError):
             index = int(facts["DeviceIndex"])
             name, display = (
                 str(facts.get(key) or "")[:80] for key in ("DeviceName", "DeviceDisplayName")
             )
-            found.append((index, name, display, facts))
-    found.sort(key=lambda each: each[0])
-    count = Counter(_names(name, display) for _, name, display, _ in found)
+            entries.append((index, name, display, facts))
+    entries.sort(key=lambda entry: entry[0])
+    count = Counter(_names(name, display) for _, name, display, _ in entries)
     return [
         ServedDevice(
             index,
@@ -100,60 +94,58 @@ def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
             label=(names := _names(name, display)) + (f" #{index}" if count[names] > 1 else ""),
             facts=facts,
         )
-        for index, name, display, facts in found
+        for index, name, display, facts in entries
     ]
 
 
 def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
-    """The one device that a text means: by its names first, else by names and index.
+    """Device with a label, else with a name or display name, else with ``#`` and an index.
 
-    Parameters
-    ----------
-    unit : str
-        A label, a name, a display name, or ``#`` and an index.
-
-    Returns
-    -------
-    ServedDevice or None
-        None where no device is meant, or more than one.
+    None if no device, or more than one, has the label, name or index.
     """
-    for meant in (
-        [each for each in devices if unit == each.label],
-        [each for each in devices if unit in (each.names, each.name, each.display_name)],
-        [each for each in devices if unit in (f"{each.names} #{each.index}", f"#{each.index}")],
+    for matches in (
+        [x for x in devices if unit == x.label],
+        [x for x in devices if unit in (x.names, x.name, x.display_name)],
+        [x for x in devices if unit in (f"{x.names} #{x.index}", f"#{x.index}")],
     ):
-        if meant:
-            return meant[0] if len(meant) == 1 else None
+        if matches:
+            return matches[0] if len(matches) == 1 else None
     return None
 
 
 class Server:
-    """Connection to a Buttplug server, shared by all outputs: many servers take one client only.
+    """Connection to a Buttplug server, shared by all its outputs: many servers take one client.
+
+    Attributes
+    ----------
+    devices : list of ServedDevice or None
+        Newest list of the server; None before the first.
+    unanswered : set of int
+        Number of the newest stop of each output without an answer.
 
     Raises
     ------
     OutputLostError
-        There is no server, or none that speaks version 4.
+        No program answers, or not as a Buttplug server of version 4.
     """
 
     def __init__(self, host: str, port: int) -> None:
         self.users = 0
         self._id = 0
         self._ids = threading.Lock()
-        self._ping_s = 0.0  # 0: the server asks for none
+        self._ping_s = 0.0  # interval; 0: the server needs no pings
         self._pinged_s = 0.0
         self._info: dict[str, Any] | None = None
         self.devices: list[ServedDevice] | None = None
-        """The newest list that the server sent; None before the first."""
         self._fault = ""
-        self.unanswered: set[int] = set()  # numbers of the newest stop of each output
+        self.unanswered: set[int] = set()
         self._received = threading.Condition()
         self.socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
         try:
             self._greet()
             self._request("RequestDeviceList")
             self._answer(lambda: self.devices, f"{self.socket.name} sent no list of devices.")
-        except BaseException:  # a server may say anything
+        except BaseException:  # answers of a server may raise any error
             self.socket.close()
             raise
 
@@ -173,7 +165,7 @@ class Server:
         self._ping_s = _seconds(info.get("MaxPingTime"))
 
     def message(self, kind: str, **content: Any) -> dict[str, Any]:
-        """Message with a number of its own."""
+        """Message with a new number."""
         with self._ids:
             number = self._id = self._id % 0xFFFFFFFF + 1
         return {kind: {"Id": number, **content}}
@@ -182,12 +174,12 @@ class Server:
         self.socket.send(json.dumps([self.message(kind, **content)]))
 
     def await_stop(self, number: int) -> None:
-        """Wait, at most :data:`ANSWER_S`, for the answer to a stop.
+        """Wait, at most :data:`ANSWER_S`, for the answer to a stop, by its number.
 
         Raises
         ------
         OutputLostError
-            The connection is lost, or there is no answer.
+            The connection is lost, or no answer has come.
         """
         if number in self.unanswered:
             self._answer(
@@ -195,23 +187,24 @@ class Server:
                 "The server does not confirm the stop.",
             )
 
-    def _answer(self, found: Callable[[], Any], otherwise: str) -> Any:
+    def _answer(self, value: Callable[[], Any], otherwise: str) -> Any:
+        """Wait until ``value()`` is not None, and return the value; OutputLostError if too late."""
         until = time.monotonic() + ANSWER_S
         with self._received:
-            while found() is None:
+            while value() is None:
                 self.check()
                 if time.monotonic() > until:
                     raise OutputLostError(otherwise)
                 self._received.wait(0.05)
-        return found()
+        return value()
 
     def check(self) -> None:
-        """Raise ``OutputLostError`` once the server is gone or reports a fault."""
+        """Raise ``OutputLostError`` after a lost connection or a reported fault of the server."""
         self.socket.check()
         if self._fault:
             raise OutputLostError(self._fault)
 
-    # In the upkeep's thread:
+    # Called in the thread of the websocket.
 
     def _on_text(self, text: str) -> None:
         try:
@@ -219,8 +212,8 @@ class Server:
             if not isinstance(messages, list):
                 raise TypeError
             with self._received:
-                for each in messages:
-                    self._process(dict(each))
+                for message in messages:
+                    self._process(dict(message))
                 self._received.notify_all()
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise OutputLostError(
@@ -231,7 +224,7 @@ class Server:
         if "ServerInfo" in message:
             self._info = dict(message["ServerInfo"])
         elif "DeviceList" in message:
-            # Sent anew whenever a device appears or vanishes.
+            # The server sends the list after each connection and disconnection of a device.
             self.devices = served_devices(dict(message["DeviceList"]["Devices"]))
         elif "Ok" in message:
             self.unanswered.discard(message["Ok"]["Id"])
@@ -247,41 +240,36 @@ class Server:
 
 
 def _shared(host: str, port: int) -> Server:
-    """Connection to a server, the one of other outputs where there is one."""
+    """Connection to a server, an existing one if it is not lost; :func:`_leave` ends the use."""
     key = server_key(host, port)
     with _users:
-        known = _servers.get(key)
-        if known is not None:
+        existing = _servers.get(key)
+        if existing is not None:
             with suppress(OutputLostError):
-                known.check()
-                known.users += 1
-                return known
-    made = Server(host, port)
+                existing.check()
+                existing.users += 1
+                return existing
+    # Outside the lock, as the connection takes time.
+    server = Server(host, port)
     with _users:
-        made.users = 1
-        _servers[key] = made
-    return made
+        server.users = 1
+        _servers[key] = server
+    return server
 
 
 def _leave(server: Server) -> None:
-    """Close a connection unless other outputs use it."""
+    """End a use of a connection; the last one closes the connection."""
     with _users:
         server.users -= 1
         if server.users > 0:
             return
-        for key in [key for key, each in _servers.items() if each is server]:
+        for key in [key for key, value in _servers.items() if value is server]:
             del _servers[key]
     server.socket.close()
 
 
 def devices_at(host: str, port: int) -> list[ServedDevice]:
-    """Devices of a server.
-
-    Raises
-    ------
-    OutputLostError
-        There is no server, or none that speaks version 4.
-    """
+    """Devices of the server at an address; errors as of :class:`Server`."""
     server = _shared(host, port)
     try:
         return server.devices or []
@@ -290,25 +278,25 @@ def devices_at(host: str, port: int) -> list[ServedDevice]:
 
 
 class ButtplugOutput:
-    """Output to one device behind a Buttplug server.
+    """Output to one device of a Buttplug server.
 
     Parameters
     ----------
     host, port
-        Of the server.
+        Address of the server.
     unit : str
-        Which of several devices of the server, as :func:`chosen` takes it; empty: the first that
-        fits and that no other output has, or the one that the device had in this process before.
+        Choice among several devices, as for :func:`chosen`. "": the device chosen last in this
+        process, else the first free one that fits.
 
     Attributes
     ----------
     command_interval_s : float
-        Least time between two commands, unless the device falls silent.
+        Shortest time between two commands; silence is sent at once.
 
     Raises
     ------
     OutputLostError
-        No server, none that speaks version 4, no device that fits, or another output has it.
+        The server does not answer, or not in version 4; no device fits, or it is in use.
     """
 
     def __init__(
@@ -322,7 +310,7 @@ class ButtplugOutput:
         self._stop_number = 0  # of the newest stop
         self._is_closed = False
         key = server_key(host, port)
-        # One after the other: of two devices that open together, the first takes the first.
+        # Outputs to one server are opened one by one, so that each gets a different device.
         with _opening[key]:
             self._server = _shared(host, port)
             self._socket = self._server.socket
@@ -334,11 +322,14 @@ class ButtplugOutput:
 
     @property
     def chosen_device(self) -> str:
-        """The device that was chosen, as the server knows it: two may have one name."""
+        """Label of the chosen device at the server."""
         return self._device.label
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,): a command for each changed one, at the device's own rate."""
+        """Send commands for changed values (columns,), at the device's own rate.
+
+        Values between two commands are dropped; silence is never dropped.
+        """
         self._check()
         now = time.monotonic()
         if not self._socket.has_room:
@@ -360,7 +351,7 @@ class ButtplugOutput:
             self._socket.send(json.dumps(commands))
 
     def stop(self) -> None:
-        """Stop this device."""
+        """Send a stop of this device ahead of unsent commands."""
         self._given = [None] * len(self._given)
         with suppress(OutputLostError):
             command = self._server.message("StopCmd", DeviceIndex=self._device.index)
@@ -370,7 +361,9 @@ class ButtplugOutput:
             self._socket.send(json.dumps([command]), is_urgent=True)
 
     def close(self) -> None:
-        """Leave the server; without any device of ours it is disconnected, which stops them.
+        """Wait for the confirmation of the stop; the last output disconnects from the server.
+
+        A disconnection stops all devices. May be called again.
 
         Raises
         ------
@@ -388,37 +381,38 @@ class ButtplugOutput:
             release(self._reserved)
 
     def _choose(self, device_id: str, key: tuple[str, int], unit: str) -> None:
-        """Reserve one of the server's devices that fit."""
-        there = self._server.devices or []
-        fitting = [each for each in there if each.fits(self._how)]
-        wanted = unit or had_before.get((key, device_id), "")
-        free = [each for each in fitting if are_free([(*key, each.index)])]
-        found = chosen(wanted, fitting) if wanted else next(iter(free or fitting), None)
-        if found is None:
-            names = ", ".join(f"{each.names} #{each.index}" for each in there) or "none"
-            named = wanted or self._how.device_name
-            which = f"{'single ' if wanted else ''}device {repr(named) + ' ' if named else ''}"
+        """Choose and reserve a device of the server that fits the configuration."""
+        served = self._server.devices or []
+        fitting = [x for x in served if x.fits(self._how)]
+        name = unit or had_before.get((key, device_id), "")
+        free = [x for x in fitting if are_free([(*key, x.index)])]
+        device = chosen(name, fitting) if name else next(iter(free or fitting), None)
+        if device is None:
+            names = ", ".join(f"{x.names} #{x.index}" for x in served) or "none"
+            missing = name or self._how.device_name
+            which = f"{'single ' if name else ''}device {repr(missing) + ' ' if missing else ''}"
             raise OutputLostError(f"The server has no {which}that fits; it has: {names}.")
-        ranges = found.ranges(self._how)
+        ranges = device.ranges(self._how)
         assert ranges is not None
-        self._reserved = reserve([(*key, found.index)], f"'{found.label}' of the server")
+        self._reserved = reserve([(*key, device.index)], f"'{device.label}' of the server")
         if len(fitting) > 1:
-            had_before[key, device_id] = found.label
-        self._device, self._ranges = found, ranges
-        gap_s = _seconds(found.facts.get("DeviceMessageTimingGap"))
+            had_before[key, device_id] = device.label
+        self._device, self._ranges = device, ranges
+        gap_s = _seconds(device.facts.get("DeviceMessageTimingGap"))
         self.command_interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
         self._given = [None] * len(ranges)
 
     def _check(self) -> None:
-        """Raise ``OutputLostError`` if the server is gone, or has not this device at its index."""
+        """Raise ``OutputLostError`` if the server is lost, or has another device at the index."""
         self._server.check()
-        ours = self._device
-        for each in self._server.devices or ():
-            if each.index == ours.index and each.names == ours.names:
+        device = self._device
+        for served in self._server.devices or ():
+            if served.index == device.index and served.names == device.names:
                 return
         raise OutputLostError("The device was disconnected from the server.")
 
     def _output(self, k: int, level: int) -> dict[str, Any]:
+        """Command for output ``k`` of the configuration."""
         feature, kind = self._how.outputs[k]
         return self._server.message(
             "OutputCmd",
@@ -429,14 +423,17 @@ class ButtplugOutput:
 
 
 def _seconds(milliseconds: object) -> float:
-    """Milliseconds that a server tells; 0 where it is no number above 0."""
+    """Convert milliseconds of a server to seconds; 0 for anything but a finite number above 0."""
     if isinstance(milliseconds, bool) or not isinstance(milliseconds, int | float):
         return 0.0
     return milliseconds / 1000.0 if 0.0 < milliseconds < math.inf else 0.0
 
 
 def _level(share: float, rest: float, low: int, high: int) -> int:
-    """Convert a share 0..1 to a feature's whole numbers; a signed feature rests at 0."""
+    """Convert a share 0..1, silent at ``rest``, to a level ``low``..``high``.
+
+    A signed feature (``low`` < 0) is silent at 0, and each side of ``rest`` is scaled by itself.
+    """
     if low >= 0:
         return round(low + share * (high - low))
     if share >= rest:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Log in place of hardware: one CSV row for each set of values or stop."""
+"""CSV log in place of hardware: one row for each set of values and each stop."""
 
 from __future__ import annotations
 
@@ -15,22 +15,16 @@ from ..host.log_file import LogFile
 from ..host.output import OutputLostError
 
 MAX_BYTES: Final = 256 << 20
-"""Size at which the log ends with an error, bytes: a forgotten one must not fill the disk."""
+"""Size at which the log ends with an error, bytes, so that it cannot fill the disk."""
 
 
 class CsvLog:
-    """Writer of ``time_s`` since the log began, ``event`` (values, stop), then one column a
-    channel.
-
-    Parameters
-    ----------
-    path : Path
-        Must not exist: a log never overwrites a file.
+    """Output to a new CSV file: ``time_s`` since its start, ``event`` (values, stop), channels.
 
     Raises
     ------
     OutputLostError
-        The file exists or cannot be written.
+        The file exists already, or cannot be written.
     """
 
     def __init__(self, device: DeviceConfig, path: Path) -> None:
@@ -57,12 +51,12 @@ class CsvLog:
                 self._row("stop", self._channels.neutral)
 
     def close(self) -> None:
-        """End the log."""
+        """Close the file."""
         self._file.close()
 
     def _row(self, event: str, values: F64) -> None:
         now = time.monotonic() - self._began_s
-        self._write(",".join([f"{now:.4f}", event, *(f"{each:g}" for each in values)]))
+        self._write(",".join([f"{now:.4f}", event, *(f"{value:g}" for value in values)]))
 
     def _write(self, line: str) -> None:
         content = line.encode("ascii") + b"\n"

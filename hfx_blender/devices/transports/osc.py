@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC 1.0 over UDP: our own addresses, or those of VRChat's parameters."""
+"""OSC 1.0 over UDP, with addresses as configured, such as those of VRChat's parameters."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..host.output import OutputLostError
 
 STOPS: Final = 3
 MAX_DATAGRAM: Final = 1400
-"""Bytes that pass a usual network in one piece."""
+"""Largest datagram, bytes: below the packet size of usual networks."""
 
 _BUNDLE: Final = osc_types.write_string("#bundle") + osc_types.write_date(osc_types.IMMEDIATELY)
 
 
-# python-osc's builders read each message again that they have built: 40 actuators at 1 kHz would
-# take all of a processor, its writers of OSC's types take a tenth.
+# python-osc's builders decode each message after encoding it: 40 actuators at 1 kHz would need a
+# whole processor core, its functions for single OSC types need a tenth of that.
 def message(address: str, value: float) -> bytes:
     """OSC message with one float32 argument."""
     types = osc_types.write_string(",f")
@@ -30,30 +30,28 @@ def message(address: str, value: float) -> bytes:
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
-    """Bundle messages so that each bundle fits one datagram."""
-    found: list[bytes] = []
+    """Pack messages into bundles of at most :data:`MAX_DATAGRAM`, in order.
+
+    A longer message gets a bundle of its own.
+    """
+    complete: list[bytes] = []
     bundle = _BUNDLE
-    for each in messages:
-        element = osc_types.write_int(len(each)) + each
+    for content in messages:
+        element = osc_types.write_int(len(content)) + content
         if len(bundle) + len(element) > MAX_DATAGRAM and bundle != _BUNDLE:
-            found.append(bundle)
+            complete.append(bundle)
             bundle = _BUNDLE
         bundle += element
-    return [*found, bundle]
+    return [*complete, bundle]
 
 
 class OscOutput:
-    """A device behind OSC.
-
-    Parameters
-    ----------
-    host, port
-        Where datagrams go.
+    """Output to an OSC receiver at ``host`` and ``port``.
 
     Raises
     ------
     OutputLostError
-        There is no way to that host.
+        The host cannot be reached.
     """
 
     def __init__(self, device: DeviceConfig, how: OscEncoder, host: str, port: int) -> None:
@@ -75,7 +73,7 @@ class OscOutput:
         self._send(self._channels.values(values))
 
     def stop(self) -> None:
-        """Send neutral values, several times: a datagram may be lost."""
+        """Send neutral values three times, as datagrams may be lost."""
         for _ in range(STOPS):
             with suppress(OutputLostError):
                 self._send(self._channels.neutral)
@@ -91,8 +89,8 @@ class OscOutput:
             try:
                 self._socket.send(datagram)
             except (BlockingIOError, ConnectionRefusedError):
-                # A full queue drops a datagram as any network does. "Refused" tells of one
-                # before: the receiver may be started later.
+                # A full queue drops the datagram, as any network may. "Refused" is the answer to
+                # an earlier datagram: the receiver may be started later.
                 continue
             except OSError as error:
                 raise OutputLostError(f"datagrams cannot be sent ({error}).") from None

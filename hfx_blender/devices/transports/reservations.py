@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reservations of what outputs of this process drive: ports, devices of a server, channels."""
+"""Reservations of ports, devices of a server and channels by the outputs of this process."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ _lock = threading.Lock()
 
 
 def reserve(keys: Iterable[Hashable], name: str) -> Keys:
-    """Reserve all keys of an output, or none.
+    """Reserve all keys of an output, or none; the result is for :func:`release`.
 
     Parameters
     ----------
     keys : iterable of hashable
-        What the output drives, under each name by which it may be reached.
+        Ports, devices or channels of the output, each under all its names.
     name : str
-        For the message.
+        Name of the output in the message.
 
     Raises
     ------
     OutputLostError
-        Another output has reserved one of them.
+        A key is reserved by another output.
     """
-    found = frozenset(keys)
+    own = frozenset(keys)
     with _lock:
-        if not found.isdisjoint(reserved):
+        if not own.isdisjoint(reserved):
             raise OutputLostError(f"{name} is open already, for another device.")
-        reserved.update(dict.fromkeys(found, found))
-    return found
+        reserved.update(dict.fromkeys(own, own))
+    return own
 
 
 def are_free(keys: Iterable[Hashable]) -> bool:
@@ -47,20 +47,23 @@ def are_free(keys: Iterable[Hashable]) -> bool:
 
 
 def release(keys: Keys) -> None:
-    """Give keys back; it may be called again."""
+    """Release reserved keys; may be called again."""
     with _lock:
         for key in keys:
-            if reserved.get(key) is keys:  # unless another output has reserved it since
+            if reserved.get(key) is keys:  # not reserved by a later output
                 del reserved[key]
 
 
 def server_key(host: str, port: int) -> tuple[str, int]:
-    """Key of a server, the same for all spellings of its address."""
+    """Key of a server, equal for all spellings of its address."""
     return computer(host), port
 
 
 def computer(host: str) -> str:
-    """Address of a computer in one spelling; all addresses of this computer are one."""
+    """Normalise the address of a computer; "this computer" for all addresses of this computer.
+
+    Names other than localhost are not resolved.
+    """
     name = host.strip().rstrip(".").lower()
     try:
         address = ipaddress.ip_address("127.0.0.1" if name == "localhost" else name)
@@ -73,8 +76,9 @@ def computer(host: str) -> str:
 
 
 def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    """Test that an address is one of this computer."""
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.bind((str(address), 0))  # only an own address can be bound; nothing is sent
+        probe.bind((str(address), 0))  # fails for addresses of other computers; sends nothing
         return True
     return False

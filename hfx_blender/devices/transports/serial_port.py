@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Serial port, opened exclusively and never waited for."""
+"""Serial port, opened exclusively and written without waiting."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..host.output import OutputLostError
 from .reservations import Keys, release, reserve
 
 STOPS: Final = 3
-"""Number of times that stop bytes are sent: a device in the middle of a frame loses the first."""
+"""Number of copies of the stop bytes: an incomplete frame before them garbles the first copy."""
 
-# pyserial's URLs (socket://, spy://...) reach out or write files; only names of ports pass.
+# pyserial's URLs (socket://, spy://...) open connections or write files: not allowed.
 _PORT: Final = re.compile(
     r"COM[1-9][0-9]{0,2}"
     r"|/dev/tty[A-Za-z0-9._-]{1,64}"
@@ -27,25 +27,20 @@ _PORT: Final = re.compile(
 
 
 def is_port_name(name: str) -> bool:
-    """Test a text for the name of a serial port, and nothing else."""
+    """Test that a text is the name of a serial port."""
     return _PORT.fullmatch(name) is not None
 
 
 class SerialPort:
-    """Byte stream of one port.
+    """Byte stream of one port, with at most one unsent frame.
 
-    A frame that was begun is finished before the next; of frames that wait only the newest
-    counts, so a port that stalls costs no memory and no time.
-
-    Parameters
-    ----------
-    name : str
-        As :func:`is_port_name` allows.
+    A frame that is partly written is completed before the next one; an unsent frame is replaced
+    by a newer one. So a stalled port costs neither memory nor time.
 
     Raises
     ------
     OutputLostError
-        The name is not a port's, the port is open already, or cannot be opened.
+        ``name`` is no port (:func:`is_port_name`), or the port is open already or cannot be opened.
     """
 
     def __init__(self, name: str, baud: int) -> None:
@@ -62,12 +57,12 @@ class SerialPort:
                 "install the extension's zip anew."
             ) from None
         self.name = name
-        self._rest = b""  # of a frame that was begun
-        self._next = b""
+        self._rest = b""  # of a frame that is partly written
+        self._next = b""  # unsent frame
         self._keys = reserve_port(name)
         try:
-            # write_timeout=0: pyserial returns at once on Windows. Elsewhere bytes go straight
-            # to the descriptor, because pyserial 3.5 spins while a port is stalled.
+            # write_timeout=0: pyserial returns at once on Windows. On other systems bytes are
+            # written to the descriptor, because pyserial 3.5 spins while a port is stalled.
             self._port: Any = serial.Serial(
                 os.path.realpath(name) if self._is_posix else name,
                 baud,
@@ -87,35 +82,25 @@ class SerialPort:
     _is_posix: Final = os.name == "posix"
 
     def write_newest(self, frame: bytes) -> None:
-        """Write a frame, or let it replace one that waits.
-
-        Raises
-        ------
-        OutputLostError
-        """
+        """Write a frame, in place of an unsent one; OutputLostError if the port is lost."""
         self._next = frame
         self._push()
 
     def write_first(self, content: bytes) -> None:
-        """Drop whatever waits, also in the system's queue, and write this.
+        """Drop unsent bytes, also of the system, and write ``content``.
 
         Raises
         ------
         OutputLostError
         """
         self._rest, self._next = b"", b""
-        with suppress(Exception):  # termios.error is not an OSError; the bytes go out anyway
+        with suppress(Exception):  # also termios.error; without the reset the bytes are sent later
             self._port.reset_output_buffer()
         self._next = content
         self._push()
 
     def read(self) -> bytes:
-        """Received bytes, at most 4 KiB.
-
-        Raises
-        ------
-        OutputLostError
-        """
+        """Received bytes, at most 4 KiB, without waiting; OutputLostError if the port is lost."""
         try:
             if self._is_posix:
                 return os.read(self._port.fileno(), 4096)
@@ -126,7 +111,7 @@ class SerialPort:
             raise OutputLostError(f"{self.name} is lost ({error}).") from None
 
     def close(self) -> None:
-        """Give the port back; it may be called again."""
+        """Close the port; may be called again."""
         with suppress(Exception):
             self._port.close()
         release(self._keys)
@@ -141,6 +126,7 @@ class SerialPort:
             self._rest = self._rest[written:]
 
     def _written(self, content: bytes) -> int:
+        """Write bytes without waiting; return the number of written bytes, 0 on a stalled port."""
         try:
             if self._is_posix:
                 return os.write(self._port.fileno(), content)
@@ -152,31 +138,34 @@ class SerialPort:
 
 
 class SerialFrames:
-    """Output to a device on a serial port that takes frames of its own kind."""
+    """Output to a device on a serial port, with frames as its configuration describes them."""
 
     def __init__(self, port: SerialPort, encoder: FrameEncoder) -> None:
         self._port = port
         self._encoder = encoder
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,)."""
-        self._port.read()  # a board that chatters must not fill the queue
+        """Send values (columns,); received bytes are discarded."""
+        self._port.read()  # so that they do not fill the system's queue
         self._port.write_newest(self._encoder.frame(values))
 
     def stop(self) -> None:
-        """Send the stop bytes, before anything that waits."""
+        """Send the stop bytes ahead of unsent frames."""
         with suppress(OutputLostError):
             self._port.write_first(self._encoder.stop * STOPS)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
 
 def reserve_port(name: str) -> Keys:
-    """Register a port as open, by its real path and its device number.
+    """Reserve a port by its real path and device number, as several names may lead to it.
 
-    Two names may lead to one port, and the system lets two programs open it.
+    Raises
+    ------
+    OutputLostError
+        The port does not exist, is no serial port, or is reserved.
     """
     real = os.path.realpath(name) if os.name == "posix" else name.upper()
     if os.name == "posix" and not is_port_name(real):

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output to a multichannel sound card through PortAudio: one channel for each vibration actuator.
 
-An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values;
-a tone is a sine, or the waveform that the actuator's type names.
-The package ``sounddevice`` speaks to PortAudio: in the extension, or by pip's extra ``audio``. For
-Windows and macOS it brings PortAudio, on Linux it uses the system's.
+An actuator that takes a waveform plays the sum of its tones, others a single tone of their values.
+A tone is a sine, or the waveform of the actuator's type. The package ``sounddevice`` contains
+PortAudio for Windows and macOS and uses the system's library on Linux.
 """
 
 from __future__ import annotations
@@ -26,30 +25,31 @@ from ..host.tones import LONE, Tones
 from .reservations import Keys, release, reserve
 
 DEAD_MAN_S: Final = 0.25
-"""Time without values after which a card falls silent by itself, seconds: its thread
-outlives ours."""
+"""Time without values after which a card falls silent, seconds; checked in PortAudio's thread,
+which goes on if a device thread hangs."""
 
 MAX_FREQUENCY_HZ: Final = 1000.0
 RATE_HZ: Final = 48_000
+"""Sample rate."""
 
 
 class SoundCard:
-    """A device on a sound card.
+    """Output of a device's vibration actuators to successive channels of a sound card.
 
-    Full scale is the largest amplitude that any of its actuators may be given.
+    Full scale is the largest amplitude limit of its actuators.
 
     Parameters
     ----------
     interface : str
-        Part of the card's name, or its number; empty: the system's own.
+        Part of the card's name, or its number; "": the system's default.
     first_channel : int
-        From 1.
+        Channel of the first actuator, from 1.
 
     Raises
     ------
     OutputLostError
-        PortAudio is not installed, the device vibrates nowhere, there is no such card or more than
-        one, or another device has one of the channels.
+        PortAudio is not installed, no actuator vibrates, no card or several match, or a channel
+        is in use by another device.
     """
 
     def __init__(self, device: DeviceConfig, interface: str = "", first_channel: int = 1) -> None:
@@ -63,7 +63,7 @@ class SoundCard:
         self._lock = threading.Lock()
         self._curves = [kind.drive for kind in kinds]
         sounding = [k for k, kind in enumerate(kinds) if kind.takes_waveform]
-        self._sounding = np.array(sounding, np.int64)  # channels
+        self._sounding = np.array(sounding, np.int64)  # channels of actuators with a waveform
         self._waves = SumOfTones([kind.waveform for kind in kinds], RATE_HZ)
         self._values_s = time.monotonic()
         self._is_silent = True
@@ -82,7 +82,7 @@ class SoundCard:
                 callback=self._play,
                 finished_callback=self._finished,
             )
-            # Two names may lead to one card: PortAudio knows its number.
+            # By PortAudio's number, as a card has several names.
             card = getattr(self._stream, "device", interface)
             channels = range(self._first, self._first + len(kinds))
             self._reserved = reserve(
@@ -94,52 +94,50 @@ class SoundCard:
             self._stream.close()
             raise
         except Exception as error:
-            # PortAudioError; ValueError for a name of no card, or of several.
+            # PortAudioError; ValueError if no card, or several cards, match the name.
             release(self._reserved)
-            told = " ".join(str(error).split())
-            raise OutputLostError(f"{self._name} cannot be opened ({told}).") from None
+            reason = " ".join(str(error).split())
+            raise OutputLostError(f"{self._name} cannot be opened ({reason}).") from None
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,).
-
-        Raises
-        ------
-        OutputLostError
-            The card is gone.
-        """
+        """Play values (columns,); OutputLostError if the card is lost."""
         self._play_on(self._of_values(values))
 
     def send_tones(self, values: F64, tones: Tones) -> None:
-        """Hand over values (columns,), and tones of the actuators that take a waveform.
+        """Play tones at actuators with a waveform, and values (columns,) at the rest.
 
         Raises
         ------
         OutputLostError
-            The card is gone.
+            The card is lost.
         """
-        found = self._of_values(values)
-        found.amplitudes[:, self._sounding] = 0.0
-        rest = np.zeros((2, len(tones.numbers), found.amplitudes.shape[1]))
-        rest[0][:, self._sounding] = tones.amplitudes
-        rest[1][:, self._sounding] = np.minimum(tones.frequencies_hz, MAX_FREQUENCY_HZ)
-        totals = np.broadcast_to(rest[0].sum(axis=0), rest[0].shape)
-        rest[0] = driven(self._curves, rest[0], rest[1], self._full_scale, totals)
-        # Plain values have a number of their own beside the tones'.
+        plain = self._of_values(values)
+        plain.amplitudes[:, self._sounding] = 0.0
+        shape = len(tones.numbers), plain.amplitudes.shape[1]
+        amplitudes, hz = np.zeros(shape), np.zeros(shape)
+        amplitudes[:, self._sounding] = tones.amplitudes
+        hz[:, self._sounding] = np.minimum(tones.frequencies_hz, MAX_FREQUENCY_HZ)
+        # Drive curves depend on the total output of an actuator, not on that of one tone.
+        totals = np.broadcast_to(amplitudes.sum(axis=0), shape)
+        amplitudes = driven(self._curves, amplitudes, hz, self._full_scale, totals)
+        # The tone of plain values gets a number below that of any tone: LONE may be in use.
         self._play_on(
             Tones(
-                np.append(found.numbers - 1, tones.numbers),
-                np.vstack([found.amplitudes, rest[0]]),
-                np.vstack([found.frequencies_hz, rest[1]]),
+                np.append(plain.numbers - 1, tones.numbers),
+                np.vstack([plain.amplitudes, amplitudes]),
+                np.vstack([plain.frequencies_hz, hz]),
             )
         )
 
     def _of_values(self, values: F64) -> Tones:
-        frequencies = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
-        asked = values[self._amplitude_columns]
-        amplitudes = driven(self._curves, asked, frequencies, self._full_scale)
-        return Tones(np.array([LONE], np.int64), amplitudes[None], frequencies[None])
+        """Tone of values (columns,), amplitudes as shares of full scale."""
+        hz = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
+        strengths = values[self._amplitude_columns]
+        amplitudes = driven(self._curves, strengths, hz, self._full_scale)
+        return Tones(np.array([LONE], np.int64), amplitudes[None], hz[None])
 
     def _play_on(self, tones: Tones) -> None:
+        """Set the tones of all channels; OutputLostError if the card is lost."""
         if self._lost:
             raise OutputLostError(f"{self._name} is lost ({self._lost}).")
         with self._lock:
@@ -152,7 +150,7 @@ class SoundCard:
             self._silence()
 
     def close(self) -> None:
-        """Give the card back."""
+        """Close the stream; may be called again."""
         self._is_closed = True
         with suppress(Exception):
             self._stream.stop()
@@ -174,13 +172,14 @@ class SoundCard:
             outdata[:, self._first :] = self._waves.block(frames)
 
     def _finished(self) -> None:
-        """Note the end of the stream; unless it was closed, the card is lost."""
+        """Mark the card as lost, unless the stream was closed; called in PortAudio's thread."""
         release(self._reserved)
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
 
 
 def _library() -> Any:
+    """Module ``sounddevice``; OutputLostError with instructions if a library is missing."""
     try:
         import sounddevice
     except ImportError as error:
@@ -188,7 +187,7 @@ def _library() -> Any:
             "Sound cards need the Python package sounddevice: install the extension's zip for your "
             f"platform, which brings it; with pip, 'hfx-blender[audio]' ({error})."
         ) from None
-    except OSError as error:  # its wheel for Linux brings no PortAudio
+    except OSError as error:  # the wheel for Linux does not contain PortAudio
         raise OutputLostError(
             "Sound cards need the library PortAudio, which this system lacks: install its package, "
             f"on Debian and Ubuntu libportaudio2, on Fedora and Arch portaudio ({error})."
@@ -197,7 +196,7 @@ def _library() -> Any:
 
 
 def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Columns of the amplitudes and frequencies of vibration actuators."""
+    """Columns of the amplitudes and of the frequencies of the vibration actuators, in order."""
     vibrates = [actuator.type.modality == "vibration" for actuator in device.actuators]
-    found = device.strength_columns[vibrates]
-    return found, found + 1
+    columns = device.strength_columns[vibrates]
+    return columns, columns + 1

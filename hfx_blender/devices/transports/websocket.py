@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Websocket client for text messages, without TLS: frames by ``websockets``, sockets by us.
+"""Websocket client for text messages, without TLS, which never blocks once it is open.
 
-Only the part of ``websockets`` that does no input and output is used: no proxy of the environment
-is asked, and the sockets are ours. Opening waits, for a few seconds at most. After that nothing
-does: a thread answers pings and takes what comes in, and text that finds no room waits, or is left
-out.
+``websockets`` encodes and decodes frames; its own connections are not used, as they read proxies
+from the environment and may block. A thread answers pings and receives messages; text without
+room in the socket's buffer waits in a queue.
 """
 
 from __future__ import annotations
@@ -27,36 +26,39 @@ from ..host.output import OutputLostError, shown
 
 OPEN_S: Final = 3.0
 MAX_MESSAGE: Final = 1 << 20
+"""Longest message of a server, bytes."""
+
 MAX_WAITING: Final = 1 << 16
-"""Bytes that may wait to be written; stop messages are let in up to twice as many."""
+"""Most unsent bytes; twice as many for stop messages."""
 
 STALLED_S: Final = 1.0
-"""A server that reads nothing for so long is left: it then stops what we used."""
+"""Time without reading by the server, seconds, after which the connection counts as lost. A lost
+connection makes the server stop its devices."""
 
 _STALLED: Final = "the server does not read any more"
 _UPKEEP_S: Final = 0.05
 _RECEIVED: Final = 4096
-"""Bytes that are read at once: the pongs that they may ask for are few."""
+"""Bytes that are read at once; small, so that few pongs follow."""
 
 
 class WebSocket:
-    """An open connection.
+    """Open connection to a websocket server.
 
     Parameters
     ----------
     host, port
-        Where the server is.
+        Address of the server.
     path : str
-        With a query, if any.
+        Path and query.
     on_text : callable
-        Called with each message, in the upkeep's thread.
+        Takes each message, in the thread of this object.
     on_tick : callable, optional
-        Called by the upkeep about 20 times a second.
+        Called about 20 times a second, in the thread of this object.
 
     Raises
     ------
     OutputLostError
-        Nobody answers, or not as a websocket server does.
+        The server does not answer within :data:`OPEN_S`, or not as a websocket server.
     """
 
     def __init__(
@@ -70,14 +72,14 @@ class WebSocket:
         self.name = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
         self._on_text = on_text
         self._on_tick = on_tick
-        self._lock = threading.Lock()  # of the protocol and the bytes to be written
+        self._lock = threading.Lock()  # of the protocol and the unsent bytes
         self._protocol = ClientProtocol(parse_uri(self.name + path), max_size=MAX_MESSAGE)
-        self._waiting = bytearray()  # to be written
-        self._moved_s = 0.0  # when the server took something of it last, or it was empty
-        self._message = bytearray()  # of fragments so far
-        self._lost = ""
+        self._waiting = bytearray()  # unsent bytes
+        self._moved_s = 0.0  # last time at which bytes were sent, or none were unsent
+        self._message = bytearray()  # fragments of an incomplete message
+        self._lost = ""  # reason
         self._is_closed = False
-        self._is_left = False  # by the server: it said goodbye, or sends nothing any more
+        self._is_left = False  # the server has closed the connection
         try:
             self._socket = socket.create_connection((host, port), timeout=OPEN_S)
         except OSError as error:
@@ -97,21 +99,21 @@ class WebSocket:
 
     @property
     def has_room(self) -> bool:
-        """Test for an empty write queue; a sender of newest values waits for it."""
+        """Test that no bytes are unsent; senders of values drop values otherwise."""
         return not self._waiting
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait to be written."""
+        """Number of unsent bytes."""
         return len(self._waiting)
 
     def send(self, text: str, *, is_urgent: bool = False) -> None:
-        """Write a message now, or as soon as there is room.
+        """Send a message now, or as soon as the socket has room; ``is_urgent``: a stop.
 
         Raises
         ------
         OutputLostError
-            The connection is lost, or the server has not read for long.
+            The connection is lost, or more than :data:`MAX_WAITING` bytes are unsent.
         """
         with self._lock:
             self.check()
@@ -126,8 +128,9 @@ class WebSocket:
             raise OutputLostError(f"{self.name}: {self._lost or 'is closed'}.")
 
     def finish(self) -> None:
-        """Say goodbye and wait, at most :data:`STALLED_S`, for the server's own goodbye, which
-        comes only after the server has read all messages. :meth:`close` follows.
+        """Send a close frame and wait, at most :data:`STALLED_S`, for that of the server.
+
+        A server sends its close frame after it has read all messages. :meth:`close` has to follow.
 
         Raises
         ------
@@ -145,7 +148,7 @@ class WebSocket:
             raise OutputLostError(f"{self.name}: {self._lost or _STALLED}.")
 
     def close(self) -> None:
-        """Close the connection, after pending data if that takes no time; may be called again."""
+        """Close the connection without waiting for unsent bytes; may be called again."""
         if not self._is_closed:
             self._is_closed = True
             with self._lock, suppress(OutputLostError, WebSocketException):
@@ -155,6 +158,7 @@ class WebSocket:
             self._socket.close()
 
     def _shake_hands(self) -> None:
+        """Do the opening handshake on the blocking socket; raises OSError or OutputLostError."""
         until = time.monotonic() + OPEN_S
         self._protocol.send_request(self._protocol.connect())
         self._socket.sendall(b"".join(self._protocol.data_to_send()))
@@ -164,7 +168,7 @@ class WebSocket:
             try:
                 content = self._socket.recv(_RECEIVED)
             except TimeoutError:
-                if content:  # a greeting that does not end
+                if content:  # the server has sent an incomplete answer
                     break
                 raise
             self._protocol.receive_data(content) if content else self._protocol.receive_eof()
@@ -179,7 +183,10 @@ class WebSocket:
         )
 
     def _write(self) -> None:
-        """Add what the protocol has to say to the bytes that wait, and write what finds room."""
+        """Queue the output of the protocol, and send as many bytes as the socket takes.
+
+        The lock has to be held. OutputLostError if the connection is lost.
+        """
         if not self._waiting:
             self._moved_s = time.monotonic()
         self._waiting += b"".join(self._protocol.data_to_send())
@@ -195,6 +202,7 @@ class WebSocket:
             del self._waiting[:sent]
 
     def _keep_alive(self) -> None:
+        """Run the thread of this object, until the connection is closed or lost."""
         while not self._is_closed and not self._lost:
             try:
                 self._serve()
@@ -204,10 +212,11 @@ class WebSocket:
                 self._lost = self._lost or str(error).rstrip(".")
             except Exception as error:  # data from a server must not raise in a thread
                 self._lost = self._lost or f"the connection is lost ({error})"
-        with suppress(OSError):  # a server that said goodbye waits for this
+        with suppress(OSError):  # a server that has closed the connection waits for this
             self._socket.close()
 
     def _serve(self) -> None:
+        """Wait for data or for room, at most 50 ms, and process both."""
         writing = [self._socket] if self._waiting else []
         readable, _, _ = select.select([self._socket], writing, [], _UPKEEP_S)
         content = self._socket.recv(_RECEIVED) if readable else b""
@@ -221,14 +230,14 @@ class WebSocket:
             self._lost = _STALLED
 
     def _take(self, content: bytes) -> None:
-        """Take bytes of the server: answer its pings, and hand over its messages.
+        """Process received bytes: answer pings, and pass messages on.
 
-        Without bytes, those that came with its answer to the handshake.
+        An empty ``content`` processes bytes that came with the handshake.
         """
         with self._lock:
             if content:
                 self._protocol.receive_data(content)
-            frames = [each for each in self._protocol.events_received() if isinstance(each, Frame)]
+            frames = [x for x in self._protocol.events_received() if isinstance(x, Frame)]
             fault = self._protocol.parser_exc
             if self._protocol.close_rcvd is not None:
                 self._is_left = True
@@ -237,9 +246,10 @@ class WebSocket:
                 self._lost = "the server sent too long a message"
             elif fault is not None:
                 self._lost = f"the server sent data that is not a frame ({fault})"
-            if self.waiting > MAX_WAITING:  # it does not read the pongs that it asks for
+            if self.waiting > MAX_WAITING:  # a server that sends pings but reads nothing: no pongs
                 self._protocol.data_to_send()
             self._write()
+        # Outside the lock, as a receiver of messages may send.
         for frame in frames:
             if frame.opcode is Opcode.BINARY:
                 raise OutputLostError(

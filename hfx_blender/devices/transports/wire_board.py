@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output to a board with our firmware: configured first, then fed; reports become sentences."""
+"""Output to a board with this project's firmware: configuration, values, stop, reports."""
 
 from __future__ import annotations
 
@@ -18,25 +18,28 @@ from ..host.output import OutputLostError, shown
 from .serial_port import STOPS, SerialPort
 
 START_S: Final = 5.0
-"""An Arduino Uno restarts when its port is opened, and its boot loader takes two seconds."""
+"""Time limit for the first answer, seconds: opening the port restarts an Arduino Uno, and the boot
+loader takes two seconds."""
 
 ANSWER_S: Final = 0.5
+"""Time limit for later answers to a configuration, seconds."""
+
 _RETRY_S: Final = 0.1
 _MOST_NOISE: Final = 100
 
 
 class WireBoard:
-    """A device with our firmware.
+    """Output to a board with this project's firmware; waits for the answer of the board.
 
     Parameters
     ----------
     port : SerialPort
-        Open; it belongs to the board from now on.
+        Open port; :meth:`close` closes it.
 
     Raises
     ------
     OutputLostError
-        The board does not answer, or is not one for this device.
+        The board does not answer, or has too few channels for the device.
     """
 
     def __init__(self, device: DeviceConfig, port: SerialPort) -> None:
@@ -61,7 +64,10 @@ class WireBoard:
             self._request_again()
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,); a stopped board is configured anew first."""
+        """Send values (columns,).
+
+        A stopped board is configured again first; values are dropped until it has answered.
+        """
         if self._is_stopped:
             self._begin(ANSWER_S)
         self._listen()
@@ -69,22 +75,26 @@ class WireBoard:
             self._request_again()
             return
         levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
-        payload = wire.encode_values(self._crc, [int(each) for each in levels])
+        payload = wire.encode_values(self._crc, levels.tolist())
         self._port.write_newest(self._frame(wire.FrameKind.VALUES, payload))
 
     def stop(self) -> None:
-        """Stop the board, before anything that waits; it then takes no values."""
+        """Send stops ahead of unsent frames; the board then ignores values until configured."""
         self._is_stopped, self._is_ready = True, False
         with suppress(OutputLostError):
             frames = [self._frame(wire.FrameKind.STOP) for _ in range(STOPS)]
             self._port.write_first(b"".join(frames))
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
     def _begin(self, patience_s: float) -> None:
-        """Request a new session: values of the last one become void."""
+        """Start a new session, with a time limit for the answer.
+
+        The session's random number changes the CRC of the configuration, and the board ignores
+        values with the CRC of an earlier session.
+        """
         self._configuration = wire.encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
@@ -96,6 +106,7 @@ class WireBoard:
         self._request_again()
 
     def _request_again(self) -> None:
+        """Send the configuration every 0.1 s; OutputLostError after the time limit."""
         now = time.monotonic()
         if now > self._patience_ends_s:
             sent = f" It sends {shown(self._noise)}." if self._noise else ""
@@ -108,15 +119,16 @@ class WireBoard:
             self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
 
     def _listen(self) -> None:
+        """Process received frames; OutputLostError if the board has stopped by itself."""
         content = self._port.read()
         frames = self._receiver.take(content)
         text = content.decode("ascii", "backslashreplace")
         self._noise = "" if frames else (self._noise + text)[:_MOST_NOISE]
-        for each in frames:
-            if each.kind == wire.FrameKind.READY:
-                self._check_ready(each.payload)
-            elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
-                if wire.decode_stopped(each.payload) == wire.Reason.NO_VALUES:
+        for frame in frames:
+            if frame.kind == wire.FrameKind.READY:
+                self._check_ready(frame.payload)
+            elif frame.kind == wire.FrameKind.STOPPED and self._is_ready:
+                if wire.decode_stopped(frame.payload) == wire.Reason.NO_VALUES:
                     reported = f"it received no values for {DEAD_MAN_MS} ms"
                 else:
                     reported = "it was restarted or stopped by another program"
@@ -125,7 +137,7 @@ class WireBoard:
     def _check_ready(self, payload: bytes) -> None:
         reported = wire.decode_ready(payload)
         if reported is None or reported[0] != self._crc:
-            return  # of a session before
+            return  # of an earlier session
         if reported[1] < len(self._channels):
             raise OutputLostError(
                 f"The board at {self._name} has {reported[1]} channels; "
@@ -139,14 +151,14 @@ class WireBoard:
 
 
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
-    """Longest time on, and rest after it, for all channels of a board; 0: its own.
+    """Longest time on and the rest after it, for all channels of a board; 0: the board's own.
 
-    The shortest of the device's types; and the rest that it needs to be on for no larger a share
-    of the time than the type that has to rest most.
+    The time on is the shortest one of the device's types. The rest is chosen so that the share of
+    time on is the smallest one of the types.
     """
-    kinds = [each for each in device.actuator_types.values() if math.isfinite(each.maximum_on_s)]
+    kinds = [kind for kind in device.actuator_types.values() if math.isfinite(kind.maximum_on_s)]
     if not kinds:
         return 0, 0
-    longest_s = min(each.maximum_on_s for each in kinds)
-    rest_s = longest_s * max(each.rest_s / each.maximum_on_s for each in kinds)
+    longest_s = min(kind.maximum_on_s for kind in kinds)
+    rest_s = longest_s * max(kind.rest_s / kind.maximum_on_s for kind in kinds)
     return max(int(longest_s * 1000.0), 1), max(math.ceil(rest_s * 1000.0), 1)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Input of a device script: the haptic data of one moment, and the device's layout.
+"""Input of a device script: haptic data of one moment, and the layout of the device.
 
-``docs/device-scripts.md`` describes it for those who write scripts.
+``docs/device-scripts.md`` is the documentation for authors of scripts.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from ...processes.messages import MessageError
 from .message_bodies import Array, as_row, decode_arrays, encode_arrays
 
 API_VERSION: Final = 1
-"""Changes whenever a script could notice; an approval is for one version."""
+"""Version of the interface of scripts; an approval is valid for one version."""
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """Effect that is felt now by the wearer."""
+    """Effect on the wearer's body at one moment."""
 
-    name: str  # the effect's id
+    name: str  # id of the effect
     modality: str
-    model: str  # perceptual model that vertices belong to
-    level: float  # of its clips and intensity, in (0, 1]
-    parameters: Mapping[str, float]  # of the modality, in SI units and degrees Celsius
-    vertices: npt.NDArray[np.int32]  # (n,) where it is felt
-    weights: npt.NDArray[np.float32]  # (n,) how strongly, in (0, 1]
-    gains: F64  # (A,) how strongly it reaches each actuator where that is, in 0..1
+    model: str  # id of the perceptual model of the vertices
+    level: float  # product of clips and intensity, (0, 1]
+    parameters: Mapping[str, float]  # by name, in SI units and degrees Celsius
+    vertices: npt.NDArray[np.int32]  # (n,) affected vertices
+    weights: npt.NDArray[np.float32]  # (n,) strengths at the vertices, (0, 1]
+    gains: F64  # (A,) strengths at the actuators' places, 0..1
     positions: npt.NDArray[np.float32] | None = None  # (n, 3) world space, metres
     velocities: npt.NDArray[np.float32] | None = None  # (n, 3) m/s
-    depth_m: npt.NDArray[np.float32] | None = None  # (n,) to the volume's boundary
+    depth_m: npt.NDArray[np.float32] | None = None  # (n,) distances to the volume's boundary
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,12 @@ class Haptics:
     Attributes
     ----------
     time_s : float
-        On the scene's clock.
+        Time on the scene's clock.
     felt : tuple of Effect
-        By the wearer of the device; also of modalities that the device does not have.
+        Effects on the wearer, of all modalities, including those missing on the device.
     values : (columns,) float64
-        What is sent without a script: controls of all actuators, one after the other.
+        Values without a script: the controls of all actuators, actuator by actuator.
     device : DeviceConfig
-        As its configuration has it.
     """
 
     time_s: float
@@ -77,13 +76,13 @@ class Haptics:
 
     @property
     def neutral(self) -> F64:
-        """Silence, (columns,); a copy that may be changed."""
+        """Silent values (columns,); a copy, which may be changed."""
         return self.device.neutral
 
     def strongest(self, modality: str) -> Effect | None:
-        """Strongest effect of a modality; None without any."""
-        found = [each for each in self.felt if each.modality == modality]
-        return max(found, key=_strength, default=None)
+        """Effect of a modality with the largest product of level and first parameter, or None."""
+        effects = [effect for effect in self.felt if effect.modality == modality]
+        return max(effects, key=_strength, default=None)
 
 
 def _strength(effect: Effect) -> float:
@@ -91,15 +90,16 @@ def _strength(effect: Effect) -> float:
 
 
 ARRAYS: Final = ("positions", "velocities", "depth_m")
+"""Optional arrays of an effect, fields of :class:`Effect` and of ``SampleRun``."""
 
 
 def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
-    """Haptic data as bytes.
+    """Encode the haptic data of a moment.
 
     Parameters
     ----------
     felt : sequence of (run, gains)
-        A run of one sample, and how strongly it reaches each actuator (A,).
+        Runs of one sample, and their gains (A,) at the actuators.
     values : (columns,)
     """
     effects: list[dict[str, Any]] = []
@@ -118,32 +118,26 @@ def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values:
         arrays[f"{k} weights"] = run.weights
         arrays[f"{k} gains"] = gains
         for name in ARRAYS:
-            found = getattr(run, name)
-            if found is not None:
-                arrays[f"{k} {name}"] = found
+            array = getattr(run, name)
+            if array is not None:
+                arrays[f"{k} {name}"] = array
     return encode_arrays({"time_s": time_s, "effects": effects}, arrays)
 
 
 def decode_haptics(body: bytes, device: DeviceConfig) -> Haptics:
-    """Restore haptic data from :func:`encode_haptics` bytes.
-
-    Raises
-    ------
-    MessageError
-        The body is not such a one.
-    """
+    """Decode bytes of :func:`encode_haptics`; MessageError if invalid."""
     content, arrays = decode_arrays(body)
     try:
-        felt = []
-        for k, each in enumerate(content["effects"]):
-            names = [p.name for p in MODALITIES[each["modality"]].parameters]
+        effects = []
+        for k, head in enumerate(content["effects"]):
+            names = [p.name for p in MODALITIES[head["modality"]].parameters]
             parameters = arrays[f"{k} parameters"].tolist()
-            felt.append(
+            effects.append(
                 Effect(
-                    each["name"],
-                    each["modality"],
-                    each["model"],
-                    each["level"],
+                    head["name"],
+                    head["modality"],
+                    head["model"],
+                    head["level"],
                     dict(zip(names, parameters, strict=True)),
                     arrays[f"{k} vertices"],
                     arrays[f"{k} weights"],
@@ -151,24 +145,24 @@ def decode_haptics(body: bytes, device: DeviceConfig) -> Haptics:
                     *(arrays.get(f"{k} {name}") for name in ARRAYS),
                 )
             )
-        return Haptics(float(content["time_s"]), tuple(felt), arrays["values"], device)
+        return Haptics(float(content["time_s"]), tuple(effects), arrays["values"], device)
     except (KeyError, TypeError, ValueError) as error:
         raise MessageError(f"not haptic data: {error}") from None
 
 
 def as_values(answer: Any, haptics: Haptics) -> F64:
-    """A script's answer as values (columns,).
+    """Convert the answer of a script to values (columns,).
 
     Parameters
     ----------
-    answer : sequence of float, or mapping
-        One value for each column; or by actuator a number, its strength, or by control a
-        number. What a mapping leaves out is silent. None is silence.
+    answer : sequence of float, mapping or None
+        A value for each column; or a mapping from actuator id to a strength or to a mapping from
+        control to value, where missing entries are silent. None is silence.
 
     Raises
     ------
     ValueError
-        It is neither.
+        The length is wrong, or an actuator or control is unknown.
     """
     if answer is None:
         return haptics.neutral
@@ -181,18 +175,18 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
                 f"({len(columns)},): one number for each control of each actuator"
             )
         return values
-    place = {column: k for k, column in enumerate(columns)}
+    index = {column: k for k, column in enumerate(columns)}
     strengths = {a.id: a.type.strength.name for a in haptics.actuators}
     values = haptics.neutral
-    for actuator, wanted in answer.items():
+    for actuator, entry in answer.items():
         if actuator not in strengths:
             raise ValueError(
                 f"the script returned the unknown actuator {actuator!r}; "
                 f"there are: {', '.join(strengths)}"
             )
-        by_control = wanted if isinstance(wanted, Mapping) else {strengths[actuator]: wanted}
+        by_control = entry if isinstance(entry, Mapping) else {strengths[actuator]: entry}
         for control, value in by_control.items():
-            if (actuator, control) not in place:
+            if (actuator, control) not in index:
                 raise ValueError(f"actuator '{actuator}' has no control {control!r}")
-            values[place[actuator, control]] = float(value)
+            values[index[actuator, control]] = float(value)
     return values

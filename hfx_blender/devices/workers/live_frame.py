@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Serialization of a scene and its moments for the process that renders them.
+"""Encoding of a scene and its moments for the render worker.
 
-What Blender's frame has evaluated is handed over as it is; it is made into bytes in a thread.
-A moment holds a few arrays, whatever the number of its effects, and is bounded as any message.
+A moment is a :class:`LiveFrame` of the objects that Blender's frame has evaluated; it is encoded
+in a thread. All its runs are joined in a few arrays, so that the size of the JSON part does not
+depend on the number of effects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from itertools import chain
 from typing import Any, Final
 
@@ -34,16 +35,16 @@ class LiveFrame:
     Attributes
     ----------
     time_s : float
-        On the scene's clock.
+        Time on the scene's clock.
     runs : sequence of SampleRun
-        At most one sample each.
+        Runs of one sample, or of none.
     gains : mapping
-        By a device's number, what the user has set; 0 is mute, what is left out is 1.
+        Gains by device number, as the user has set them; 0 is mute, missing numbers are 1.
     play_space : (4, 4) float64, optional
         Play space to world, metres.
     later : mapping
-        Latencies of actuators, ms, to the samples that these are to begin now, where they are
-        known.
+        Runs for actuators with a latency, by latency in ms: the samples at ``time_s`` plus the
+        latency. Latencies without known samples are missing.
     """
 
     time_s: float
@@ -55,18 +56,18 @@ class LiveFrame:
 
 @dataclass(frozen=True)
 class RenderedDevice:
-    """Device that is rendered."""
+    """Device for the render worker."""
 
     number: int
-    configuration: str
-    folder: str | None
+    configuration: str  # name or file
+    folder: str | None  # of the user's configurations
     has_script: bool
-    scheme: str = ""  # rendering scheme in place of its own
+    scheme: str = ""  # rendering scheme that replaces the configured one; "": as configured
 
 
 @dataclass(frozen=True, eq=False)
 class SceneMessage:
-    """Scene data that is needed before moments can be rendered."""
+    """Scene data for the rendering of later moments."""
 
     header: TrackHeader
     body_id: str
@@ -74,34 +75,29 @@ class SceneMessage:
 
 
 def encode_scene(scene: SceneMessage) -> bytes:
-    """A scene as a body."""
-    devices = [
-        [each.number, each.configuration, each.folder, each.has_script, each.scheme]
-        for each in scene.devices
-    ]
+    """Encode a scene as the body of a message."""
+    devices = [astuple(device) for device in scene.devices]
     header = to_json(scene.header, {}).decode()
     return encode_json({"header": header, "body": scene.body_id, "devices": devices})
 
 
 def decode_scene(body: bytes) -> SceneMessage:
-    """The scene of a body.
-
-    Raises
-    ------
-    MessageError
-        It is none.
-    """
+    """Decode a body of :func:`encode_scene`; MessageError if invalid."""
     content = decode_json(body)
     try:
         header, _ = from_json(content["header"].encode())
-        devices = tuple(RenderedDevice(*each) for each in content["devices"])
+        devices = tuple(RenderedDevice(*members) for members in content["devices"])
         return SceneMessage(header, str(content["body"]), devices)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise MessageError(f"not a scene: {error}") from None
 
 
 def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
-    """A moment as a body; ``places`` are those of streams in the scene's header."""
+    """Encode a moment as the body of a message.
+
+    ``places`` has the index of each stream in the scene's header; KeyError for a stream of
+    another scene.
+    """
     arrays: dict[str, Array] = {}
     content: dict[str, Any] = {
         "time_s": moment.time_s,
@@ -115,59 +111,61 @@ def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
 
 
 def _felt_count(runs: Iterable[SampleRun]) -> int:
+    """Number of runs with a sample."""
     return sum(len(run) > 0 for run in runs)
 
 
 def _add_runs(
     runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
 ) -> list[Any]:
-    felt = [run for run in runs if len(run)]
-    parameters = np.full((len(felt), _PARAMETERS), np.nan)
-    focus = np.full((len(felt), 4), np.nan)
+    """Add the runs with a sample to ``arrays``, joined; return the drives for the JSON part.
+
+    Missing parameters and a missing focus are NaN.
+    """
+    present = [run for run in runs if len(run)]
+    parameters = np.full((len(present), _PARAMETERS), np.nan)
+    focus = np.full((len(present), 4), np.nan)
     drives = []
-    for k, run in enumerate(felt):
+    for k, run in enumerate(present):
         parameters[k, : run.parameters.shape[1]] = run.parameters[0]
         if run.focus is not None:
             focus[k] = run.focus[0]
         if run.drive is not None:
             drive = run.drive
             drives.append([k, drive.device_id, list(drive.actuators), drive.values[0].tolist()])
-    arrays["streams"] = np.array([places[run.stream] for run in felt], np.int32)
-    arrays["levels"] = np.array([run.levels[0] for run in felt], np.float64)
+    arrays["streams"] = np.array([places[run.stream] for run in present], np.int32)
+    arrays["levels"] = np.array([run.levels[0] for run in present], np.float64)
     arrays["parameters"] = parameters
     arrays["focus"] = focus
-    arrays["counts"] = np.array([len(run.vertices) for run in felt], np.int32)
-    arrays["vertices"] = _joined([run.vertices for run in felt], np.int32)
-    arrays["weights"] = _joined([run.weights for run in felt], np.float32)
+    arrays["counts"] = np.array([len(run.vertices) for run in present], np.int32)
+    arrays["vertices"] = _joined([run.vertices for run in present], np.int32)
+    arrays["weights"] = _joined([run.weights for run in present], np.float32)
     for name in ARRAYS:
-        found = [getattr(run, name) for run in felt]
-        if any(each is not None for each in found):
-            has = [each is not None for each in found]
+        # Only some runs have these arrays: a mask tells which.
+        details = [getattr(run, name) for run in present]
+        parts = [detail for detail in details if detail is not None]
+        if parts:
+            has = [detail is not None for detail in details]
             arrays[f"has {name}"] = np.array(has, np.int32)
-            parts = [each for each in found if each is not None]
             arrays[name] = np.concatenate(parts).astype(np.float32)
     return drives
 
 
 def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
+    """Concatenated parts; an empty array of a type without any."""
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
 def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
-    """The moment of a body.
-
-    Raises
-    ------
-    MessageError
-        It is none.
-    """
+    """Decode a body of :func:`encode_live_frame`; MessageError if invalid."""
     content, arrays = decode_arrays(body)
     try:
         runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)
+        # The runs of all latencies follow the present ones, so the last ones are cut off first.
         later: dict[float, Sequence[SampleRun]] = {}
         for ms, count in reversed(content["later"]):
-            place = len(runs) - int(count)
-            later[float(ms)], runs = runs[place:], runs[:place]
+            start = len(runs) - int(count)
+            later[float(ms)], runs = runs[start:], runs[:start]
         return LiveFrame(
             float(content["time_s"]),
             runs,
@@ -185,12 +183,13 @@ def _runs(
     streams: Sequence[Stream],
     arrays: Mapping[str, Array],
 ) -> list[SampleRun]:
+    """Runs of one sample from the arrays of :func:`_add_runs`; the arrays are views."""
     counts = arrays["counts"]
     ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
     first = dict.fromkeys(ARRAYS, 0)
-    found = []
-    for k, place in enumerate(arrays["streams"].tolist()):
+    runs = []
+    for k, index in enumerate(arrays["streams"].tolist()):
         part = slice(int(ends[k]), int(ends[k + 1]))
         more: dict[str, Any] = {}
         for name in ARRAYS:
@@ -198,12 +197,12 @@ def _runs(
                 stop = first[name] + int(counts[k])
                 more[name] = arrays[name][first[name] : stop]
                 first[name] = stop
-        width = len(MODALITIES[streams[place].modality].parameters)
+        width = len(MODALITIES[streams[index].modality].parameters)
         parameters = arrays["parameters"][k : k + 1, :width]
         focus = arrays["focus"][k]
-        found.append(
+        runs.append(
             SampleRun(
-                streams[place],
+                streams[index],
                 np.zeros(1, np.int64),
                 np.array([time_s]),
                 arrays["levels"][k : k + 1],
@@ -216,7 +215,7 @@ def _runs(
                 **more,
             )
         )
-    return found
+    return runs
 
 
 def _row(values: Sequence[float]) -> npt.NDArray[np.float32]:

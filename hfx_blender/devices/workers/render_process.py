@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parent side of the render worker: starts it, asks it, ends it.
+"""Parent side of the render worker: its start, scenes, moments, time limits and end.
 
-One question at a time; of moments that wait, only the newest. Its answers are handed on with what
-was asked, so that who gets them sees whether they still matter. A worker that does not answer in
-time, ends or talks nonsense is ended, and every device that it renders for has a fault.
+The worker gets one scene or moment at a time; of unsent moments only the newest is sent. Answers
+are passed on with the requests that they answer, so that late answers can be discarded. A worker
+that exceeds a time limit, ends or sends invalid data is killed, and its devices have a fault.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from ..host.clock import SYSTEM, Clock
 from ..host.device_thread import Question
 
 SCENE_S: Final = 60.0
-"""Time limit of preparing a scene, seconds: body models are loaded, and distances on skin are
-computed."""
+"""Time limit for preparing a scene, seconds: loads body models, computes distances on skin."""
 
 MOMENT_S: Final = 0.25
-"""Time limit of rendering a moment, seconds, as for Blender's own silence."""
-
+"""Time limit for rendering a moment, seconds; equal to that for Blender's messages."""
 
 Questions = Mapping[int, Question]
-"""Requests to the device threads, by the device's number."""
+"""Requests of the device threads, by device number."""
 
 
 class RenderProcess:
-    """Process that renders moments for devices.
+    """Process that renders moments for devices; all methods may be called from any thread.
 
     Parameters
     ----------
     answer : callable
-        Takes a message for one device, ANSWER, HAPTICS or FAULT, and the questions it answers.
+        Takes a message for one device (ANSWER, HAPTICS or FAULT) and the answered requests.
     fault : callable
-        Takes one sentence, which concerns all devices.
+        Takes the reason of a failure, which concerns all devices.
     prepared : callable
-        Called when a scene can be rendered. All three are called from a thread.
+        Called when moments of the newest scene can be rendered.
+
+    The callbacks are called in the worker's reading thread.
     """
 
     def __init__(
@@ -54,14 +54,14 @@ class RenderProcess:
         self._is_preparing = False
         self._lock = threading.RLock()
         self._worker: Worker | None = None
-        self._known: bytes | None = None  # the newest scene
-        self._scene: bytes | None = None  # if it has not been sent yet
-        self._moment: tuple[bytes, Questions] | None = None
-        self._questions: Questions = {}  # in progress
-        self._deadline_s: float | None = None  # while it is busy
+        self._known: bytes | None = None  # newest scene
+        self._scene: bytes | None = None  # newest scene, unsent
+        self._moment: tuple[bytes, Questions] | None = None  # newest moment, unsent
+        self._questions: Questions = {}  # of the moment in progress
+        self._deadline_s: float | None = None  # of the scene or moment in progress
 
     def describe(self, scene: bytes) -> None:
-        """Set another scene: later moments belong to it."""
+        """Set the scene of later moments; unsent moments are discarded. Starts the worker."""
         with self._lock:
             self._known = self._scene = scene
             self.forget()
@@ -74,24 +74,24 @@ class RenderProcess:
             self._ask_next()
 
     def show(self, moment: bytes, questions: Questions) -> None:
-        """Set the newest moment, with the requests of each device."""
+        """Set the newest moment and the requests of the playing devices."""
         with self._lock:
             self._moment = moment, questions
             self._ask_next()
 
     def forget(self) -> None:
-        """Discard a moment that waits."""
+        """Discard an unsent moment."""
         with self._lock:
             self._moment = None
 
     def restart(self) -> None:
-        """Start again, if it had to be ended."""
+        """Start a killed worker again, with the newest scene."""
         with self._lock:
             if self._worker is None and self._known is not None:
                 self.describe(self._known)
 
     def is_overdue(self, now_s: float) -> bool:
-        """Test for a late answer; then the process is ended."""
+        """Test for a late answer; if late, kill the worker."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
         if is_late:
@@ -99,7 +99,7 @@ class RenderProcess:
         return is_late
 
     def close(self) -> None:
-        """End the worker at once."""
+        """Kill the worker and discard its work; its later messages are ignored."""
         with self._lock:
             worker, self._worker = self._worker, None
             self._deadline_s, self._moment, self._questions = None, None, {}
@@ -107,6 +107,7 @@ class RenderProcess:
             worker.kill()
 
     def _ask_next(self) -> None:
+        """Send the unsent scene, else the unsent moment, to an idle worker."""
         if self._worker is None or self._deadline_s is not None:
             return
         kind, limit_s = MessageKind.MOMENT, MOMENT_S
@@ -121,15 +122,16 @@ class RenderProcess:
         self._questions, self._deadline_s = questions, self._clock.now() + limit_s
         self._worker.send(message(kind, body=body), is_awaited=True)
 
-    # Called in a thread of the worker.
+    # Called in the worker's reading thread.
 
-    def _take(self, worker: Worker, found: Message) -> None:
+    def _take(self, worker: Worker, received: Message) -> None:
         with self._lock:
-            if worker is not self._worker:
+            if worker is not self._worker:  # a killed worker
                 return
-            if found.kind is not MessageKind.READY:
-                self._answer(found, self._questions)
+            if received.kind is not MessageKind.READY:
+                self._answer(received, self._questions)
                 return
+            # READY follows all answers to a scene or moment.
             self._deadline_s = None
             if self._is_preparing:
                 self._is_preparing = False

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renders moments for all devices, in a process of its own: no frame of Blender's waits for it.
+"""Render worker: renders moments for all devices in a process started by the output process.
 
-Started by the output process. It is told
-one scene or one moment at a time and says READY after each. What device a fault belongs to, it
-tells; the others go on.
+Receives one scene or moment at a time and sends READY after the answers to it. The failure of one
+device is sent as its FAULT and does not affect the rest.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
-from ...processes.messages import EVERY_DEVICE, Message, MessageError, MessageKind, message
+from ...processes.messages import EVERY_DEVICE, MessageError, MessageKind, message
 from ...processes.worker import Owner
 from ..configuration import load_device
 from ..host.tones import Tones, frame_of, of_partials
@@ -37,22 +36,22 @@ class _Rendered:
     rendered: RenderedDevice
     device: DeviceConfig
     renderer: MomentRenderer
-    numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
-    width: int  # actuators that take a waveform
+    numbers: dict[str, int]  # tone numbers by effect id, or by substituted modality
+    width: int  # number of actuators that take a waveform
 
     def answer(self, moment: LiveFrame) -> bytes:
-        """Message for the device's thread, or for its script."""
+        """Message for the device thread: ANSWER with values and tones, or HAPTICS for a script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, moment.later)
         gain = moment.gains.get(self.rendered.number, 1.0)
         values = with_gain(values, self.device, gain)
-        if self.rendered.has_script and gain:  # a muted script is not called
-            felt = self.renderer.felt(moment.runs)
+        if self.rendered.has_script and gain:  # the script of a muted device is not called
+            effects = self.renderer.felt(moment.runs)
             return message(
                 MessageKind.HAPTICS,
                 self.rendered.number,
-                encode_haptics(moment.time_s, felt, values),
+                encode_haptics(moment.time_s, effects, values),
             )
         tones = of_partials(partials, self.numbers, self.width)
         louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
@@ -61,7 +60,10 @@ class _Rendered:
 
 
 def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Scale the strengths in values (columns,) by ``gain``, relative to silence."""
+    """Scale the strengths of values (columns,) by ``gain``, relative to silence.
+
+    Returns a copy; ``values`` themselves for gain 1.
+    """
     if gain == 1.0:
         return values
     values = values.copy()
@@ -71,7 +73,7 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
 
 
 class Renderers:
-    """Renderers of all devices that follow one scene."""
+    """Renderers of all devices for one scene; ``faults`` are messages about failed devices."""
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams
@@ -85,62 +87,43 @@ class Renderers:
                 device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
                 renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
                 renderer.prepare()
-            except Exception as error:  # one device's fault is not another's
+            except Exception as error:  # the fault of one device must not affect the rest
                 self.faults.append(_fault(rendered.number, error))
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
             self.rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
 
     def answers(self, body: bytes) -> list[bytes]:
-        """Messages for all devices.
-
-        Raises
-        ------
-        MessageError
-            The body is no moment.
-        """
+        """Render a moment: a message for each device; MessageError for an invalid body."""
         moment = decode_live_frame(body, self._streams)
-        found = []
-        for number, each in self.rendered.items():
+        answers = []
+        for number, rendered in self.rendered.items():
             try:
-                found.append(each.answer(moment))
+                answers.append(rendered.answer(moment))
             except Exception as error:
-                found.append(_fault(number, error))
-        return found
+                answers.append(_fault(number, error))
+        return answers
 
 
 def _fault(number: int, error: Exception) -> bytes:
+    """FAULT message of a device, with a shortened reason."""
     _log.info("device %d", number, exc_info=error)
     return message(MessageKind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
 
 
-def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
-    """Execute a message; returns the current renderers, and the answers.
-
-    Raises
-    ------
-    MessageError
-        It is not what it should be.
-    """
-    if asked.kind is MessageKind.SCENE:
-        renderers = Renderers(decode_scene(asked.body))
-        return renderers, renderers.faults
-    if renderers is None:
-        return None, []
-    if asked.kind is MessageKind.MOMENT:
-        return renderers, renderers.answers(asked.body)
-    return renderers, []
-
-
 def main() -> None:
-    """Answer until standard input ends."""
+    """Answer scenes and moments until the owner ends."""
     owner = Owner()
     renderers: Renderers | None = None
     while True:
-        asked = owner.receive()
+        request = owner.receive()
         answers: list[bytes] = []
         try:
-            renderers, answers = taken(asked, renderers)
+            if request.kind is MessageKind.SCENE:
+                renderers = Renderers(decode_scene(request.body))
+                answers = renderers.faults
+            elif renderers is not None and request.kind is MessageKind.MOMENT:
+                answers = renderers.answers(request.body)
         except MessageError as error:
             answers = [_fault(EVERY_DEVICE, error)]
         owner.send(b"".join((*answers, message(MessageKind.READY))))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parent side of a script worker: starts it, asks it, ends it.
+"""Parent side of a script worker: its start, questions, time limits, approval and end.
 
-One question at a time; of those that wait, only the newest. Each has a number, which its answer
-brings back. What does not answer in time, ends or talks nonsense has a fault; after three faults
-in a minute the script stays off.
+The worker gets one question at a time; of unsent questions only the newest is sent. A question
+has a number, which its answer repeats. A worker that exceeds a time limit, ends or sends invalid
+data has a fault; after three faults in a minute the script is not started again.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from ..live.approval import Approval
 from .message_bodies import decode_values
 
 READY_S: Final = 10.0
-"""Time limit of a script's start, seconds: it may import what it needs."""
+"""Time limit for the start of a script, seconds, which includes its imports."""
 
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
+"""Time in which :data:`FAULTS` faults keep a script off, seconds."""
 
 Answer = Callable[[F64], None]
 """Takes values (columns,)."""
@@ -38,14 +39,14 @@ _WATCH_S: Final = 0.05
 
 
 class ScriptProcess:
-    """A device's script.
+    """Process of a device's script, as :class:`.device_thread.Script`; thread-safe.
 
     Parameters
     ----------
-    wish : mapping
+    request : mapping
         ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
     fault, log : callable
-        Take one sentence; called from a thread, as answers are.
+        Take one sentence; called in other threads, as answers are.
     """
 
     def __init__(
@@ -62,18 +63,18 @@ class ScriptProcess:
         self._worker: Worker | None = None
         self._is_ready = False
         self._deadline_s: float | None = None
-        self._next: tuple[bytes, Answer] | None = None
-        self._number = 0  # of the last request
-        self._answer: Answer | None = None  # who takes its answer
-        self._faults: deque[float] = deque(maxlen=FAULTS)
+        self._next: tuple[bytes, Answer] | None = None  # newest unsent question
+        self._number = 0  # of the last question
+        self._answer: Answer | None = None  # receiver of its answer
+        self._faults: deque[float] = deque(maxlen=FAULTS)  # times
 
     def start(self) -> None:
-        """Start a new worker.
+        """Start a new worker, in place of a running one.
 
         Raises
         ------
         ScriptRefusedError
-            It had three faults within a minute, or its approval was withdrawn.
+            Three faults within a minute, or the approval was withdrawn.
         """
         with self._lock:
             self.close()
@@ -95,16 +96,17 @@ class ScriptProcess:
             worker.send(message(MessageKind.HEARTBEAT, 0, request), is_awaited=True)
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
-        """Send the newest haptic data, as soon as the last have been answered.
+        """Send haptic data as soon as the last question is answered.
 
-        ``answer`` gets what it says to these, from a thread; nobody does if newer ones come first.
+        ``answer`` is called with the values (columns,) in a thread; never, if newer data replace
+        these before they are sent.
         """
         with self._lock:
             self._next = haptics, answer
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
-        """Test for a late answer, or a late start."""
+        """Test for a late answer or a late start; counts as a fault, once."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
             if is_late:
@@ -113,7 +115,7 @@ class ScriptProcess:
             return is_late
 
     def close(self) -> None:
-        """End the worker at once, with all processes that the script has started."""
+        """Kill the worker and all processes started by the script; later answers are ignored."""
         with self._lock:
             worker, self._worker = self._worker, None
             self._deadline_s = self._next = self._answer = None
@@ -121,6 +123,7 @@ class ScriptProcess:
             worker.kill()
 
     def _watch_approval(self, worker: Worker) -> None:
+        """Kill the worker when the approval is withdrawn; runs in a thread."""
         while worker is self._worker:
             if self._approval.is_withdrawn():
                 self.close()
@@ -137,28 +140,28 @@ class ScriptProcess:
             self._deadline_s = self._clock.now() + PATIENCE_S
             self._worker.send(message(MessageKind.HAPTICS, self._number, body), is_awaited=True)
 
-    # Called in a thread of the worker.
+    # Called in the worker's reading thread.
 
-    def _take(self, worker: Worker, found: Message) -> str | None:
+    def _take(self, worker: Worker, received: Message) -> str | None:
+        """Execute a message; returns the reason of a fault, which ends the reading, else None."""
         with self._lock:
-            if worker is not self._worker:
+            if worker is not self._worker:  # a killed worker
                 return ""
-            if found.kind is MessageKind.FAULT:
-                return f"failed: {found.body.decode(errors='replace')}"
-            if found.kind is MessageKind.LOG:
-                self._log(found.body.decode(errors="replace"))
+            if received.kind is MessageKind.FAULT:
+                return f"failed: {received.body.decode(errors='replace')}"
+            if received.kind is MessageKind.LOG:
+                self._log(received.body.decode(errors="replace"))
                 return None
-            is_ready = found.kind is MessageKind.READY and not self._is_ready
-            is_answer = (
-                found.kind is MessageKind.ANSWER and self._is_ready and found.device == self._number
-            )
+            is_ready = received.kind is MessageKind.READY and not self._is_ready
+            is_answer = self._is_ready and received[:2] == (MessageKind.ANSWER, self._number)
             if self._deadline_s is None or not (is_ready or is_answer):
                 return "sent an answer without a question"
             self._is_ready, self._deadline_s = True, None
             answer, self._answer = self._answer, None
             self._ask_next()
+        # Outside the lock, as the receiver may call this object.
         if is_answer and answer is not None:
-            answer(decode_values(found.body))
+            answer(decode_values(received.body))
         return None
 
     def _ended(self, worker: Worker, reason: str) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs one device script in a process of its own: haptic data in, values out.
+"""Script worker: runs one device script in a process of its own; haptic data in, values out.
 
-Started by the output process, and by exports. The script is read once, and these very bytes are
-run if the user has approved them: this is the one door, which trusts nobody who asks. The process
-isolates from faults; it is no sandbox.
+Started by the output process and by exports. The script is read once, and exactly these bytes are
+run if the user has approved them; the check is here, as all scripts run here. The process isolates
+faults but is no sandbox.
 """
 
 from __future__ import annotations
@@ -31,17 +31,18 @@ _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """Messages of a script to the owner; its prints are sent, too, a few lines a second."""
+    """Messages of a script to the owner, and its prints, at most 10 in a second."""
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
         self._since, self._count = 0.0, 0
 
     def send_text(self, kind: MessageKind, text: str) -> None:
+        """Send a shortened text as a message."""
         self._owner.send(message(kind, 0, text[:_LONGEST_TEXT].encode(errors="replace")))
 
     def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
-        """Takes the place of ``print``."""
+        """Replace ``print``: send the line as a LOG message; excess lines are dropped."""
         now = time.monotonic()
         if now - self._since > 1.0:
             self._since, self._count = now, 0
@@ -51,28 +52,41 @@ class _Outlet:
 
 
 def main() -> None:
-    """Answer until the owner ends."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    owner = Owner(printed=nowhere)
-    for number in (0, 2):  # its output there is discarded
-        os.dup2(nowhere, number)
+    """Load the script of the first message, then answer haptic data until the owner ends.
+
+    Any exception is sent as a FAULT and ends the process with exit code 1.
+    """
+    # The script gets no standard streams: it must not read or write messages.
+    null = os.open(os.devnull, os.O_RDWR)
+    owner = Owner(printed=null)
+    for number in (0, 2):
+        os.dup2(null, number)
     _limit_resources()
     outlet = _Outlet(owner)
     try:
         device, render = _load(owner.receive(), outlet)
         owner.send(message(MessageKind.READY, 0))
         while True:
-            asked = owner.receive()
-            haptics = decode_haptics(asked.body, device)
+            question = owner.receive()
+            haptics = decode_haptics(question.body, device)
             values = as_values(render(haptics), haptics)
-            # The number is the question's.
-            owner.send(message(MessageKind.ANSWER, asked.device, encode_values(values)))
+            # The answer has the number of its question.
+            owner.send(message(MessageKind.ANSWER, question.device, encode_values(values)))
     except BaseException as error:
         outlet.send_text(MessageKind.FAULT, _described(error))
         os._exit(1)
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
+    """Execute the approved script of a request; return the device and the function ``render``.
+
+    Raises
+    ------
+    PermissionError
+        The bytes differ from the request's fingerprint, or are not approved.
+    TypeError
+        The script has no function ``render``.
+    """
     request = decode_json(first.body)
     path, configuration = Path(request["path"]), Path(request["configuration"])
     source = path.read_bytes()
@@ -93,7 +107,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
 
 
 def _limit_resources() -> None:
-    """Limit the process's memory and priority, where the system can."""
+    """Limit memory to 4 GiB, disable core dumps and lower the priority, where supported."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -104,7 +118,7 @@ def _limit_resources() -> None:
 
 
 def _described(error: BaseException) -> str:
-    """Describe an error in one line: type, text, and its place in the script."""
+    """Describe the handled error in one line: type, text, file and line of the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import bpy
 
 from ...blender import events
-from ...devices.live import live_settings, live_targets
+from ...devices.live import live_settings
 from ...files import resources
 from ..evaluation import evaluation
 from ..timeline.timeline_recorder import recorder
@@ -45,7 +45,7 @@ class Connected:
     offset_ms: float
 
     def __post_init__(self) -> None:
-        self.latencies_ms = live_targets.latencies_ms(self.device)  # read with every frame
+        self.latencies_ms = live_settings.latencies_ms(self.device)  # read with every frame
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ class Live:
         from ...devices.live.client import LiveClient
 
         try:
-            device, script = live_targets.named(named_in_blend(name))
-        except live_targets.UnapprovedScriptError:
+            device, script = live_settings.named(named_in_blend(name))
+        except live_settings.UnapprovedScriptError:
             self.unapproved.add(name)
             self.approved.pop(name, None)
             raise
@@ -149,7 +149,7 @@ class Live:
             self.approved[name] = script.fingerprint
         if settings.path:
             settings = replace(settings, path=bpy.path.abspath(settings.path))
-        target = live_targets.target_of(device, settings)
+        target = live_settings.target_of(device, settings)
         if self.client is None:
             self.client = LiveClient()
         self.client.connect(
@@ -231,7 +231,7 @@ class Live:
             own, played = each.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
-            values = live_targets.vibrating(each.device, gain * played, frequency_hz)
+            values = live_settings.vibrating(each.device, gain * played, frequency_hz)
             self.client.send(name, values)
 
     def close(self) -> None:

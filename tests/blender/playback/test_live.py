@@ -21,7 +21,7 @@ import hfx_blender
 from hfx_blender.authoring import clips
 from hfx_blender.blender import compat, events
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live import discovery, live_settings, live_targets
+from hfx_blender.devices.live import discovery, live_settings
 from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
@@ -477,7 +477,7 @@ def test_a_device_that_nothing_drives_says_so(log: Path) -> None:
     device = load_device("pressure_vest")
     if device.output is None:
         with pytest.raises(DeviceError, match="cannot be driven live"):
-            live_targets.target_of(device, live_settings.LiveSettings("DEVICE"))
+            live_settings.target_of(device, live_settings.LiveSettings("DEVICE"))
 
 
 def test_a_script_is_asked_about_before_it_runs(

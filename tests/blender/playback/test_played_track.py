@@ -9,7 +9,7 @@ import bpy
 import pytest
 from test_live import PAD, go, is_loud, log, play, rows, until  # noqa: F401
 
-from hfx_blender.devices.host.device_state import Event
+from hfx_blender.devices.live.host_pipe import Event
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live_handlers
 from hfx_blender.playback.live.live import live

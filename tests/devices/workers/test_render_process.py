@@ -37,7 +37,7 @@ from hfx_blender.devices.workers.live_frame import (
 )
 from hfx_blender.devices.workers.message_bodies import decode_values, encode_arrays
 from hfx_blender.devices.workers.render_process import RenderProcess
-from hfx_blender.devices.workers.render_worker import Renderers, taken
+from hfx_blender.devices.workers.render_worker import Renderers
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.samples import Drive, SampleRun, Stream
@@ -50,7 +50,9 @@ from hfx_blender.processes.messages import (
     MessageError,
     MessageKind,
     encode_json,
+    message,
 )
+from hfx_blender.processes.worker import Worker
 
 MODEL = load_model("hfx-vibration-1")
 BODY = "someone"
@@ -256,11 +258,16 @@ def test_one_question_at_a_time_and_the_newest_moment_only(played: list[FakeWork
 
 
 def test_nothing_is_rendered_before_a_scene_is_described() -> None:
-    body = encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),)))
-    first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
-    second, faults = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), first)
-    assert second is not first and not faults
-    assert taken(Message(MessageKind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
+    worker = Worker("devices.workers.render_worker")
+    worker.start()
+    try:
+        worker.send(message(MessageKind.MOMENT))
+        answer = worker.receive(60.0)
+        assert answer is not None and answer.kind is MessageKind.READY
+        assert answer.body == b""
+    finally:
+        worker.kill()
+        worker.wait()
 
 
 def loud(log: Path) -> bool:
