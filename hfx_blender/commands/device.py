@@ -115,10 +115,10 @@ def _check(options: argparse.Namespace, console: Console) -> int:
 
 
 def _import(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.configurations.node_map import import_node_map
+    from ..devices.configurations.imported_layouts import import_layout
 
     name = options.name or options.file.stem.lower().replace(" ", "_")
-    made = import_node_map(options.file, name)
+    made = import_layout(options.file, name)
     console.say(f"{made}: device '{name}'")
     console.result({"file": str(made), "device": name})
     return 0

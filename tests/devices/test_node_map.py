@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import check, load_device
-from hfx_blender.devices.configurations.node_map import EYE_HEIGHT_M, import_node_map
+from hfx_blender.devices.configurations.imported_layouts import EYE_HEIGHT_M, import_layout
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, SIDES
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
@@ -49,7 +49,7 @@ def written(tmp_path: Path):
 
 
 def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
-    made = import_node_map(written(NODES), "my_vest")
+    made = import_layout(written(NODES), "my_vest")
     assert check(made) == []
     device = load_device("my_vest")
     assert [each.id for each in device.actuators] == ["node_1", "node_2", "node_3", "node_4"]
@@ -76,7 +76,7 @@ def test_a_node_map_is_scaled_from_its_eye_height_to_that_of_the_model(written: 
         node("Head", -0.0634, 1.585, 0.0846),
         node("Chest", 0.0, 1.2716, 0.12),
     ]
-    import_node_map(written(nodes), "heights")
+    import_layout(written(nodes), "heights")
     places = [each.place for each in load_device("heights").actuators]
     assert [place.centre_m[2] for place in places] == pytest.approx([1.799, 1.685, 1.352], abs=6e-3)
     assert [place.radius_m for place in places] == pytest.approx([0.0319] * 3)
@@ -113,7 +113,7 @@ def test_what_is_no_node_map_is_told_and_nothing_is_written(
     written: Any, tmp_path: Path, wrong: Any, told: str
 ) -> None:
     with pytest.raises(InputError, match=told):
-        import_node_map(written(wrong), "x")
+        import_layout(written(wrong), "x")
     assert not (tmp_path / "devices").exists()
 
 
@@ -121,7 +121,7 @@ def test_names_are_checked_and_nothing_is_overwritten(written: Any) -> None:
     path = written(NODES)
     for name in ("", "../x", "A", "a b"):
         with pytest.raises(InputError, match="no name"):
-            import_node_map(path, name)
-    import_node_map(path, "one")
+            import_layout(path, name)
+    import_layout(path, "one")
     with pytest.raises(InputError, match="exists already"):
-        import_node_map(path, "one")
+        import_layout(path, "one")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import check, load_device
-from hfx_blender.devices.configurations.node_map import import_node_map
+from hfx_blender.devices.configurations.imported_layouts import import_layout
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError
@@ -42,7 +42,7 @@ def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def make(content: Any, name: str = "cube"):
         path = tmp_path / "layout.json"
         path.write_text(json.dumps(content))
-        made = import_node_map(path, name)
+        made = import_layout(path, name)
         assert check(made) == []
         return load_device(name, made.parent)
 

@@ -98,10 +98,10 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
     name: StringProperty(name="Name", description="Name of the device; empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...devices.configurations.node_map import import_node_map
+        from ...devices.configurations.imported_layouts import import_layout
 
         path = Path(self.filepath)
-        made = import_node_map(path, self.name or path.stem.lower().replace(" ", "_"))
+        made = import_layout(path, self.name or path.stem.lower().replace(" ", "_"))
         if made.stem not in context.scene.hfx.devices:
             context.scene.hfx.devices.add().name = made.stem
         return f"{made.stem} imported"

@@ -22,7 +22,7 @@ from hfx_blender.commands.conversion import convert
 from hfx_blender.commands.own_files import facts_of_report
 from hfx_blender.commands.played_clip import PlayedClip
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.configurations import node_map, unitouch_layout
+from hfx_blender.devices.configurations import imported_layouts
 from hfx_blender.devices.configurations.configuration_reader import device_from
 from hfx_blender.devices.live.played_track import PlayedTrack
 from hfx_blender.engine.body import model as body_model
@@ -157,8 +157,7 @@ def _hjif(content: bytes) -> None:
 
 def _node_map(content: bytes) -> None:
     document = json_shapes.node_of(content, "x.json")
-    of = unitouch_layout if unitouch_layout.is_layout(document) else node_map
-    made = of.configuration_of(document, "x", load_model(node_map.MODEL))
+    made = imported_layouts.configuration_of(document, "x", load_model(imported_layouts.MODEL))
     device_from(json_shapes.Node(made, "made"))  # what is made of it can be used
 
 
