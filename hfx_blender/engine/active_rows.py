@@ -109,7 +109,7 @@ def with_directions(
 def warn_of_controls(
     effect: EffectDescription, animated: EffectBlock, rows: I64, counters: Counters
 ) -> None:
-    """Warn of non-finite controls of a contact response at given rows."""
+    """Warn of non-finite controls of a contact response, if any, at given rows."""
     if animated.response is None or np.isfinite(animated.response[rows]).all():
         return
     is_bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))

@@ -44,7 +44,7 @@ class Counters:
         )
 
     def since(self, before: Counters) -> Counters:
-        """Difference to an earlier snapshot of the same counters."""
+        """Difference to an earlier snapshot: numbers, new list entries, changed warnings."""
         changes: dict[str, int] = {
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }

@@ -206,7 +206,7 @@ class AllocentricAreas:
     ) -> SampleRun | None:
         """Response of a volume to its contacts ``run`` with a body (None without contact).
 
-        Returns None without a response.
+        With recorded motion and depth. Returns None if nothing sounds.
         """
         effect, animated, block = active.effect, active.animated, active.block
         pose = block.poses[self._builder.body_index[body.id]]
@@ -254,9 +254,10 @@ def _with_adjacent_rows(rows: I64, posed: I64, animated: EffectBlock, block: Ani
 def _coarse(
     animated: EffectBlock, rows: I64, skin: BodySkin, bounds: ReachableBounds
 ) -> EffectBlock:
-    """Replace a fine mesh by a decimated mesh near skin, within the tolerance.
+    """Copy of the block with a fine mesh decimated, within the tolerance.
 
-    Faster only for searches of depth; tests of inside use voxels.
+    Unchanged for other shapes, exact tolerances, and boxes apart from the body. Faster only for
+    searches of depth; tests of inside use voxels.
     """
     bound_m = DECIMATION_SHARE * skin.skin.least_edge_m
     is_fine = any(isinstance(shape, MeshVolume) and shape.is_fine for shape in animated.shapes)

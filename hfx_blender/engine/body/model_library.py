@@ -146,11 +146,8 @@ def find(identity: str, kind: str = "model") -> Entry:
             return entry
     label = "Body model" if kind == "model" else "Avatar"
     available_ids = [entry.id for entry in (*shipped(), *entries) if entry.kind == kind]
-    raise InputError(
-        " ".join(
-            (f"{label} '{identity}' is unknown. Available: {', '.join(available_ids)}.", *faults)
-        )
-    )
+    unknown = f"{label} '{identity}' is unknown. Available: {', '.join(available_ids)}."
+    raise InputError(" ".join((unknown, *faults)))
 
 
 def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:

@@ -150,7 +150,7 @@ def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F
 
 
 def _mask(model: PerceptualModel, region: str, side: str) -> Bool:
-    """Mask (V,) of a body part or region on a side."""
+    """Mask (V,) of a body part or region on a side; the midline belongs to both sides."""
     if region in PARTS:
         mask: Bool = model.part == PARTS.index(region)
     else:

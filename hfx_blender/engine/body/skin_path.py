@@ -124,7 +124,10 @@ class SkinPaths:
         return self._skin.nearest(places).place
 
     def _near(self, places: F64, margin_m: float) -> I64:
-        """Triangles (F, 3) within a margin of some places; limits the search of nearest places."""
+        """Triangles (F, 3) near some places, for quick searches.
+
+        A corner lies within 3 cm plus twice ``margin_m`` and the distance to the nearest vertex.
+        """
         reach, _ = self._tree.query(places)
         radius = reach + margin_m + 1e-9
         is_near = np.zeros(len(self._points), np.bool_)

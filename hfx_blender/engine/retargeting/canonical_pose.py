@@ -127,7 +127,7 @@ class _Segments:
         return own, target
 
     def _torso(self, _side: str) -> tuple[F64, F64]:
-        """Transform of the torso: hips to shoulders, scaled by the spread of the skin."""
+        """Transform of the torso: hips to shoulders; width and depth by the skin, clipped."""
 
         def frame(at: Mapping[str, F64]) -> tuple[F64, F64, float]:
             hips = (at["hip.L"] + at["hip.R"]) / 2
@@ -157,7 +157,10 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Upright transform of the head; size and position from the skull above the ears."""
+        """Upright transform of the head; size and position from the skull above the ears.
+
+        With 10 or fewer vertices: the torso's rotation at the head joint, or the torso's transform.
+        """
         own, target = self._skins("head")
         if len(target) <= 10:
             has_joint = "head" in self._t
@@ -178,17 +181,12 @@ class _Segments:
         return affine(np.eye(3), np.diag([*scale, scale.mean()]), old, new)
 
     def _girdle(self, side: str) -> tuple[F64, F64]:
-        """Transform of a shoulder girdle from the torso to the shoulder joint."""
+        """Transform from the clavicle, moved with the torso, to the target's shoulder joint."""
         start = self._c[f"clavicle.{side}"]
         end = self._t[f"shoulder.{side}"]
-        return self._stretched(
-            self._turn("torso"),
-            start,
-            self._c[f"shoulder.{side}"],
-            apply(self._matrix("torso"), start),
-            end,
-            1.0,
-        )
+        new_start = apply(self._matrix("torso"), start)
+        old_end = self._c[f"shoulder.{side}"]
+        return self._stretched(self._turn("torso"), start, old_end, new_start, end, 1.0)
 
     def _limb(self, name: str) -> tuple[F64, F64]:
         """Transform of a limb bone between two joints; the parent's without a first joint."""
@@ -207,7 +205,7 @@ class _Segments:
         return self._between(parent_name, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:
-        """Transform of a hand from wrist and knuckles; of a mitten without two knuckles."""
+        """Transform of a hand from wrist and two or more knuckles, as a mitten without knuckles."""
         forearm, wrist = f"forearm.{side}", f"wrist.{side}"
         if wrist not in self._t:
             return self._turn(forearm), self._matrix(forearm)
@@ -228,7 +226,7 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """Matrix of a phalanx; the previous phalanx's if the rig has none."""
+        """Matrix of a phalanx; without one on the rig, of the previous phalanx or the hand."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])
@@ -252,7 +250,10 @@ class _Segments:
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Transform of a flat foot: rotated about the vertical only, scaled by the sole."""
+        """Transform of a flat foot: rotated about the vertical only, scaled by the sole.
+
+        The shank's transform without an ankle; unscaled with 10 or fewer vertices.
+        """
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:
@@ -280,7 +281,7 @@ class _Segments:
         return affine(new @ old.T, linear, self._c[ankle], self._t[ankle] + new @ shift)
 
     def _twisted(self, side: str) -> F64:
-        """Matrix of the lower forearm: forearm with half of the hand's twist."""
+        """Matrix of the lower forearm: forearm with half of the hand's twist, if any is known."""
         forearm = self._matrix(f"forearm.{side}")
         if f"wrist.{side}" not in self._t or f"elbow.{side}" not in self._t:
             return forearm
@@ -298,7 +299,7 @@ class _Segments:
     # Shapes of transforms
 
     def _rigid(self, parent: str, joint: str) -> tuple[F64, F64]:
-        """Parent's rotation, joint to joint, without scale."""
+        """Transform with the parent's rotation, joint to joint, unscaled."""
         turn = self._turn(parent)
         return affine(turn, turn, self._c[joint], self._t[joint])
 
@@ -310,7 +311,10 @@ class _Segments:
     def _stretched(
         self, turn: F64, start: F64, end: F64, new_start: F64, new_end: F64, girth: float
     ) -> tuple[F64, F64]:
-        """Smallest rotation to a new direction, scaled along the segment and across (``girth``)."""
+        """Smallest rotation to a new direction, scaled along the segment and across (``girth``).
+
+        Unrotated and unscaled for a new length of 0.
+        """
         way, new_way = end - start, new_end - new_start
         length, new_length = np.linalg.norm(way), np.linalg.norm(new_way)
         if new_length < 1e-6:
@@ -322,7 +326,7 @@ class _Segments:
         return affine(turned, linear, start, new_start)
 
     def _by_extent(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """Transform of the last bone of a limb, up to the tip of the skin."""
+        """Transform of a limb's last bone up to the tip of the skin; rigid without 4 vertices."""
         turn = self._turn(parent)
         own, target = self._skins(region)
         start, new_start = self._c[joint], self._t[joint]

@@ -101,6 +101,8 @@ def placed(
 ) -> tuple[Skeletons, dict[str, F64]]:
     """Copy of skeletons with knees and elbows at the median of the estimates.
 
+    Hinges without an estimate by weights, or closer than 8 mm to the median, stay.
+
     Parameters
     ----------
     points, triangles : (V, 3) float64, (F, 3) int64

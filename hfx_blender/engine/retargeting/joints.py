@@ -98,7 +98,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
 
 
 def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]:
-    """Mapped bones: canonical bone to target bone.
+    """``mapping.bones`` unchanged: canonical bone to target bone.
 
     Raises InputError: the armature lacks a mapped bone.
     """
@@ -190,7 +190,8 @@ def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
     """Copy of the joints with bent legs stretched below the trunk, lengths unchanged.
 
-    Otherwise the legs of a sitting avatar would tilt the alignment.
+    Bent are thighs or shanks more than 41 degrees off. The legs of a sitting avatar would tilt the
+    alignment.
     """
     straight = dict(joints)
     trunk = [joint for joint in joints if joint.partition(".")[0] in _TRUNK_JOINTS]
@@ -259,7 +260,7 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
 
 
 def _filled(shares: F64, points: F64) -> F64:
-    """Copy of shares (A, R); rows without a region take the shares of the nearest vertex."""
+    """Shares (A, R) with empty rows replaced by the row of the nearest vertex with a region."""
     from scipy.spatial import cKDTree
 
     is_bare = shares.sum(axis=1) == 0.0
@@ -271,7 +272,7 @@ def _filled(shares: F64, points: F64) -> F64:
 
 
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
-    """Fraction of feet longer in front of the ankle than behind; 1 without feet."""
+    """Fraction of feet longer before the ankle than behind; 1 without feet (10 vertices or fewer)."""
     forward = []
     for side in "LR":
         foot = points[region == REGIONS.index(f"foot.{side}")]
@@ -282,7 +283,7 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
 
 
 def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Copy of mapped bones without the fingers of a mitten."""
+    """Copy of mapped bones without a single finger next to the thumb (a mitten)."""
     bones = dict(mapped)
     for side in "LR":
         fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]
@@ -295,7 +296,10 @@ def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
 def _joints(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str]
 ) -> tuple[dict[str, F64], dict[str, F64]]:
-    """Points (3,) of the joints on the canonical body and the target, rest and target space."""
+    """Points (3,) of the joints on the canonical body (all) and the target (mapped joints only).
+
+    Rest and target space. The ball of a foot is the mean of the first toe joints.
+    """
     heads = avatar.skeleton.heads
     rig_heads = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
     canonical = {joint: heads[bone] for bone, joint in JOINT_OF.items()}

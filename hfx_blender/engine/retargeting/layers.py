@@ -62,6 +62,8 @@ def leaving_out(
 ) -> Generator[float, None, npt.NDArray[np.bool_]]:
     """Generator: mask (N,) of the cut triangles of unused layers; yields progress 0..1.
 
+    All False for a surface with a single large piece.
+
     Parameters
     ----------
     body : (V, 3) float64
@@ -96,7 +98,8 @@ def _pairs(
 ) -> Generator[float, None, tuple[I64, I64]]:
     """Generator: pairs (inner, outer) of overlapping cut triangles; yields progress 0..1.
 
-    Triangles already known to be left out are not searched again.
+    The outer triangle belongs to another piece, at most 4 cm above the inner, with a similar normal
+    and an equal or adjacent region. Triangles already known to be left out are not searched again.
     """
     from scipy.spatial import cKDTree
 

@@ -109,7 +109,8 @@ def _candidates(
     """Pieces weighted to no bone of the body, or to one bone at the end of an arm.
 
     Pieces of a mesh on the same bone outside of the body form one candidate, as does a whole mesh
-    on one bone.
+    on one bone. Pieces with unweighted vertices, on the head, or on bones of hair or clothes are
+    skipped.
     """
     canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
     owners = owners_of(union, canonical)

@@ -145,7 +145,7 @@ def judge(
     absent: Sequence[str],
     uncertain_m: Mapping[str, float],
 ) -> FitQuality:
-    """Measure the fit of a model's projected vertices.
+    """Measure the fit of a model's projected vertices; parts mostly absent are left out.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
     fitted : FittedModel
         In the target's own space and unit.
     quality : FitQuality
-        Quality of the fit by body part.
+        Quality by body part, measured at canonical size.
     """
     places, unprojected, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
@@ -275,7 +275,7 @@ def _project(
 def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
     """Target vertex (V,) of each avatar vertex if the meshes have the same topology, else None.
 
-    Tests the ids of the shipped avatar and of MakeHuman's base mesh by their edges.
+    Tests the ids of the shipped avatar and of MakeHuman's base mesh: 95 % of the edges must exist.
     """
     # Edges as single integers (smaller id times count plus larger id): set tests by numpy.
     runs = avatar.provenance.get("source_vertices", [])

@@ -33,7 +33,9 @@ _REACH_M: Final = 0.12
 def skin_of(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
 ) -> Generator[float, None, list[int]]:
-    """Generator: indices of the meshes of the body, largest first; yields progress 0..1.
+    """Generator: indices of the meshes of the body, largest area first; yields progress 0..1.
+
+    A mesh is chosen if it is nearest to at least a tenth of any region of the posed canonical body.
 
     Parameters
     ----------

@@ -178,7 +178,7 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
 
 
 def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
-    """Six times the signed volume (F,) of each triangle with the centroid of its piece."""
+    """Six times the signed volume (F,) of tetrahedra of triangles and their piece's centroid."""
     corners = target.vertices[target.triangles]
     weight = np.maximum(np.bincount(piece, areas), 1e-300)
     middles = [np.bincount(piece, areas * column) / weight for column in corners.mean(axis=1).T]
@@ -196,7 +196,7 @@ def weld(points: F64) -> I64:
 
 
 def connected_pieces(triangles: I64) -> I64:
-    """Number (F,) of the connected piece of each triangle, from 0."""
+    """Number (F,) of the connected piece of each triangle, from 0; pieces share no vertex."""
     from trimesh.geometry import faces_to_edges
     from trimesh.graph import connected_component_labels
 

@@ -79,7 +79,7 @@ class SurfaceJoints:
         return joint_matrices, errors
 
     def bound(self, model: PerceptualModel) -> BoundWeights:
-        """Joint weights of a model's vertices, taken from the nearest known vertex."""
+        """Joint weights of a model's vertices: 4 entries of the nearest known vertex at rest."""
         from scipy.spatial import cKDTree
 
         _, nearest_vertex = cKDTree(self._model.vertices).query(model.vertices)

@@ -42,7 +42,10 @@ class SurfaceDrive:
         return cls(texture.drive_per_m, float(texture.device.amplitude_m_s2(1.0)))
 
     def amplitude(self, amplitude_m_s2: npt.ArrayLike, own_per_m: float | None) -> F64:
-        """Amplitudes on a device with a c_v of its own; unchanged for None."""
+        """Amplitudes scaled by the device's c_v relative to the common; unchanged for None.
+
+        Scaling up stops at the amplitude of drive 1.
+        """
         amplitude = np.asarray(amplitude_m_s2, np.float64)
         if own_per_m is None:
             return amplitude

@@ -213,7 +213,10 @@ def _gathered(
     reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
-    """Samples of the contacts by row; None without a reported contact."""
+    """Samples of the contacts at reported rows; None without any.
+
+    Amplitude and frequency of a row are of the strongest contact, weights relative to it.
+    """
     contacts = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
     if not len(contacts):
         return None

@@ -196,9 +196,10 @@ class _Assignment(Digits):
     def _put_chain(
         self, side: str, bones: Sequence[str], candidates: Sequence[Sequence[str]]
     ) -> None:
-        """Assign the combination of candidates with most parent-child links to the bones of a limb.
+        """Assign the combination of candidates with most ancestor links to the bones of a limb.
 
-        Remnants of a second rig do not form a chain with the limb.
+        At most four candidates per joint. Remnants of a second rig do not form a chain with the
+        limb.
         """
         given = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
         choices = product(*(names[:_TRIED] for _, names in given))

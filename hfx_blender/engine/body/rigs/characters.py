@@ -43,7 +43,7 @@ def check_single(rig: Rig) -> None:
 
 
 def doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
-    """Report additional heads, hands and feet, which get no haptic vertices; empty without any.
+    """Sentence about additional heads, hands and feet, in a list; empty without any.
 
     ``bones_of`` maps canonical bones to avatar bones.
     """
@@ -55,10 +55,8 @@ def doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
             continue
         for name in names:
             offset = rig.head(name) - rig.head(main_name)
-            is_in_chain = main_name in rig.ancestors(name) or name in (
-                main_name,
-                *rig.ancestors(main_name),
-            )
+            own_chain = (main_name, *rig.ancestors(main_name))
+            is_in_chain = main_name in rig.ancestors(name) or name in own_chain
             if not is_in_chain and np.linalg.norm(offset) > _APART * extent:
                 extra_names.append(f"'{name}'")
     names_text = " and ".join(extra_names)

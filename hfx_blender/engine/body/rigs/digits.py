@@ -139,7 +139,10 @@ class Digits:
             joints["middle"] = joints["middle"] or bones
 
     def _joints_of_finger(self, bones: list[str]) -> list[str]:
-        """Bones of a finger number; "finger 1a" and "finger 1b" only if chained, else empty."""
+        """Bones of one finger number, unchanged; "finger 1a" and "finger 1b" from hand to tip.
+
+        Empty if bones with a single digit are not chained.
+        """
         numbers = [self.names[name].numbers for name in bones]
         if not all(len(own) == 1 and len(own[0]) == 1 for own in numbers):
             return bones

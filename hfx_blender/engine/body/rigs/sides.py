@@ -56,9 +56,9 @@ def with_sides(rig: Rig, names: Mapping[str, BoneName]) -> dict[str, BoneName]:
 def _placed_sides(
     rig: Rig, names: Mapping[str, BoneName], roots: Mapping[str, str]
 ) -> dict[str, str]:
-    """Sides of bones by the position of their limb; empty without a left-right axis.
+    """Sides ("" near the middle) of bones by the position of their limb; empty without an axis.
 
-    Leaves out bones on the other side than their limb.
+    Leaves out bones named after one side and lying on the other side than their limb.
     """
     axis = _LeftAxis.of(rig, names, roots)
     if axis is None:
