@@ -9,8 +9,8 @@ import numpy as np
 
 from .arrays import F64
 
+# Largest number of multiplications in a product without threads of OpenBLAS
 _UNTHREADED: Final = 1 << 18
-"""Largest number of multiplications in a product without threads of OpenBLAS."""
 
 
 def stacked_product(stacked: F64, factors: F64) -> F64:

@@ -17,17 +17,13 @@ from typing import Final, Generic, TypeVar
 Made = TypeVar("Made")
 Done = TypeVar("Done")
 
+# Largest number of items waiting for the thread; limits memory
 _AHEAD: Final = 3
-"""Largest number of items waiting for the thread; limits memory."""
-
+# Switch interval of the interpreter, seconds. Python's default of 5 ms is several times the time to
+# step a frame.
 _TURN_S: Final = 1e-4
-"""Switch interval of the interpreter, seconds.
-
-Python's default of 5 ms is several times the time to step a frame.
-"""
-
+# Interval of checks for stop and errors while waiting, seconds
 _LOOK_S: Final = 0.05
-"""Interval of checks for stop and errors while waiting, seconds."""
 
 
 class _StoppedError(Exception):

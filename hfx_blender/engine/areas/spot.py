@@ -19,8 +19,8 @@ from ..counters import Counters
 from ..scene import EffectBlock, SpotArea
 from ..volume.shape import Falloff
 
+# Largest dropped weight; below half a step of the 8-bit weights of tracks
 _LEAST: Final = 1e-3
-"""Largest dropped weight; below half a step of the 8-bit weights of tracks."""
 
 
 def lengths_along(path: F64) -> F64:

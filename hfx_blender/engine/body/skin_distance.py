@@ -20,13 +20,12 @@ from .surface_locator import barycentric
 _FAR: Final = 1e9  # metres, an unreached vertex; finite, because inf - inf is NaN
 _SETTLED_M: Final = 1e-6
 _FEWEST_ROUNDS: Final = 8
+# Each round settles one more ring of vertices; doubled for detours
 _ROUNDS_PER_RING: Final = 2.0
-"""Each round settles one more ring of vertices; doubled for detours."""
+# Additional radius of a cached patch, metres, reused while the place moves
 _MARGIN_M: Final = 0.06
-"""Additional radius of a cached patch, metres, reused while the place moves."""
-
+# Number of nearest vertices whose triangles are tested for the nearest place
 _NEAR_CORNERS: Final = 8
-"""Number of nearest vertices whose triangles are tested for the nearest place."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from ..native.library import f64
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
 """Rotation mode to channel; all other modes are Euler orders."""
 
+# Number of times posed together; intermediate arrays fit the processor's cache
 _TIMES_PER_BATCH: Final = 16
-"""Number of times posed together; intermediate arrays fit the processor's cache."""
 
 
 def rotation_channel(mode: str) -> str:

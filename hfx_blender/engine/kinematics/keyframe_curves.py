@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32
 
+# Frames before a key from which Blender uses the key's value
 _KEY_WIDTH = 1e-4
-"""Frames before a key from which Blender uses the key's value."""
-
 _STEPS = 40
 _PRECISION = 1e-10
 

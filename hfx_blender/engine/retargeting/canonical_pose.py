@@ -20,12 +20,10 @@ from .bone_regions import REGIONS, region_of
 from .joints import Skeletons, dominant
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
 
+# Range of plausible changes of girth
 _GIRTHS: Final = (0.4, 2.5)
-"""Range of plausible changes of girth."""
-
+# Height of the canonical skull from crown to ears, metres
 _SKULL_M: Final = 0.13
-"""Height of the canonical skull from crown to ears, metres."""
-
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -391,10 +389,10 @@ class _Segments:
         return float(np.clip(radii[1] / radii[0], *_GIRTHS))
 
 
+# Parent, first and last joint of long segments
 _ENDS: Final = {
     "upperarm": ("girdle", "shoulder", "elbow"),
     "forearm": ("upperarm", "elbow", "wrist"),
     "upperleg": ("torso", "hip", "knee"),
     "lowerleg": ("upperleg", "knee", "ankle"),
 }
-"""Parent, first and last joint of long segments."""

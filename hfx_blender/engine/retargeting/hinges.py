@@ -19,19 +19,17 @@ from ..arrays import F64, I64
 from .bone_regions import REGIONS
 from .joints import Skeletons
 
+# Hinge to first and last joint of its limb, and the regions above and below
 _LIMBS: Final = {
     "elbow": ("shoulder", "wrist", "upperarm", "forearm"),
     "knee": ("hip", "ankle", "upperleg", "lowerleg"),
 }
-"""Hinge to first and last joint of its limb, and the regions above and below."""
 
+# Largest distance of skin from a hinge for the estimate by weights
 _AROUND_M: Final = 0.14
-"""Largest distance of skin from a hinge for the estimate by weights."""
-
 _ALONG_M: Final = 0.12
+# Smallest correction; smaller differences also occur on avatars with correct joints
 _LEAST_M: Final = 0.008
-"""Smallest correction; smaller differences also occur on avatars with correct joints."""
-
 _FEWEST: Final = 6
 _STEP_M: Final = 0.001
 

@@ -20,27 +20,21 @@ from .turns import apply, similarity
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
 _TRUNK_JOINTS: Final = ("neck", "head", "hip", "shoulder")
 _LEG: Final = ("hip", "knee", "ankle", "ball")
+# Smallest cosine between a straight leg's bone and its direction when standing
 _BENT: Final = 0.75
-"""Smallest cosine between a straight leg's bone and its direction when standing."""
-
 _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
+# Largest RMS distance from canonical joints of torso, legs and head, fraction of the height
 _LARGEST_MISFIT: Final = 0.12
-"""Largest RMS distance from canonical joints of torso, legs and head, fraction of the height."""
-
+# Largest cosine between legs and trunk of a human; -1 is straight, 0 a quadruped
 _UPRIGHT: Final = -0.3
-"""Largest cosine between legs and trunk of a human; -1 is straight, 0 a quadruped."""
-
+# Range of the distance between hips or shoulders, in lengths of the trunk
 _WIDTHS: Final = (0.05, 3.0)
-"""Range of the distance between hips or shoulders, in lengths of the trunk."""
-
+# Smallest fraction of a region's canonical area; below, the region is absent (a stump)
 _LEAST_SKIN: Final = 0.25
-"""Smallest fraction of a region's canonical area; below, the region is absent (a stump)."""
-
+# Smallest height of the skin above the head joint, metres; below, the head is absent
 _LEAST_SKULL_M: Final = 0.03
-"""Smallest height of the skin above the head joint, metres; below, the head is absent."""
-
+# Fingers joined in a mitten
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
-"""Fingers joined in a mitten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +266,7 @@ def _filled(shares: F64, points: F64) -> F64:
 
 
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
-    """Fraction of feet longer before the ankle than behind; 1 without feet (10 vertices or fewer)."""
+    """Fraction of feet longer before the ankle than behind; 1 without feet of 11 vertices."""
     forward = []
     for side in "LR":
         foot = points[region == REGIONS.index(f"foot.{side}")]

@@ -21,39 +21,28 @@ from .target import areas_of, connected_pieces, weld
 
 Layer = Literal["visible", "skin"]
 
+# Heights of the search for another layer, metres at canonical size (1.8 m)
 _DEPTHS_M: Final = (0.003, 0.01, 0.02, 0.032)
-"""Heights of the search for another layer, metres at canonical size (1.8 m)."""
-
+# Largest distance from clothes to covered skin; capes and wide skirts cover no skin
 _DEEPEST_M: Final = 0.04
-"""Largest distance from clothes to covered skin; capes and wide skirts cover no skin."""
-
+# Largest lateral distance to another layer: half the size of a cut triangle
 _ASIDE_M: Final = 0.014
-"""Largest lateral distance to another layer: half the size of a cut triangle."""
-
+# Edge of grid cells of the coarse search; at least the distance of layers
 _CELL_M: Final = 0.045
-"""Edge of grid cells of the coarse search; at least the distance of layers."""
-
+# Smallest cosine between the normals of two layers
 _ALIKE: Final = 0.3
-"""Smallest cosine between the normals of two layers."""
-
+# Largest distance of layers from the posed body (big heads, capes)
 _NEAR_M: Final = 0.16
-"""Largest distance of layers from the posed body (big heads, capes)."""
-
+# Smallest fraction of the surface of a covering piece; smaller are buttons, eyelashes
 _LARGE: Final = 0.004
-"""Smallest fraction of the surface of a covering piece; smaller are buttons, eyelashes."""
-
+# Offset from the canonical head joint to the point between eyes and ears
 _EYES_M: Final = np.array([0.0, -0.01, 0.07])
-"""Offset from the canonical head joint to the point between eyes and ears."""
-
+# Smallest forward component of a viewing direction (60 degrees to all sides)
 _AHEAD: Final = 0.5
-"""Smallest forward component of a viewing direction (60 degrees to all sides)."""
-
+# Cell size of viewing directions, as a difference of unit vectors
 _STEP: Final = 0.15
-"""Cell size of viewing directions, as a difference of unit vectors."""
-
+# Smallest upward component of directions to hats and hair
 _CHIN: Final = -0.35
-"""Smallest upward component of directions to hats and hair."""
-
 _HEAD: Final = REGIONS.index("head")
 
 

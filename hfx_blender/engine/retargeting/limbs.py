@@ -21,11 +21,11 @@ from .bone_regions import REGIONS
 from .joints import Skeletons, dominant
 from .surface import TargetSurface
 
+# Joints of a limb from the torso outwards, each with the region after the joint
 _CHAINS: Final = (
     (("shoulder", "upperarm"), ("elbow", "forearm"), ("wrist", "hand")),
     (("hip", "upperleg"), ("knee", "lowerleg"), ("ankle", "foot")),
 )
-"""Joints of a limb from the torso outwards, each with the region after the joint."""
 
 SLACK_M: Final = {
     "shoulder": 0.012,
@@ -41,24 +41,21 @@ SLACK_M: Final = {
 
 Measured with the rigs of MakeHuman and SOMA on meshes with known joints."""
 
+# Height of the navel between hips (0) and shoulders (1)
 _WAIST: Final = 0.3
-"""Height of the navel between hips (0) and shoulders (1)."""
-
+# Half the length of a ring of skin, metres
 _RING_M: Final = 0.02
-"""Half the length of a ring of skin, metres."""
 
 HINGES: Final = ("elbow", "wrist", "knee", "ankle")
 """Joints at the same anatomical place on all rigs."""
 
 _FEWEST_IN_RING: Final = 6
+# Largest cosine between the bones of a bent joint: 53 degrees; the canonical arm has 43
 _BENT: Final = 0.6
-"""Largest cosine between the bones of a bent joint: 53 degrees; the canonical arm has 43."""
-
+# Number of directions of outlines around a joint
 _SECTORS: Final = 8
-"""Number of directions of outlines around a joint."""
-
+# Largest distance of ring skin from the joint; excludes the other leg
 _RING_RADIUS_M: Final = 0.14
-"""Largest distance of ring skin from the joint; excludes the other leg."""
 
 
 @dataclass(frozen=True, eq=False)

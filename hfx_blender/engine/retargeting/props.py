@@ -25,24 +25,21 @@ from .joints import skeletons_of
 from .skin_parts import joined
 from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, owners_of, weld
 
+# Smallest distance of a protruding vertex from the body, metres at canonical size
 _REACH_M: Final = 0.12
-"""Smallest distance of a protruding vertex from the body, metres at canonical size."""
-
+# Smallest distance of a surface outside of the body
 _BESIDE_M: Final = 0.06
-"""Smallest distance of a surface outside of the body."""
-
+# Smallest fraction of a protruding surface outside of the body
 _MOSTLY: Final = 0.5
-"""Smallest fraction of a protruding surface outside of the body."""
-
+# Smallest skin weight of a vertex on a single bone
 _ALONE: Final = 0.99
-"""Smallest skin weight of a vertex on a single bone."""
 
+# Words of bones of hair and clothes (see :mod:`.layers`)
 _WORN: Final = re.compile(
     "hair|bang|braid|tail_?hair|pony|cloth|skirt|cape|cloak|mantle|coat|dress|sleeve|scarf|robe|"
     "ribbon|hood|collar|jacket|shirt|pants|belt|tassel|\u9aea|\u30b9\u30ab\u30fc\u30c8|\u30de\u30f3\u30c8|\u8896",
     re.IGNORECASE,
 )
-"""Words of bones of hair and clothes (see :mod:`.layers`)."""
 
 _HOLDING: Final = ("hand", "finger", "forearm")
 

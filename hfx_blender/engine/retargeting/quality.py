@@ -36,14 +36,12 @@ Loose trousers shifted a kneecap by twice this distance; a touch at 25 mm misses
 RIGHT_WAY: Final = 0.9
 """Smallest fraction of limb vertices on a limb of the correct side."""
 
+# Smallest fraction of a part present on the avatar (one hand of two, no stump)
 _SHOWN: Final = 0.4
-"""Smallest fraction of a part present on the avatar (one hand of two, no stump)."""
-
+# Smallest ``in_place`` of a carrying part for a fit to the surface
 _LOST: Final = 0.5
-"""Smallest ``in_place`` of a carrying part for a fit to the surface."""
-
+# Parts required for a fit to the surface; hands and feet may be missing
 _CARRYING: Final = ("head", "torso", "upper_arm", "forearm", "upper_leg", "lower_leg")
-"""Parts required for a fit to the surface; hands and feet may be missing."""
 
 _REGIONS_OF: Final = {
     "head": ("head", "torso"),

@@ -29,20 +29,16 @@ from .shape_fields import fields_for, shape
 from .surface import SurfacePlaces, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 
+# Largest distance of projection onto the skin, metres at canonical size (1.8 m)
 _LANDING_M: Final = 0.05
-"""Largest distance of projection onto the skin, metres at canonical size (1.8 m)."""
-
+# Skin weights below are dropped: an error of at most 2 mm, half a metre from a joint
 _LEAST_WEIGHT: Final = 0.004
-"""Skin weights below are dropped: an error of at most 2 mm, half a metre from a joint."""
-
+# Fraction of the canonical avatar's edges shared by a reshaped copy of the mesh
 _SAME_TOPOLOGY: Final = 0.95
-"""Fraction of the canonical avatar's edges shared by a reshaped copy of the mesh."""
-
+# Largest scale of a head after removal of hats and hair (chibi characters)
 _LARGEST_HEAD: Final = 4.0
-"""Largest scale of a head after removal of hats and hair (chibi characters)."""
-
+# Largest fraction of such a mesh under clothes without a fit to the clothes
 _UNDER_CLOTHES: Final = 0.02
-"""Largest fraction of such a mesh under clothes without a fit to the clothes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,24 +34,17 @@ FORMAT: Final = "hfx shapes"
 VERSION: Final = 1
 
 _ROUNDS: Final = 6
+# Largest distance to the surface in the first round; half in the last
 _REACH_M: Final = 0.12
-"""Largest distance to the surface in the first round; half in the last."""
-
+# Distance with half weight; hair and clothes are outliers
 _OUTLIER_M: Final = 0.02
-"""Distance with half weight; hair and clothes are outliers."""
-
+# Squared misfit (m², summed over vertices) equivalent to one standard deviation of a field. Far
+# above the noise of a scan, because distances of neighbours are correlated. Chosen on a body of
+# another source than the fields.
 _DISTRUST: Final = 0.01
-"""Squared misfit (m², summed over vertices) equivalent to one standard deviation of a field.
-
-Far above the noise of a scan, because distances of neighbours are correlated. Chosen on a body of
-another source than the fields.
-"""
-
+# Weight of a joint's slide (in spreads of rigs) against a standard deviation of a field. Loose
+# cloth has many distances with a common error.
 _HOLD: Final = 0.3
-"""Weight of a joint's slide (in spreads of rigs) against a standard deviation of a field.
-
-Loose cloth has many distances with a common error.
-"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,11 +23,10 @@ from .layers import Layer, leaving_out
 from .surface import TargetSurface, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 
+# Smallest fraction of a region's surface shown by a chosen mesh; excludes eyes and teeth
 _SHOWS: Final = 0.1
-"""Smallest fraction of a region's surface shown by a chosen mesh; excludes eyes and teeth."""
-
+# Largest distance of a mesh from the posed canonical body, metres at canonical size
 _REACH_M: Final = 0.12
-"""Largest distance of a mesh from the posed canonical body, metres at canonical size."""
 
 
 def skin_of(

@@ -13,15 +13,13 @@ import numpy.typing as npt
 from ..arrays import F64, I64
 from ..body.surface_locator import barycentric
 
+# Longest edge of cut triangles; the search compares triangle centres
 _LONGEST_EDGE_M: Final = 0.02
-"""Longest edge of cut triangles; the search compares triangle centres."""
-
 _CANDIDATES: Final = 8
+# Smallest skin weight of a vertex or triangle in a region
 _SHARE: Final = 0.1
-"""Smallest skin weight of a vertex or triangle in a region."""
-
+# Smallest cosine between the normals of matched places
 _FACING: Final = 0.3
-"""Smallest cosine between the normals of matched places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +181,10 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
 """Weight of the smoothness term relative to the surface, by round."""
 
+# Largest distance to the surface in the first round; half in the last
 _REACH_M: Final = 0.12
-"""Largest distance to the surface in the first round; half in the last."""
-
+# Smallest squared cosine between surface normal and the direction across a limb
 _STEEPEST: Final = 0.5
-"""Smallest squared cosine between surface normal and the direction across a limb."""
 
 
 def pull(

@@ -14,26 +14,20 @@ from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import SkinWeights
 
+# Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)
 _LARGE_PIECE: Final = 0.01
-"""Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)."""
-
+# Smallest total fraction of large pieces; the rest may be eyes, lashes, buttons
 _LARGE_PIECES: Final = 0.5
-"""Smallest total fraction of large pieces; the rest may be eyes, lashes, buttons."""
-
+# Largest fraction of edges with more than two triangles
 _PINCHED_EDGES: Final = 0.01
-"""Largest fraction of edges with more than two triangles."""
-
+# Largest fraction of duplicate faces (both sides of lashes and eyelids)
 _DOUBLED_FACES: Final = 0.1
-"""Largest fraction of duplicate faces (both sides of lashes and eyelids)."""
-
+# Negative fraction of a mesh's volume that means inside out; about 0 for open sheets
 _INSIDE_OUT: Final = 0.1
-"""Negative fraction of a mesh's volume that means inside out; about 0 for open sheets."""
-
+# Smallest fraction of the surface facing inwards for which single faces are flipped
 _TURNED: Final = 0.02
-"""Smallest fraction of the surface facing inwards for which single faces are flipped."""
-
+# Largest fraction of vertices without a weight
 _UNSKINNED: Final = 0.2
-"""Largest fraction of vertices without a weight."""
 
 
 class Bone(Protocol):

@@ -22,6 +22,7 @@ HINGE_MM: Final = 25.0
 PLACE_MM: Final = 40.0
 """Smallest reported uncertainty of a hinge and of other places."""
 
+# Place to canonical bone, and offset from its head on the left side, metres
 _PLACES: Final = {
     "crown": ("head", (0.0, 0.05, 0.17)),
     "face": ("head", (0.0, -0.11, 0.02)),
@@ -36,7 +37,6 @@ _PLACES: Final = {
     "heel": ("foot", (0.0, 0.08, -0.05)),
     "toes": ("toe1-1", (0.0, -0.06, 0.0)),
 }
-"""Place to canonical bone, and offset from its head on the left side, metres."""
 
 _SKIN_OF: Final = {"elbow": ("upperarm", "forearm"), "knee": ("upperleg", "lowerleg")}
 _TORSO: Final = ("chest", "belly", "upper back", "lower back")
@@ -45,8 +45,8 @@ _PER_ESTIMATE: Final = 1.25
 _PER_SHAPE: Final = 1.5
 _PER_PULL: Final = 1.2
 _PER_SOLE: Final = 1.0
+# Smallest uncertainty of a torso without legs (73 mm observed)
 _HALF_BODY_M: Final = 0.08
-"""Smallest uncertainty of a torso without legs (73 mm observed)."""
 
 
 def uncertain_m(

@@ -83,10 +83,10 @@ class BoundWeights:
         return native.BoundClusters(*arrays, clusters, self.bone_count + 1)
 
 
+# Weights in use by model and bone names, shared by skins of a model
 _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundWeights]]] = (
     WeakKeyDictionary()
 )
-"""Weights in use by model and bone names, shared by skins of a model."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ from ..body.model import PerceptualModel
 from ..native import skin_arrays as native
 from ..tolerance import Tolerance
 
+# Fraction of a unit always represented by the vertex, at any tolerance
 _LEAST_SHARE: Final = 0.01
-"""Fraction of a unit always represented by the vertex, at any tolerance."""
 
 
 class SkinTable:

@@ -61,7 +61,7 @@ class SkinnedModel:
         return self._factors[cluster]
 
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
-        """Matrices (n, len(bones), 3, 4), rest to target space; ``bone_count`` is a bone at rest."""
+        """Matrices (n, len(bones), 3, 4), rest to target space; ``bone_count`` is at rest."""
         assert pose.bones is not None
         if len(bones) and bones[-1] == pose.bones.shape[1]:  # the additional bone at rest
             still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))

@@ -21,8 +21,8 @@ from ..texture.contact_rendering import ContactRenderer
 from ..texture.haptic_map import DeviceRange
 
 _FINGERS = PARTS.index("fingers")
+# Number of points followed together; intermediate arrays fit the processor's cache
 _POINTS_PER_BATCH = 512
-"""Number of points followed together; intermediate arrays fit the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,10 @@ from .assignment import assigned_by_name, is_human
 from .digits import Digits
 from .rig import Rig
 
+# Distance between equal joints of separate bodies, as a fraction of the body's extent
 _APART: Final = 0.1
-"""Distance between equal joints of separate bodies, as a fraction of the body's extent."""
-
+# Slot of an end of the body to its canonical bone
 _ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
-"""Slot of an end of the body to its canonical bone."""
 
 
 def check_single(rig: Rig) -> None:

@@ -36,11 +36,10 @@ _CASELESS_TOKEN: Final = re.compile(r"[a-z]+|\d+")
 _KNOWN_PREFIX: Final = re.compile(
     r"(?i:mixamorig\d*|j_bip|(?:valvebiped\.)?bip\d*|cc_base|def)(?=[\s_\-.:A-Z])"
 )
+# Fraction of a rig's names with the same unknown word above which the word is a prefix
 _SHARED: Final = 0.6
-"""Fraction of a rig's names with the same unknown word above which the word is a prefix."""
-
+# Fraction of names with a unique last number above which the numbers only count bones
 _NUMBERED: Final = 0.75
-"""Fraction of names with a unique last number above which the numbers only count bones."""
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,10 @@ from .vocabulary import CENTRE
 _CENTRE_SLOTS: Final = frozenset(CENTRE.values())
 _LEGS: Final = frozenset("hip thigh leg shin foot pelvis_half".split())
 _DIGITS: Final = frozenset("finger finger_base metacarpal toe small_toe".split())
+# Smallest distance of a limb from the median plane, as a fraction of the body's extent
 _BESIDE: Final = 0.02
-"""Smallest distance of a limb from the median plane, as a fraction of the body's extent."""
-
+# Smallest mean cosine between the lines within pairs of limbs and the common axis
 _ACROSS: Final = 0.7
-"""Smallest mean cosine between the lines within pairs of limbs and the common axis."""
 
 
 def with_sides(rig: Rig, names: Mapping[str, BoneName]) -> dict[str, BoneName]:

@@ -173,8 +173,8 @@ HALVES: Final = {
 }
 """Limbs with the initial of their half, as in ``r_uarm``, ``r_larm``."""
 
+# Side and initial of "upper" or "fore", as in ``LUArm``
 _INITIALS: Final = frozenset({"lu", "ru", "lf", "rf"})
-"""Side and initial of "upper" or "fore", as in ``LUArm``."""
 
 
 @lru_cache(maxsize=4096)
