@@ -20,7 +20,7 @@ from ..errors import InputError, OutputError, UsageError
 from ..files import limits
 from ..files.atomic import inputs_kept, refuse_device
 from ..files.staging import place, staging
-from ..formats.files import fault_of, format_of, read_signals, refuse_strangers
+from ..formats.files import fault_of, format_of, read_signals, refuse_foreign_files
 from ..formats.hjif.semantics import is_date
 from ..formats.rasters import csv_raster, raster_rules
 from ..formats.rasters.signal_raster import RATE_HZ, raster_of
@@ -28,7 +28,7 @@ from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, tar
 from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, FrequencyRange, Signal, distinct
 from ..formats.sound import wav
 from ..formats.writing import write, write_signals
-from ..formats.written import Written, beside
+from ..formats.written import Written, part_path
 
 _READ_AGAIN: Final = 64 << 20  # bytes
 _BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))
@@ -97,7 +97,7 @@ def convert(
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         finals = [target.parent / path.name for path in written.files]
-        refuse_strangers(finals, target.with_name(stem + info.suffix))
+        refuse_foreign_files(finals, target.with_name(stem + info.suffix))
         files = place(written.files, target.parent)
     return replace(written, files=files)
 
@@ -270,7 +270,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
     """Rename files so that the only signal's name is left out."""
-    long = beside(stem, signal, "").name
+    long = part_path(stem, signal, "").name
     files = tuple(
         path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
         if path.name.startswith(f"{long}.")

@@ -37,7 +37,7 @@ from ..files.atomic import atomic_file, inputs_kept
 from ..files.staging import place, staging
 from ..formats import writing
 from ..formats.clip import DETAIL
-from ..formats.files import valid_only
+from ..formats.files import without_invalid_files
 from ..formats.registry import FORMATS
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
@@ -307,7 +307,7 @@ class SceneExport:
                     tolerance,
                     seen.spatial,
                 )
-            written = valid_only(written)
+            written = without_invalid_files(written)
             if settings.formats and not written.files and seen.volumes is None:
                 _refuse(written.left_out)
             rasters = [raster for _, raster in rendered.played]

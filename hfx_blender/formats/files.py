@@ -56,20 +56,20 @@ def format_of(path: Path) -> FormatInfo:
     )
 
 
-def refuse_strangers(files: Iterable[Path], target: Path) -> None:
+def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     """Raise OutputError for an existing companion file of a target without HFX's signature.
 
     The target itself may be replaced; missing files are ignored.
     """
     for path in files:
-        if path != target and path.is_file() and not _is_ours(path):
+        if path != target and path.is_file() and not _is_written_by_hfx(path):
             raise OutputError(
                 f"{path}: cannot be written (a file of this name is there that HFX did not make); "
                 f"'{target.name}' needs this name: choose another target."
             )
 
 
-def _is_ours(path: Path) -> bool:
+def _is_written_by_hfx(path: Path) -> bool:
     """Test a file for the first bytes written by HFX; False if unreadable or unmarked."""
     starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
     start = next(filter(None, starts), None)
@@ -184,7 +184,7 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
     return f"{location}{errors[0].message} [{errors[0].code}]"
 
 
-def valid_only(written: Written) -> Written:
+def without_invalid_files(written: Written) -> Written:
     """Delete files of an export that are invalid or above the readers' size limit; report each.
 
     Reports are sentences in ``left_out``. Only formats with ``decode`` are validated, without
@@ -233,9 +233,9 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
     info = format_of(path)
     signals, frequencies = decoded(info, read_bytes(path), str(path))
     if info.id == "ahap":
-        from .device_files.ahap import with_ticks_beside
+        from .device_files.ahap import with_companion_ticks
 
-        signals = with_ticks_beside(path, signals)
+        signals = with_companion_ticks(path, signals)
     return signals, frequencies
 
 

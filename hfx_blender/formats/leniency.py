@@ -17,7 +17,7 @@ ToleratedFaults = tuple[str, ...]
 _HUGE: Final = 1e15
 
 
-def refuse_but(
+def refuse_untolerated(
     findings: list[Finding], name: str, tolerated: Callable[[Finding], bool], document: Any = None
 ) -> ToleratedFaults:
     """Raise InputError for the first fault outside the tolerated kinds; describe the rest.

@@ -41,7 +41,7 @@ class FormatInfo:
         Modalities that a file holds; None: all.
     holds_waves : bool
         A file holds several simultaneous frequencies of an actuator.
-    beside : tuple of str
+    companions : tuple of str
         Suffixes of companion files written with each file.
     read_suffix : str
         Suffix accepted by readers, where shorter than ``suffix``.
@@ -93,7 +93,7 @@ class FormatInfo:
     dialog: tuple[str, str, int] | None = None
     modalities: tuple[str, ...] | None = None
     holds_waves: bool = False
-    beside: tuple[str, ...] = ()
+    companions: tuple[str, ...] = ()
     read_suffix: str = ""
     marks: tuple[str, ...] = ()
     own_start: bytes = b""
@@ -155,7 +155,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
                 "Everything that is felt, in MPEG's haptics format, with .glb meshes",
                 1,
             ),
-            beside=(".glb",),
+            companions=(".glb",),
             credits=frozenset({"description", "created"}),
             write_track="hjif.from_track:write",
             write_raster="hjif.from_actuators:write",
@@ -221,7 +221,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             dialog=("WAV", "Sound for vibration actuators, 16 bits", 6),
             modalities=_VIBRATION,
             holds_waves=True,
-            beside=(".channels.json",),
+            companions=(".channels.json",),
             write_raster="sound.wav:export",
             check="sound.wav_rules:validate",
             facts="sound.wav_rules:facts",
@@ -379,5 +379,5 @@ def target_of(path: Path) -> FormatInfo:
 def suffixes(ids: Sequence[str]) -> tuple[str, ...]:
     """Suffixes of the files written by export formats, companions included, without duplicates."""
     return tuple(
-        dict.fromkeys(name for id in ids for name in (FORMATS[id].suffix, *FORMATS[id].beside))
+        dict.fromkeys(name for id in ids for name in (FORMATS[id].suffix, *FORMATS[id].companions))
     )

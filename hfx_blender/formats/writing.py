@@ -134,21 +134,21 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
                 f"the format {id} holds what a device plays: choose one with --device "
                 "('hfx device list' shows them)"
             )
-        if info.is_of_device and not info.plays_of(_played(devices)):
+        if info.is_of_device and not info.plays_of(_modalities_of(devices)):
             raise UsageError(
                 f"none of the devices has {' or '.join(info.modalities or ())} actuators, which "
                 f"is what the format {id} holds"
             )
 
 
-def _played(devices: Iterable[DeviceConfig]) -> list[str]:
+def _modalities_of(devices: Iterable[DeviceConfig]) -> list[str]:
     """Modalities of all devices, with duplicates."""
     return [modality for device in devices for modality in device.modalities]
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
     """Select track formats, and device formats for the modalities of the devices."""
-    played = _played(devices)
+    played = _modalities_of(devices)
     infos = [FORMATS[id] for id in formats]
     return tuple(info.id for info in infos if not info.is_of_device or info.plays_of(played))
 
@@ -167,7 +167,7 @@ def why_nothing(id: str, devices: Sequence[DeviceConfig]) -> str:
         return ""
     if not devices:
         return "Formats of devices need a device"
-    if not info.plays_of(_played(devices)):
+    if not info.plays_of(_modalities_of(devices)):
         return f"No device has {' or '.join(info.modalities or ())} actuators"
     reasons = [_why_nothing(info, device) for device in devices]
     return "" if "" in reasons else f"{info.title}: {reasons[0]}"
@@ -230,11 +230,11 @@ def write_all(
                 written += Written(left_out=(str(error).removesuffix("."),))
         elif info.is_of_device:
             for path, device, raster in played:
-                written += _write_or_tell(info, raster, device, path, tolerance)
+                written += _write_or_report(info, raster, device, path, tolerance)
     return written
 
 
-def _write_or_tell(
+def _write_or_report(
     info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
     """Write a device's output, or return the reason for no file in ``left_out``."""

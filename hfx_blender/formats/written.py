@@ -42,7 +42,7 @@ def write_json(document: Any, path: Path) -> None:
         file.write(encoded(document))
 
 
-def beside(stem: Path, part: str, suffix: str) -> Path:
+def part_path(stem: Path, part: str, suffix: str) -> Path:
     """Path ``folder/stem.part<suffix>`` for any text ``part``, see :func:`name_part`."""
     return stem.with_name(f"{stem.name}.{name_part(part)}{suffix}")
 

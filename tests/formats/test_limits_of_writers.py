@@ -20,7 +20,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.files import limits
 from hfx_blender.files.limits import Limit
 from hfx_blender.formats import writing
-from hfx_blender.formats.files import format_of, valid_only, validate
+from hfx_blender.formats.files import format_of, validate, without_invalid_files
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 
@@ -34,7 +34,7 @@ def _written(folder: Path, rows: int, formats=OF_DEVICES):
     """What an export of a scene with one effect writes, and what it leaves out."""
     raster = replace(raster_for(DEVICE, rows=rows, rate_hz=Fraction(RATE_HZ)), body_id="b")
     with track_of(folder, "vibration", "painted", [1.0] * rows, fps=Fraction(RATE_HZ)) as track:
-        return valid_only(
+        return without_invalid_files(
             writing.write_all(
                 formats, [(folder / "a", DEVICE, raster)], track, (DEVICE,), folder / "a"
             )

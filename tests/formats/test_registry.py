@@ -45,7 +45,7 @@ def test_the_page_of_formats_has_a_row_for_each() -> None:
     assert list(rows) == list(EXPORTED)
     for id, files in rows.items():
         assert f"{FORMATS[id].suffix}`" in files
-        assert all(f"{each}`" in files for each in FORMATS[id].beside)
+        assert all(f"{each}`" in files for each in FORMATS[id].companions)
 
 
 def test_the_longest_suffix_names_the_target() -> None:

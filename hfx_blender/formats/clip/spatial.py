@@ -28,7 +28,7 @@ from ..written import Written
 from .baked import Played
 from .common_rigs import RigNames, rig_names
 from .container import NONE, Records, Texts, records
-from .spatial_recorder import Seen, SpatialRecorder
+from .spatial_recorder import EffectState, SpatialRecorder
 
 _MODALITIES: Final = tuple(MODALITIES)
 _FALLOFFS: Final = tuple(FalloffKind)
@@ -252,7 +252,7 @@ def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights])
 
 
 def _effects(
-    effects: list[tuple[EffectDescription, Seen]], bodies: _Bodies, texts: Texts
+    effects: list[tuple[EffectDescription, EffectState]], bodies: _Bodies, texts: Texts
 ) -> dict[str, Records]:
     """Records of volumes and painted areas, with response filters and painted vertices.
 
@@ -325,7 +325,7 @@ def _strongest(section: str, vertices: I64, values: Any) -> Records:
     return strongest
 
 
-def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Records]:
+def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[str, Records]:
     """Records of the effects shown by each actuator, with vertices and factors on each body."""
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
@@ -336,7 +336,7 @@ def _reactions(played: Played, bodies: _Bodies, felt: set[str]) -> dict[str, Rec
             # substitution.
             for source in _MODALITIES:
                 gain_and_hertz = _substitute(device, source, actuator.type.modality)
-                if gain_and_hertz is None or source not in felt or _has_fixed_place(actuator):
+                if gain_and_hertz is None or source not in modalities or _has_fixed_place(actuator):
                     continue
                 for (body_id, _), (model, rank, whole) in bodies.stored_models.items():
                     if body_id != raster.body_id or whole.modality != MODALITIES[source].model:

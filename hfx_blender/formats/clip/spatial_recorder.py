@@ -26,7 +26,7 @@ from . import DETAIL
 SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
 
 
-Seen = dict[str, npt.NDArray[Any]]
+EffectState = dict[str, npt.NDArray[Any]]
 """State of an effect at its first active sample.
 
 ``level``, the highest of all samples, and ``parameters`` (P,) of that sample; ``shape``, an
@@ -43,7 +43,7 @@ class SpatialRecorder:
 
     def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
         self.scene, self.detail = scene, detail
-        self._found: dict[int, Seen] = {}
+        self._found: dict[int, EffectState] = {}
         self._others: set[int] = set()
 
     def add(self, block: AnimationBlock) -> None:
@@ -59,11 +59,11 @@ class SpatialRecorder:
             if not len(rows):
                 continue
             if _is_spatial(effect, animated):
-                self._keep(k, _seen(effect, animated, rows))
+                self._keep(k, _state(effect, animated, rows))
             else:
                 self._others.add(k)
 
-    def _keep(self, k: int, seen: Seen) -> None:
+    def _keep(self, k: int, seen: EffectState) -> None:
         """Store the first state of an effect, and raise its level to the strongest."""
         known = self._found.setdefault(k, seen)
         if float(seen["level"]) > float(known["level"]):
@@ -88,7 +88,7 @@ class SpatialRecorder:
                     names = ("level", "parameters", "shape", "half_segment", "matrix", "controls")
                     self._keep(k, {name: part[f"{k}.{name}"] for name in names})
 
-    def effects(self) -> list[tuple[EffectDescription, Seen]]:
+    def effects(self) -> list[tuple[EffectDescription, EffectState]]:
         """Active volumes and painted areas in scene order, with their states."""
         return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
@@ -105,7 +105,9 @@ def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
     return is_volume and bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
 
 
-def _seen(effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]) -> Seen:
+def _state(
+    effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]
+) -> EffectState:
     """State of an effect within the active rows of a block."""
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)

@@ -20,7 +20,7 @@ import numpy as np
 from ...files import limits
 from ...files.json_shapes import known_members
 from ...files.strict_json import clean, parse, read_bytes
-from ..leniency import refuse_but
+from ..leniency import refuse_untolerated
 from ..registry import FORMATS
 from ..signals.curves import Curve, clipped
 from ..signals.signals import (
@@ -34,7 +34,7 @@ from ..signals.signals import (
     text_of,
 )
 from ..signals.simplified_writer import simplified_writer
-from ..written import Written, beside, silent_note, write_json
+from ..written import Written, part_path, silent_note, write_json
 from .ahap_envelopes import RAMPS, envelope, product
 from .ahap_rules import (
     DOCUMENT,
@@ -80,7 +80,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
             (TICKS_SUFFIX, ticks(signal, frequencies)),
         ):
             if content["Pattern"]:
-                files.append(beside(stem, signal.name, suffix))
+                files.append(part_path(stem, signal.name, suffix))
                 content["Metadata"][_LAW_KEY] = _LINEAR
                 write_json(content, files[-1])
     return Written(
@@ -225,11 +225,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     # Apple's reader accepts these faults; the limits bind writers only.
     lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
     codes = {f"AHAP-{code}" for code in lenient}
-    notes = refuse_but(findings(document), name, lambda each: each.code in codes)
+    notes = refuse_untolerated(findings(document), name, lambda each: each.code in codes)
     document = known_members(DOCUMENT, document)
     if any("[AHAP-MISSING]" in note for note in notes):
         document = completed(document)
-        notes += refuse_but(findings(document), name, lambda each: each.code in codes)
+        notes += refuse_untolerated(findings(document), name, lambda each: each.code in codes)
     metadata = document.get("Metadata")
     frequencies = _range_of(metadata)
     entries = document["Pattern"]
@@ -306,7 +306,7 @@ held: Final = DEFAULT_RANGE.held
 write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
-def with_ticks_beside(path: Path, signals: list[Signal]) -> list[Signal]:
+def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
     """Add the ticks of the companion pattern in the same folder, if present.
 
     Raises InputError if the companion is unreadable.

@@ -17,7 +17,7 @@ import numpy as np
 from ...files.findings import Finding, Report, json_validator
 from ...files.json_shapes import Items, Number, Record, Text, check, loose
 from ...files.strict_json import clean, parse
-from ..leniency import refuse_but, without_nulls
+from ..leniency import refuse_untolerated, without_nulls
 from ..registry import FORMATS
 from ..signals.curves import Curve
 from ..signals.signals import Credits, FrequencyRange, Signal, Transient, joined_times, text_of
@@ -193,14 +193,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     Raises InputError for an unreadable file, or errors not tolerated by players.
     """
     document = _parsed(content, name)
-    notes = refuse_but(
+    notes = refuse_untolerated(
         _findings(document),
         name,
         lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
     )
     # Faults of the metadata end the check before the value rules: repeat without the metadata.
     signals = {key: item for key, item in document.items() if key != "metadata"}
-    refuse_but(_findings(signals), name, lambda each: each.code in _TOLERATED)
+    refuse_untolerated(_findings(signals), name, lambda each: each.code in _TOLERATED)
     envelopes = document["signals"]["continuous"]["envelopes"]
     metadata = document.get("metadata")
     frequencies = _range_of(metadata)

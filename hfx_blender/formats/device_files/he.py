@@ -19,7 +19,7 @@ from ...errors import InputError
 from ...files.json_shapes import known_members
 from ...files.strict_json import clean, encoded, parse
 from ...text import counted
-from ..leniency import refuse_but
+from ..leniency import refuse_untolerated
 from ..registry import FORMATS
 from ..signals import losses
 from ..signals.curves import Curve, clipped
@@ -252,7 +252,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     document = parse(content, name)
     # Phones play files beyond the editor's limits, so only the structure matters. Events without
     # an index play on both actuators.
-    notes = refuse_but(
+    notes = refuse_untolerated(
         findings(document),
         name,
         lambda offset: (

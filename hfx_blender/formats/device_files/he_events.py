@@ -82,7 +82,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         shares = np.rint(100.0 * frequencies.share(signal.frequency_hz.at(knots)))
         # Times become whole milliseconds: near-duplicates within a millisecond go first,
         # then times are made distinct.
-        indices = _kept(knots, levels, shares)
+        indices = _distinct_indices(knots, levels, shares)
         grid = _whole_ms(1000.0 * knots[indices])
         points = list(
             zip(grid, levels[indices].tolist(), shares[indices].astype(int).tolist(), strict=True)
@@ -133,7 +133,7 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
     return patterns
 
 
-def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
+def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
     """Indices of keyframes without near-duplicates in the same millisecond; steps keep both."""
     indices = [0]
     last = len(knots) - 1

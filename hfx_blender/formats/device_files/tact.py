@@ -25,7 +25,7 @@ from ...files import limits
 from ...files.json_shapes import known_members
 from ...files.strict_json import clean, parse
 from ...text import counted
-from ..leniency import refuse_but, without_nulls
+from ..leniency import refuse_untolerated, without_nulls
 from ..registry import FORMATS
 from ..signals import losses
 from ..signals.curves import Curve
@@ -39,7 +39,7 @@ from ..signals.signals import (
     stretches,
     text_of,
 )
-from ..written import Written, beside, write_json
+from ..written import Written, part_path, write_json
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
 from .tact_rules import DOCUMENT, INTERVAL_MS, findings
 
@@ -65,7 +65,7 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
     for kind in kinds:
         is_only = len(kinds) == 1
         files.append(
-            stem.with_name(stem.name + SUFFIX) if is_only else beside(stem, kind.lower(), SUFFIX)
+            stem.with_name(stem.name + SUFFIX) if is_only else part_path(stem, kind.lower(), SUFFIX)
         )
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
     played = [signal for signal in signals if signal.name in motors and not signal.is_silent]
@@ -220,7 +220,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     document = without_nulls(parse(content, name))
     # The player requires only the right types, and skips missing members.
-    notes = refuse_but(
+    notes = refuse_untolerated(
         findings(document), name, lambda dot_pieces: dot_pieces.code != "TACT-TYPE", document
     )
     document = known_members(DOCUMENT, document)

@@ -14,7 +14,7 @@ from typing import Any, Final
 from ...files.findings import Report, refuse_errors
 from ...files.json_shapes import Items, Number, Record, Shape, Text, check, known_members
 from ...files.strict_json import parse, read_bytes
-from ..leniency import ToleratedFaults, as_fact, refuse_but
+from ..leniency import ToleratedFaults, as_fact, refuse_untolerated
 from .body_parts import described
 from .hjif_rules import DOCUMENT, findings
 
@@ -36,7 +36,7 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
         report = Report("HJIF")
         check(DOCUMENT, document, report)
         refuse_errors([finding for finding in report.findings if finding.code in _FATAL], name)
-    notes = refuse_but(faults, name, lambda each: True)
+    notes = refuse_untolerated(faults, name, lambda each: True)
     return known_members(DOCUMENT, document), notes
 
 

@@ -56,9 +56,7 @@ def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = ""
     """
     if bits not in (8, 16):
         raise ValueError(f"bits: expected 8 or 16, got {bits}")
-    files = {layer: stem.with_name(f"{stem.name}.{layer}.png") for layer in _LAYERS}
-    for layer, path in files.items():
-        png.write(_codes(getattr(map_, layer), bits), path)
+    files = _write_layers({layer: getattr(map_, layer) for layer in _LAYERS}, stem, bits)
     device, steps = map_.device, map_.steps
     document: dict[str, Any] = {
         "format": _FORMAT,
@@ -95,10 +93,17 @@ def write_relief(
         "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
         "roughness": 1.0 - map_.sharpness,
     }
+    return tuple(_write_layers(layers, stem, bits).values())
+
+
+def _write_layers(
+    layers: dict[str, npt.NDArray[np.floating[Any]]], stem: Path, bits: int
+) -> dict[str, Path]:
+    """Write each layer as ``stem.<name>.png``, and return the paths by name."""
     files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
     for name, path in files.items():
         png.write(_codes(layers[name], bits), path)
-    return tuple(files.values())
+    return files
 
 
 def read(path: Path) -> HapticMap:

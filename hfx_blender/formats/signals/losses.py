@@ -12,7 +12,7 @@ from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...text import counted
 from .curves import Curve
-from .signals import MAX_HZ, FrequencyRange, Signal, bursts, joined_times
+from .signals import MAX_HZ, FrequencyRange, Signal, bursts, joined_times, vibration_of
 
 _SAME_HZ = 1.0  # frequencies within this distance count as equal, as in the mixing of vibrations
 
@@ -28,15 +28,10 @@ def beyond_limits(
 
     ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count.
     """
-    columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
-    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
-    full_scale = highest_m_s2
-    if full_scale is None:
-        full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
+    vibrating, pairs, full_scale = vibration_of(raster, device)
+    full_scale = full_scale if highest_m_s2 is None else highest_m_s2
     loud, high = [], []
-    for actuator in vibrating:
-        amplitude = raster.values[:, columns[actuator.id, "amplitude_m_s2"]]
-        hertz = raster.values[:, columns[actuator.id, "frequency_hz"]]
+    for actuator, (amplitude, hertz) in zip(vibrating, pairs.transpose(1, 2, 0), strict=True):
         # Rounding of the renderer is no loss.
         if (amplitude > full_scale * (1.0 + 1e-9)).any():
             loud.append(actuator.id)
@@ -85,12 +80,12 @@ def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, 
     times = times[times < end_s - grid_s]
     sounds = times[(original.amplitude.at(times) > 0.0) & (original.amplitude.before(times) > 0.0)]
     return (
-        _apart(original.amplitude, written.amplitude, times, grid_s),
-        _apart(original.frequency_hz, written.frequency_hz, sounds, grid_s),
+        _largest_distance(original.amplitude, written.amplitude, times, grid_s),
+        _largest_distance(original.frequency_hz, written.frequency_hz, sounds, grid_s),
     )
 
 
-def _apart(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
+def _largest_distance(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
     """Largest distance, both ways, of a curve's values from the other curve within ``grid_s``."""
     most = 0.0
     for curve, near in ((first, second), (second, first)):

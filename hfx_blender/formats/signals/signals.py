@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64, Bool
 from ...engine.rendering.conditioning.actuator_limits import limited
-from ...engine.rendering.device_config import DeviceConfig
+from ...engine.rendering.device_config import Actuator, DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits
@@ -169,18 +169,15 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
     """
     if raster.device_id != device.id:
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
-    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
-    full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
+    vibrating, pairs, full_scale = vibration_of(raster, device)
     if not full_scale:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
-    columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     signals = []
-    for actuator in vibrating:
-        pair = [columns[actuator.id, "amplitude_m_s2"], columns[actuator.id, "frequency_hz"]]
+    for k, actuator in enumerate(vibrating):
         # Non-finite values become 0, others are clipped to full scale and MAX_HZ.
-        safe = limited(raster.values[:, pair], 0.0, [full_scale, MAX_HZ], 0.0)
+        safe = limited(pairs[:, k], 0.0, [full_scale, MAX_HZ], 0.0)
         amplitude, frequency = safe[:, 0] / full_scale, safe[:, 1]
         frequency = frequencies_through_silence(amplitude, frequency)
         signals.append(
@@ -195,6 +192,21 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
         min(control.lowest for control in ranges),
         min(MAX_HZ, max(control.highest for control in ranges)),
     )
+
+
+def vibration_of(raster: Raster, device: DeviceConfig) -> tuple[list[Actuator], F64, float]:
+    """Vibration actuators, copies of their columns (T, C, 2), and their full scale, m/s^2.
+
+    Columns are amplitude (m/s^2) and frequency (hertz). Without such actuators C is 0 and full
+    scale 0.
+    """
+    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
+    numbers = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
+    names = ("amplitude_m_s2", "frequency_hz")
+    columns = [numbers[actuator.id, name] for actuator in vibrating for name in names]
+    full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
+    pairs = raster.values[:, columns].reshape(len(raster.values), len(vibrating), 2)
+    return vibrating, pairs, full_scale
 
 
 def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files.strict_json import clean, read_bytes
-from ..written import Written, beside, silent_note, write_json
+from ..written import Written, part_path, silent_note, write_json
 from . import losses
 from .signals import FrequencyRange, Signal, simplified_signals
 
@@ -78,7 +78,7 @@ def _read_back(
     if together in written.files:
         decoded = {read.name: read for read in decode(read_bytes(together), together.name)[0]}
     for signal in signals:
-        path = beside(stem, signal.name, suffix)
+        path = part_path(stem, signal.name, suffix)
         if path in written.files:
             yield signal, decode(read_bytes(path), path.name)[0][0]
         elif clean(signal.name) in decoded:
@@ -95,7 +95,7 @@ def write_audible(
         if signal.is_silent:
             silent.append(signal.name)
         else:
-            files.append(beside(stem, signal.name, suffix))
+            files.append(part_path(stem, signal.name, suffix))
             write_json(document(signal), files[-1])
     return Written(tuple(files), notes=silent_note(silent))
 

@@ -34,7 +34,7 @@ def check(path: Path) -> None:
         raise UsageError(f"{path}: expected a file name with one of: {', '.join(SUFFIXES)}")
 
 
-def write(felt: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
+def write(rendered: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Path) -> Written:
     """Write a stroke in the format of the path's suffix.
 
     Full scale is the device's largest amplitude. A WAV file holds the rendered waveform, 16 bits,
@@ -44,11 +44,11 @@ def write(felt: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Path) -
     check(path)
     suffix = path.suffix.lower()
     if suffix == ".wav":
-        return _wav(felt, device, path)
+        return _wav(rendered, device, path)
     if suffix == ".csv":
-        return _csv(felt, stroke, path)
+        return _csv(rendered, stroke, path)
     frequencies, kind = FrequencyRange(*device.frequency_hz), _KINDS[suffix]
-    signal = _envelope(felt, device)
+    signal = _envelope(rendered, device)
     (few,) = simplified_signals(
         [signal], DEFAULT_TOLERANCE, frequency_hz=pitch_tolerance(frequencies)
     )
@@ -60,38 +60,43 @@ def write(felt: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Path) -
     return Written((path,), notes=(note,))
 
 
-def _envelope(felt: StrokeSignal, device: DeviceRange) -> Signal:
+def _envelope(rendered: StrokeSignal, device: DeviceRange) -> Signal:
     """Amplitude and frequency as stepped curves from time 0."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
-    begins = felt.times_s - felt.times_s[0]
-    times = np.stack([begins, begins + felt.step_s], axis=1).ravel()
+    begins = rendered.times_s - rendered.times_s[0]
+    times = np.stack([begins, begins + rendered.step_s], axis=1).ravel()
     times[1:-1:2] = times[2::2]  # bit-exact steps: each end is the next begin
-    amplitude = np.repeat(np.clip(felt.amplitude_m_s2 / full, 0.0, 1.0), 2)
-    frequency = np.repeat(np.clip(felt.frequency_hz, 0.1, 1000.0), 2)
+    amplitude = np.repeat(np.clip(rendered.amplitude_m_s2 / full, 0.0, 1.0), 2)
+    frequency = np.repeat(np.clip(rendered.frequency_hz, 0.1, 1000.0), 2)
     pitch = clipped(Curve(times, frequency), *device.frequency_hz)
     return Signal("stroke", Curve(times, amplitude), pitch)
 
 
-def _wav(felt: StrokeSignal, device: DeviceRange, path: Path) -> Written:
+def _wav(rendered: StrokeSignal, device: DeviceRange, path: Path) -> Written:
     """Write the waveform as 16-bit mono WAV; the note gives full scale and peak."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
-    peak = float(np.abs(felt.waveform_m_s2).max(initial=0.0)) / full
-    samples = np.clip(felt.waveform_m_s2 / full, -1.0, 1.0)
+    peak = float(np.abs(rendered.waveform_m_s2).max(initial=0.0)) / full
+    samples = np.clip(rendered.waveform_m_s2 / full, -1.0, 1.0)
     with atomic_file(path) as file:
-        file.write(wav.head(16, 1, round(felt.waveform_rate_hz), len(samples)))
+        file.write(wav.head(16, 1, round(rendered.waveform_rate_hz), len(samples)))
         file.write(wav.encoded(samples, 16))
     return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the peak is {peak:.0%}",))
 
 
-def _csv(felt: StrokeSignal, stroke: Stroke, path: Path) -> Written:
+def _csv(rendered: StrokeSignal, stroke: Stroke, path: Path) -> Written:
     """Write a CSV row per step: place, speed, amplitude and frequency."""
-    middles = felt.times_s + 0.5 * felt.step_s
-    places, speeds = stroke.at(felt.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
+    middles = rendered.times_s + 0.5 * rendered.step_s
+    places, speeds = stroke.at(rendered.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
     rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]
     rows += [
         f"{t:.6f},{x:.4f},{y:.4f},{v:.4f},{a:.6g},{f:.6g}"
         for t, (x, y), v, a, f in zip(
-            felt.times_s, places, speeds, felt.amplitude_m_s2, felt.frequency_hz, strict=True
+            rendered.times_s,
+            places,
+            speeds,
+            rendered.amplitude_m_s2,
+            rendered.frequency_hz,
+            strict=True,
         )
     ]
     with atomic_file(path) as file:

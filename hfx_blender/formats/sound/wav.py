@@ -36,7 +36,7 @@ from ...errors import InputError
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
 from ..signals import losses
-from ..signals.signals import MAX_HZ
+from ..signals.signals import MAX_HZ, vibration_of
 from ..written import Written
 
 SUFFIX: Final = FORMATS["wav"].suffix
@@ -131,24 +131,16 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     """Waves of the raster's rows, and of each effect on actuators with waveform output."""
-    vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
-    full_scale = max((actuator.type.strength.highest for actuator in vibrating), default=0.0)
+    vibrating, pairs, full_scale = vibration_of(raster, device)
     if not vibrating or full_scale == 0.0:
         raise InputError(
             f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
             "export it as CSV."
         )
-    column = {
-        (waveform_actuator.actuator, waveform_actuator.parameter): i
-        for i, waveform_actuator in enumerate(raster.columns)
-    }
-    amplitude_columns = [column[actuator.id, "amplitude_m_s2"] for actuator in vibrating]
-    frequency_columns = [column[actuator.id, "frequency_hz"] for actuator in vibrating]
-    pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
     names = tuple(actuator.id for actuator in vibrating)
     kinds = kinds_of([actuator.type.waveform for actuator in vibrating])
     # Actuators with waveform output play their partials; the raster's mixed tone is silenced.
-    sums = [names.index(waveform_actuator) for waveform_actuator in raster.waveform_actuators]
+    sums = [names.index(name) for name in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
     curves = [actuator.type.drive for actuator in vibrating]
     totals = np.zeros(pairs.shape[:2])
@@ -157,7 +149,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
         totals[rows, sums] += partial.amplitudes
     drives = [_drive(_driven(pairs, curves, full_scale), names, kinds, full_scale, raster, 0)]
     for partial in raster.partials:
-        first = max(partial.first_row - 1, 0)  # it begins from silence
+        first = max(partial.first_row - 1, 0)  # a silent row leads in
         lead = partial.first_row - first
         pairs = np.zeros((lead + len(partial.amplitudes), len(names), 2))
         pairs[lead:, sums, 0] = partial.amplitudes
