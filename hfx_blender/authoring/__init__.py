@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Authoring: effects, areas, volumes, clips, and the files that hold them."""
+"""Authoring: effects, areas, volumes, clips, and their files."""

@@ -42,15 +42,15 @@ def add_clip(
     frame_start, frame_end : float
         Span of the clip, frames.
     fade_in, fade_out : float
-        Lengths of the fades, frames; they apply to the whole clip including repetitions.
+        Lengths of the fades, frames, applied to the whole clip including repetitions.
     profile : sequence of (frame, activation)
-        Activation over one repetition, from frame 0; empty: always 1.
+        Activation over a repetition, from frame 0; empty: always 1.
     repeat : float
         Number of repetitions within the clip.
     curves : mapping of str to sequence of (frame, value), optional
         Keyframes of further properties by data path, which move with the clip.
 
-    Raises InputError: the clip has no length, is shorter than its fades, or has too many
+    Raises InputError: the clip has no length, is shorter than the fades, or has too many
     repetitions.
     """
     length = frame_end - frame_start
@@ -96,7 +96,7 @@ def add_heartbeat(
 ) -> bpy.types.NlaStrip:
     """Add a clip of a heartbeat: a strong and a weak pulse per beat.
 
-    The clip has at least one beat, and only whole beats: it ends near ``frame_end``.
+    The clip has 1 or more whole beats, and ends near ``frame_end``.
     """
     scene = bpy.context.scene
     fps = fps_of(scene)
@@ -118,7 +118,7 @@ def add_heartbeat(
 def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     """Activation over a clip as (frame, value), with repetitions, fades and drawn fades.
 
-    There are ``count`` evenly spaced frames from start to end of the clip, and its keyframes.
+    There are ``count`` evenly spaced frames from start to end of the clip, and the keyframes.
     """
     curve = curve_in(strip, DATA_PATH)
     influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
@@ -128,7 +128,7 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     values = []
     for offset in sorted(times):
         value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, offset))
-        # Drawn fades replace the linear ones.
+        # Drawn fades replace linear fades.
         if influence is not None:
             value *= influence.evaluate(start + offset)
         else:
@@ -138,14 +138,14 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
 
 
 def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | None:
-    """F-curve of a property in a clip; None without one."""
+    """F-curve of a property in a clip; None if missing."""
     return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)
 
 
 def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
-    """Keyframes (frame, value) for linear interpolation of an F-curve with at least one keyframe.
+    """Keyframes (frame, value) for linear interpolation of an F-curve that has keyframes.
 
-    Linear F-curves give their keyframes, others also each whole frame between the first and last.
+    Curves with nonlinear keyframes give also each whole frame between the first and last.
     """
     frames = [key.co[0] for key in curve.keyframe_points]
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
@@ -177,7 +177,7 @@ def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
     """Frame in a strip's action, ``past`` frames after the strip's start."""
     length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
     played = offset / max(strip.scale, 1e-6)
-    # The last repetition may be cut; its end belongs to itself, not to a next one.
+    # The last repetition may be cut; the end belongs to that repetition.
     repetition = min(int(played / length + 1e-6), max(ceil(strip.repeat - 1e-6) - 1, 0))
     offset_in_action = min(played - repetition * length, length)
     if strip.use_reverse:
@@ -214,7 +214,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
 
 
 def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
-    """Keyframes (frame of its action, activation) of a clip.
+    """Keyframes (frame of the action, activation) of a clip.
 
     Raises InputError: the clip is a meta strip.
     """
@@ -238,7 +238,7 @@ def outside(
 ) -> str | None:
     """Part of a span of frames outside of the frames from ``first`` up to, not including, ``stop``.
 
-    "before" or "after" for the whole span; "early" for its beginning; "beyond" for an end that
+    "before" or "after" for the whole span; "early" for the beginning; "beyond" for an end that
     exceeds ``stop`` by more than ``tolerance``; None for no part.
     """
     if end <= first - _ROUNDING:
@@ -253,14 +253,14 @@ def outside(
 def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
     """Part of a clip outside of a scene's frames; see :func:`outside`.
 
-    None also for a muted clip, and for one with extrapolation.
+    None also for a clip that is muted or extrapolated.
     """
     if strip.mute or strip.extrapolation != "NOTHING":
         return None
     start, end = played_span(scene, strip.frame_start, strip.frame_end)
-    # An end beyond the scene by less than one sample is not cut.
+    # An end beyond the scene by less than a sample is not cut.
     sample = fps_of(scene) / max(scene.hfx.rate, 1.0)
-    # The scene ends one frame after the start of its last frame.
+    # The scene ends a frame after the start of the last frame.
     return outside(start, end, scene.frame_start, scene.frame_end + 1, sample)
 
 
@@ -284,7 +284,7 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
         pairs = strips_of(effect)
         for track, strip in (
             pairs[::-1] if frames > 0.0 else pairs
-        ):  # in this order no clip collides with its neighbour
+        ):  # in this order no clip collides with a neighbour
             if not _is_of_library(effect, track):
                 strip.frame_start_ui += frames
         for curve in compat.fcurves(effect):
@@ -293,7 +293,7 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:
-    """Remove a clip, and its track if it is empty then.
+    """Remove a clip, and the track if empty then.
 
     Raises InputError: the effect has no clip of that name, or the clip belongs to a linked file.
     """
@@ -329,7 +329,7 @@ def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:
 
 
 def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
-    """Clips of an effect with their tracks: strips of its activation, and meta strips of these."""
+    """Clips of an effect with their tracks: strips of the activation, and their meta strips."""
     data = effect.animation_data
     if data is None:
         return []

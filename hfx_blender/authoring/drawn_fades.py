@@ -46,7 +46,7 @@ def curve_of(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
 
 
 def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> None:
-    """Copy drawn fades, if any, from one clip to another clip of an effect."""
+    """Copy drawn fades, if any, from a clip to a clip of an effect."""
     if not source.use_animated_influence:
         return
     strip.use_animated_influence = True
@@ -125,7 +125,7 @@ def _store_spans(effect: bpy.types.Object) -> None:
 
 
 def _is_half(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
-    """Test for a clip that was split: each half keeps its part of the curve in place."""
+    """Test for a clip that was split: each half keeps a part of the curve in place."""
     return any(
         half != strip
         and half.action == strip.action

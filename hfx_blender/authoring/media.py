@@ -30,7 +30,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
-    # Strips of one channel cannot overlap.
+    # Strips of a channel cannot overlap.
     used_channels = [s.channel for s in strips if s.frame_final_start <= frame < s.frame_final_end]
     try:
         strip = strips.new_sound(path.name, str(path), max(used_channels, default=0) + 1, frame)
@@ -47,7 +47,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
     """Add a screen with a video or picture behind the first body, or behind the 3D cursor.
 
-    Raises InputError: the file is missing, or is neither a picture nor a video.
+    Raises InputError: the file is missing, or no picture or video.
     """
     image = _image(path)
     screen = bpy.data.objects.new(path.stem, None)
@@ -55,7 +55,7 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
     screen.data = image
     metres = metres_of(scene)
     width, height = image.size
-    # The display size of an image empty is the length of its longer side.
+    # The display size of an image empty is the length of the longer side.
     screen.empty_display_size = _SCREEN_HEIGHT / metres * max(width / height, 1.0)
     screen.empty_image_offset = (-0.5, 0.0)
     screen.rotation_euler = (1.5707963, 0.0, 0.0)  # faces the front view
@@ -72,9 +72,9 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
 def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.World:
     """Add an equirectangular video or picture as the scene's world.
 
-    The world before is unlinked; it gets a fake user unless it was added here.
+    The world before is unlinked; a world of the user gets a fake user.
 
-    Raises InputError: the file is missing, or is neither a picture nor a video.
+    Raises InputError: the file is missing, or no picture or video.
     """
     image = _image(path)
     world = bpy.data.worlds.new(path.stem)
@@ -136,10 +136,10 @@ def _play(
     driven: bpy.types.ID,
     user_path: str,
 ) -> None:
-    """Play a video from a frame on at its own frame rate, independent of the scene's.
+    """Play a video from a frame on at the video's frame rate, independent of the scene's.
 
-    Blender advances one picture per scene frame. A driver of the frame offset corrects this. Its
-    start is an ID property: a driver that reads its own image user is a dependency cycle.
+    Blender advances a picture per scene frame. A driver of the frame offset corrects this. The
+    start is an ID property: a driver that reads the driven image user is a dependency cycle.
     """
     user = driven.path_resolve(user_path)
     user.frame_start = 1

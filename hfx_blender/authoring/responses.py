@@ -47,7 +47,7 @@ def properties_of(response_filter: bpy.types.PropertyGroup) -> tuple[str, ...]:
 
 
 def active_filters(hfx: bpy.types.PropertyGroup) -> list[tuple[int, bpy.types.PropertyGroup]]:
-    """Unmuted filters with their index in the stack; empty for other effects than volumes."""
+    """Unmuted filters with their index in the stack; empty for effects that are no volumes."""
     if hfx.kind != "VOLUME":
         return []
     return [(k, item) for k, item in enumerate(hfx.response) if not item.is_muted]
@@ -66,7 +66,7 @@ def _reference(response_filter: bpy.types.PropertyGroup) -> str:
 
 
 def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
-    """Fingerprint of a response's description: its unmuted filters with their index."""
+    """Fingerprint of a response's description: the unmuted filters with index."""
     return tuple((k, described(item)) for k, item in active_filters(hfx))
 
 
@@ -85,7 +85,7 @@ def add_filter(effect: bpy.types.Object, kind: str) -> bpy.types.PropertyGroup:
 
 
 def remove_filter(effect: bpy.types.Object, index: int) -> None:
-    """Remove a filter and its animation; animation of later filters is renumbered."""
+    """Remove a filter and the filter's animation; animation of later filters is renumbered."""
     count = len(effect.hfx.response)
     effect.hfx.response.remove(index)
     renumber(effect, [None if k == index else k - (k > index) for k in range(count)])
@@ -94,7 +94,7 @@ def remove_filter(effect: bpy.types.Object, index: int) -> None:
 
 
 def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
-    """Move a filter with its animation to another index; an invalid index is ignored."""
+    """Move a filter with the animation to another index; an invalid index is ignored."""
     count = len(effect.hfx.response)
     if not 0 <= to < count:
         return
@@ -110,7 +110,7 @@ def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
 def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> None:
     """Update the data paths of F-curves and drivers to new indices of the filters.
 
-    ``new_indices`` has one item per old index; None removes the animation of that filter.
+    ``new_indices`` has an item per old index; None removes the animation of that filter.
     """
     data = effect.animation_data
     if data is None:
@@ -130,7 +130,7 @@ def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> Non
 def response_recipe(
     effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> tuple[FilterRecipe, ...]:
-    """Recipes of a volume's filters, including muted ones; times relative to frame ``first``."""
+    """Recipes of a volume's filters, including muted filters; times relative to frame ``first``."""
     return tuple(
         _recipe(effect, index, item, unit_m, first, fps)
         for index, item in enumerate(effect.hfx.response)

@@ -32,7 +32,7 @@ _Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
-    """Unit shape of a volume other than a mesh, without its size (see :func:`shape_scale`)."""
+    """Unit shape of an analytic volume, without the size (see :func:`shape_scale`)."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
     if hfx.shape == "CUBOID":
@@ -69,7 +69,7 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
 
 
 def refresh_display(effect: bpy.types.Object) -> None:
-    """Update a volume's colour and wireframe after an edit of its shape or size.
+    """Update a volume's colour and wireframe after an edit of shape or size.
 
     Surfaces are unchanged, as their display belongs to the user.
     """

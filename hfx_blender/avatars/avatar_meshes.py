@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes of a user's avatar: selection, and reading for a fit.
 
-An avatar is one mesh or several (body, head, hands, clothes). The mesh that covers most of the body
-is ``hfx.avatar``, further meshes are ``hfx.avatar_parts``. Together they form one surface, with
+An avatar has a mesh or several (body, head, hands, clothes). The mesh that covers most of the body
+is ``hfx.avatar``, further meshes are ``hfx.avatar_parts``. All meshes together form a surface, with
 vertices numbered mesh after mesh in that order.
 """
 
@@ -67,7 +67,7 @@ def is_model_mesh(obj: bpy.types.Object) -> bool:
 
 
 def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
-    """Armature of a mesh's first Armature modifier with an object; None without one."""
+    """Armature of a mesh's first Armature modifier with an object; None if missing."""
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE" and modifier.object is not None:
             return modifier.object
@@ -86,7 +86,7 @@ def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
 
 
 def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
-    """Test for a mesh constrained to an armature, and neither deformed nor carried by its bones."""
+    """Test for a mesh constrained to an armature, and not deformed or carried by bones."""
     if armature_of(mesh) is not None or bone_of(armature, mesh) is not None:
         return False
     targets = [
@@ -103,7 +103,7 @@ def choosing_skin(
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes that together show the body, or the skin layer alone if chosen, in steps.
 
-    The result is cached, and has at least one mesh. Less than two meshes are returned as they are.
+    The result is cached, and never empty. Less than two meshes are returned unchanged.
     """
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import props, skin_parts
@@ -127,7 +127,7 @@ def choosing_skin(
         fit_cache.write(key, {"found": numbers}, {})
     else:
         numbers = cached[0]["found"]
-    # Without a mesh that follows the bones, fitting the largest one reports its fault.
+    # Without a mesh that follows the bones, fitting the largest mesh reports the fault.
     largest = max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))
     return [meshes[k] for k in numbers] or [largest]
 
@@ -142,8 +142,8 @@ def _without_accessories(
 ) -> dict[bpy.types.Object, TargetAvatar]:
     """Leave out rigid pieces that hang on bones: accessories such as swords and hats.
 
-    If most limb bones have no skin, the body itself is rigid (a robot): its pieces on mapped bones
-    and their parents stay. Returns all targets if there is no skin at all.
+    If most limb bones have no skin, the body itself is rigid (a robot): pieces on mapped bones and
+    their parents stay. Returns all targets if there is no skin at all.
     """
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
     skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}
@@ -169,10 +169,10 @@ def _without_accessories(
 def reading_meshes(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]
 ) -> Generator[float, None, list[TargetAvatar]]:
-    """Read all meshes of an avatar in the rest space of its armature, in steps.
+    """Read all meshes of an avatar in the armature's rest space, in steps.
 
-    Raises InputError: armature or mesh is in Edit Mode, or its scale is zero or negative; one of
-    several meshes has no faces or follows no bone.
+    Raises InputError: armature or mesh is in Edit Mode, or has a zero or negative scale; a mesh
+    of several has no faces or follows no bone.
     """
     targets = []
     for number, mesh in enumerate(meshes):
@@ -231,7 +231,7 @@ def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
 
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
-    """Read a mesh in the rest space of its armature, with its unanimated shape keys applied.
+    """Read a mesh in the armature's rest space, with unanimated shape keys applied.
 
     Pieces hidden by modifiers keep their vertices, but have no triangles. Raises InputError for
     another type of object, Edit Mode, or a zero or negative scale.
@@ -259,7 +259,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         if group.name in bones and bones[group.name].use_deform
     }
     names = tuple(groups)
-    # A rigid piece follows its bone with all of its vertices.
+    # All vertices of a rigid piece follow the bone.
     carrier = bone_of(armature, mesh_object)
     shape = mesh_copies.steady_shape(mesh_object.data)
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
@@ -282,17 +282,17 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
 
 
 def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
-    """Matrix from a mesh's local space to its armature's, with all bones in rest pose."""
+    """Matrix from a mesh's local space to that of the armature, with all bones in rest pose."""
     if bone_of(armature, mesh) is None:
         return armature.matrix_world.inverted() @ mesh.matrix_world
     matrix, obj = Matrix(), mesh
     while obj.parent != armature or obj.parent_type != "BONE":
         matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
         obj = obj.parent
-    # Blender places children of a bone at its tail.
+    # Blender places children of a bone at the tail.
     bone = armature.data.bones[obj.parent_bone]
     along = Matrix.Translation((0.0, compat.place_along_parent_bone(obj) * bone.length, 0.0))
-    # With Relative Parenting a child keeps its place in the armature while the bone rests.
+    # With Relative Parenting a child keeps the place in the armature while the bone rests.
     at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ along
     return at_bone @ obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
 
@@ -300,7 +300,7 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
 def rest_surface(
     mesh_object: bpy.types.Object, shape: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (A, 3) and triangles (F, 3) of a mesh before its Armature modifier, local space.
+    """Vertices (A, 3) and triangles (F, 3) of a mesh before the Armature modifier, local space.
 
     ``shape`` holds values of shape keys; keys that are not given are 0.
     """

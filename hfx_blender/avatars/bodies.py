@@ -39,8 +39,8 @@ def add_avatar(
 ) -> tuple[bpy.types.Object, bpy.types.Object]:
     """Add the built-in avatar, or an installed variant, as a haptic body; return armature and mesh.
 
-    Effects and devices of a variant refer to the canonical models, which are fitted to its skin.
-    Raises InputError: the avatar or a model of the variant is missing.
+    Effects and devices of a variant refer to the canonical models, which are fitted to the
+    variant's skin. Raises InputError: the avatar or a model of the variant is missing.
     """
     avatar = load_avatar(avatar_id)
     fitted_models = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
@@ -59,10 +59,10 @@ def adding_body(
     parts: Sequence[bpy.types.Object] = (),
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[str]]:
-    """Make an avatar a haptic body by fitting the perceptual models to it, in steps.
+    """Fit the perceptual models to an avatar, and make the armature a haptic body, in steps.
 
     Returns notes and warnings for the user. The canonical armature needs no fit. Nothing is changed
-    if an error is raised. A refitted body keeps its id, and painted areas keep their vertex ids.
+    if an error is raised. A refitted body keeps the id, and painted areas stay valid.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def choosing_skin_meshes(
     armature: bpy.types.Object,
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Return a body's stored meshes, or choose the visible meshes of its skin, in steps.
+    """Return a body's stored meshes, or choose the visible meshes of the skin, in steps.
 
     Stored meshes are not returned if the layer was changed after the fit. Clothes and uncovered
     skin are chosen, or skin alone by the armature's layer; hair is not.
@@ -142,7 +142,7 @@ def choosing_skin_meshes(
 
 
 def _importing() -> Generator[float, None, None]:
-    """Import the packages for a fit one at a time, as all imports together take seconds."""
+    """Import the packages for a fit step by step, as all imports together take seconds."""
     for name in _PACKAGES:
         import_module(name)
         yield 0.0
@@ -207,7 +207,7 @@ def _overlap(a: F64, b: F64) -> bool:
 
 
 def _collection_for_body(context: bpy.types.Context) -> bpy.types.Collection:
-    """Collection of a new body: the active one if visible and editable, else the scene's."""
+    """Collection of a new body: the active collection if visible and editable, else the scene's."""
     active = context.view_layer.active_layer_collection
     collection = active.collection
     is_ours = collection.library is None and collection.override_library is None
@@ -263,7 +263,7 @@ def _skin(
 
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
-    """Mesh of an avatar in rest pose, with its UV map and smooth shading."""
+    """Mesh of an avatar in rest pose, with UV map and smooth shading."""
     mesh = mesh_arrays.mesh_of(name, avatar.vertices, avatar.faces)
     layer = mesh.uv_layers.new(name="UVMap")
     corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
@@ -281,8 +281,8 @@ def add_walk(
 ) -> None:
     """Animate a body to walk at constant speed through two or more positions, world space.
 
-    The path is keyframed on the object. The walk cycle is one NLA strip, repeated once per stride
-    length; both can be edited. The body faces its direction of motion. Raises InputError: less than
+    The path is keyframed on the object. The walk cycle is an NLA strip, repeated once per stride
+    length; both can be edited. The body faces the direction of motion. Raises InputError: less than
     two places, no frames, or no distance between the places.
     """
     if len(places) < 2 or frame_end <= frame_start:
@@ -302,7 +302,7 @@ def add_walk(
     _key_cycle(armature, cycle, walk)
     strip = data.nla_tracks.new().strips.new("Walk", frame_start, cycle)
     strip.action_frame_start, strip.action_frame_end = 0, len(walk.rotations)
-    # One repetition advances by one stride, so feet do not slide.
+    # Each repetition advances by a stride, so feet do not slide.
     strip.repeat = distance / walk.stride_m
     strip.frame_start, strip.frame_end = frame_start, frame_end
 
@@ -331,7 +331,7 @@ def _key_cycle(armature: bpy.types.Object, action: bpy.types.Action, walk: WalkC
             curve = compat.new_fcurve(armature, action, path, axis)
             compat.set_keys(curve, zip(frames, turns[:, axis], strict=True))
     root = armature.data.bones[0]
-    # Locations of a pose bone are in its rest axes.
+    # Locations of a pose bone are in the bone's rest axes.
     to_bone = np.array(root.matrix_local.to_3x3().inverted(), np.float64)
     offsets = np.append(walk.root_offset_m, walk.root_offset_m[:1], axis=0) @ to_bone.T
     for axis in range(3):

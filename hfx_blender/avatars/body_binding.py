@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Binding of a haptic body to its avatar: to its bones, or to its evaluated surface.
+"""Binding of a haptic body to the bones, or the evaluated surface, of an avatar.
 
-Bones alone are exact, and cheap, for an avatar deformed by one plain Armature modifier. Further
-deformation (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and the perceptual
-vertices are anchored to the evaluated surface.
+Bones alone are exact, and cheap, for an avatar deformed by a single plain Armature modifier.
+Further deformation (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and the
+perceptual vertices are anchored to the evaluated surface.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ a convex ridge then reproduce the rest pose exactly."""
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
     """Binding of a body, with the fits or anchors of the given models.
 
-    Raises InputError: the armature is neither the canonical one nor fitted, or the avatar cannot be
+    Raises InputError: the armature is not canonical and not fitted, or the avatar cannot be
     followed.
     """
     fitted: dict[str, FittedModel] = {}
@@ -71,7 +71,7 @@ def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
 
 
 def surface_reason(body: bpy.types.Object) -> str | None:
-    """Reason for following the avatar's evaluated surface; None if the body follows its bones.
+    """Reason for following the avatar's evaluated surface; None if the body follows the bones.
 
     Raises InputError: *Surface* was chosen for a body without a mesh.
     """
@@ -103,7 +103,7 @@ def warning_of(body: bpy.types.Object) -> str | None:
 
 
 def canonical_difference(body: bpy.types.Object) -> str | None:
-    """Difference of an armature's rest pose from the canonical one, in words; None if equal."""
+    """Difference of an armature's rest pose from the canonical pose, in words; None if equal."""
     skeleton = load_skeleton()
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
@@ -187,7 +187,7 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
 def _armature_suspects(
     body: bpy.types.Object, mesh: bpy.types.Object, armatures: list[bpy.types.Modifier]
 ) -> dict[str, str]:
-    """Suspects in the Armature modifiers of a mesh (at least one), and in its bones."""
+    """Suspects in the Armature modifiers of a mesh (at least 1), and in the bones."""
     suspects: dict[str, str] = {}
     modifier = armatures[0]
     if modifier.use_deform_preserve_volume:
@@ -231,7 +231,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
 def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
     """Join the vertices of several meshes in the local space of the first."""
     joined = [vertices[0]]
-    # Anchors refer to one surface, in the space of the main mesh.
+    # Anchors refer to a common surface, in the space of the main mesh.
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
         to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)
         joined.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
@@ -242,7 +242,7 @@ def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.n
     """Project points onto the planes of triangles (n, 3, 3).
 
     Returns barycentric weights (n, 3), clipped near the triangle, and signed heights (n,). A
-    degenerate triangle gives its first corner and height 0.
+    degenerate triangle gives the first corner and height 0.
     """
     along = corners[:, 1:] - corners[:, :1]
     products = along @ along.transpose(0, 2, 1)

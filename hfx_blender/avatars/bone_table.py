@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bone mapping table: the user's view and correction of the mapping from joints to bones.
 
-The table is stored on the armature object (``hfx.bone_map``, one row per canonical bone) and is
-used by the next fit. It can be saved as JSON, and loaded for another avatar with the same bone
-names.
+The table is stored on the armature object (``hfx.bone_map``, a row per canonical bone) and is
+used by the next fit. The mapping can be saved as JSON, and loaded for an avatar with the same
+bone names.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def refresh(armature: bpy.types.Object) -> None:
 
 
 def save(armature: bpy.types.Object, path: Path) -> int:
-    """Write the mapping as JSON; return its number of bones. Errors of :func:`mapping_of`."""
+    """Write the mapping as JSON; return the number of bones. Errors of :func:`mapping_of`."""
     mapping = mapping_of(armature)
     with atomic_file(path) as file:
         file.write((to_json(mapping) + "\n").encode())
@@ -111,7 +111,7 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 
 
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
-    """Load a saved mapping into the table; return notes for the user, one if bones are missing.
+    """Load a saved mapping into the table; return a note for the user if bones are missing.
 
     Raises InputError: the file is unreadable, is no bone mapping, or maps none of this armature's
     bones. The table is unchanged.

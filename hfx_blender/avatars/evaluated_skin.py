@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measurement of an avatar's modifiers and shape keys, on copies in a scratch scene.
 
-A copy of the mesh with all of its modifiers is evaluated in rest pose and in a second pose, and
-compared with a copy that has one plain Armature modifier.
+A copy of the mesh with all modifiers is evaluated in rest pose and in a second pose, and
+compared with a copy that has a plain Armature modifier only.
 
-The type of a modifier decides in one case only: a simulation, a cache file or a node that changes
+The type of a modifier decides in a single case: a simulation, a cache file or a node that changes
 with time cannot be measured at a single time (:data:`_CHANGING`).
 """
 
@@ -54,15 +54,17 @@ _BEND: Final = 0.6
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """Positions of a mesh's own vertices as a function of its evaluated mesh.
+    """Positions of a mesh's own vertices as a function of the evaluated mesh.
 
     A hidden or merged vertex is attached to the nearest evaluated triangle.
     """
 
-    count: int | None  # number of evaluated vertices; None if it depends on the pose
+    count: int | None  # number of evaluated vertices; None if dependent on the pose
     corners: I32  # (A, 3) evaluated vertices
     weights: F64  # (A, 3) of the corners
-    offsets: F64  # (A, 3) offset along the triangle's first edge, across it and along its normal
+    offsets: (
+        F64  # (A, 3) offset along the triangle's first edge, across the edge and along the normal
+    )
     is_steady: bool  # the corners are the same vertices in any pose
 
     def fits(self, count: int) -> bool:
@@ -83,7 +85,7 @@ class SurfaceMap:
 
 @dataclass(frozen=True)
 class SkinMeasurement:
-    """Effect of a mesh's modifiers and shape keys besides its armature."""
+    """Effect of a mesh's modifiers and shape keys besides the armature."""
 
     reason: str | None  # of a wrong pose by bones alone; None if bones suffice
     surface: SurfaceMap | None  # None if the mesh has no evaluated faces, or bones suffice
@@ -95,13 +97,13 @@ _known: dict[tuple[str, str], tuple[object, SkinMeasurement]] = {}
 def valid_measurement(
     body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str, str]
 ) -> SkinMeasurement | None:
-    """Last measurement of a mesh; None if it was edited afterwards, or never measured."""
+    """Last measurement of a mesh; None if the mesh was edited afterwards, or never measured."""
     state, measured = _known.get((body.name_full, mesh.name_full), (None, None))
     return measured if state == _state(body, mesh, suspects) else None
 
 
 def last_surface_map(body: bpy.types.Object, mesh: bpy.types.Object) -> SurfaceMap | None:
-    """Surface map of the last measurement, possibly outdated; None without one."""
+    """Surface map of the last measurement, possibly outdated; None if missing."""
     measured = _known.get((body.name_full, mesh.name_full))
     return None if measured is None else measured[1].surface
 
@@ -117,7 +119,7 @@ def cached_measurement(
     suspects: Mapping[str, str],
     shape: Mapping[str, float],
 ) -> SkinMeasurement:
-    """Measure a mesh, or return the last measurement if neither mesh nor body was edited.
+    """Measure a mesh, or return the last measurement if mesh and body are unchanged.
 
     ``suspects`` are possible reasons against posing by bones alone, by the name of a modifier, or
     ``"armature"``, ``"bones"``, ``"keys"``; ``shape`` the values of the shape keys at fitting.
@@ -134,7 +136,7 @@ def _state(body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str
     places = mesh_arrays.values(mesh.data.vertices, "co", 3)
     keys = mesh.data.shape_keys
     moving = sorted(mesh_copies.animated_paths(mesh)), sorted(mesh_copies.animated_keys(mesh.data))
-    # All RNA values, as any of them may change the result; execution_time changes by itself.
+    # All RNA values, as any value may change the result; execution_time changes by itself.
     settings = [
         [
             str(getattr(modifier, prop.identifier))
@@ -157,7 +159,7 @@ def measure(
     """Measure suspected modifiers and shape keys on copies, without the cache.
 
     The reason is that of the first suspect that moves skin away from the bones' pose, or changes
-    with time or with other objects; None if there is none. The surface map is made if there is a
+    with time or with further objects; None if there is none. The surface map is made if there is a
     reason, or if the body follows the surface by choice. For parameters see
     :func:`cached_measurement`.
     """
@@ -173,7 +175,7 @@ def measure(
             or copies.depends_on_others(name)
         )
         name = next(deforming, None)
-        # Suspects below the tolerance on their own may exceed it together.
+        # Suspects below the tolerance on their own may exceed the tolerance together.
         if name is None and len(suspects) > 1 and copies.deviates(all_suspects):
             name = next(iter(suspects))
         is_followed = name is not None or body.hfx.follow == "SURFACE"
@@ -182,7 +184,7 @@ def measure(
 
 
 def _is_changing(mesh: bpy.types.Object, name: str) -> bool:
-    """Test for an effect that differs at other times, and therefore cannot be measured."""
+    """Test for an effect that differs with time, and therefore cannot be measured."""
     modifier = mesh.modifiers.get(name)
     if modifier is None:
         keys = mesh.data.shape_keys
@@ -209,16 +211,16 @@ def _nodes_of(group: Any, seen: set[str] | None = None) -> Iterator[Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Evaluated:
-    """Evaluated copies in one pose, local space of the mesh."""
+    """Evaluated copies in a pose, local space of the mesh."""
 
     skinned: F64  # (A, 3) own vertices of the mesh, posed by the bones alone
     points: F64  # (E, 3) evaluated vertices with the enabled suspects
-    numbers: I64  # (E,) own vertex of each evaluated vertex; -1 for a new one
+    numbers: I64  # (E,) own vertex of each evaluated vertex; -1 for a new vertex
     triangles: I32  # (F, 3)
 
 
 class _Copies:
-    """Two copies of a mesh and its armature: one posed by bones only, one with all modifiers."""
+    """Two copies of mesh and armature: the first posed by bones only, the second fully."""
 
     def __init__(
         self,
@@ -229,7 +231,7 @@ class _Copies:
     ) -> None:
         self._made, self._body, self._mesh, self._shape = datablocks, body, mesh, shape
         self._cache: dict[tuple[frozenset[str], float], _Evaluated] = {}
-        # Numbers are added before the Mirror modifier, which copies them to the mirrored half.
+        # Numbers are added before the Mirror modifier, which copies numbers to the mirrored half.
         data = mesh_copies.with_vertex_numbers(mesh.data)
         rest = mesh_copies.at_rest(datablocks, mesh, data, shape)
         self._numbers = mesh_copies.original_vertices(rest)
@@ -243,7 +245,7 @@ class _Copies:
             self._plain.modifiers.new("Armature", "ARMATURE").object = self._rigs[0]
         self._full = mesh_copies.copy_into(datablocks, mesh, data)
         self._full.show_only_shape_key = mesh.show_only_shape_key
-        # Modifiers refer to the user's body and mesh; the copies must refer to each other.
+        # Modifiers refer to the user's body and mesh; the copies must refer to the other copy.
         for modifier in self._full.modifiers:
             for put, target in list(mesh_copies.objects_of(modifier)):
                 if target in (body, mesh):
@@ -269,13 +271,13 @@ class _Copies:
     def _enable(self, on: frozenset[str]) -> None:
         """Enable the given suspects on the full copy, and disable further suspects.
 
-        Mirrors and the body's first Armature modifier, as a plain one, stay enabled.
+        Mirrors and the body's first Armature modifier, in plain form, stay enabled.
         """
         armatures = 0
         for modifier, own in zip(self._full.modifiers, self._mesh.modifiers, strict=True):
             is_enabled = own.name in on or own.name in self._mirrors
             # The first Armature modifier always stays, as the comparison is with bones; without the
-            # suspect "armature" it deforms like the plain copy.
+            # suspect "armature" the mesh deforms like the plain copy.
             if own.type == "ARMATURE" and own.object == self._body and own.show_viewport:
                 armatures += 1
                 is_enabled = armatures == 1 or "armature" in on
@@ -293,7 +295,7 @@ class _Copies:
         if keys is not None:
             moving = mesh_copies.animated_keys(self._mesh.data)
             for key, own in zip(keys.key_blocks, own_keys.key_blocks, strict=True):
-                # An animated key may reach its maximum at any time.
+                # An animated key may reach the maximum at any time.
                 used = own.slider_max if own.name in moving else own.value
                 key.mute = own.mute and "keys" in on
                 key.value = used if "keys" in on else self._shape.get(own.name, 0.0)
@@ -335,7 +337,7 @@ class _Copies:
         offset = posed.points[own] - posed.skinned if len(posed.points) else posed.skinned
         to_mean = self._neighbour_means(posed.skinned) - posed.skinned
         length = np.linalg.norm(to_mean, axis=1)
-        # Smoothing moves a vertex towards the mean of its neighbours: that component is removed,
+        # Smoothing moves a vertex towards the mean of the neighbours: that component is removed,
         # up to the mean itself, before the rest is compared with the tolerance.
         smoothing = np.einsum("vi,vi->v", offset, to_mean) / np.maximum(length, 1e-30) ** 2
         offset = offset - np.clip(smoothing, 0.0, 1.0)[:, None] * to_mean
@@ -346,7 +348,7 @@ class _Copies:
             distance = self._off_skin(posed, posed.points[own[deviates]])
             deviates[deviates] = distance > limit[deviates]
         # Remesh: no vertex is traced, so distances to the bones-only surface are compared.
-        elif not (own >= 0).any() and len(posed.triangles):  # a new mesh, as fine as its edges
+        elif not (own >= 0).any() and len(posed.triangles):  # a new mesh, with its own edge length
             corners = posed.points[posed.triangles]
             edge = np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
             distance = self._off_skin(posed, posed.points)
@@ -370,9 +372,9 @@ class _Copies:
         return np.where(counts[:, None] > 0, means, points)
 
     def _nearest_duplicates(self, posed: _Evaluated) -> I64:
-        """Evaluated vertex (A,) of each own vertex, the nearest of its duplicates; -1 if none."""
-        # A Mirror modifier gives several own vertices one number, and Solidify or Array several
-        # evaluated vertices: list all pairs of equal numbers.
+        """Evaluated vertex (A,) of each own vertex, the nearest duplicate; -1 if none."""
+        # A Mirror modifier gives several own vertices the same number, and Solidify or Array
+        # several evaluated vertices: list all pairs of equal numbers.
         order = np.argsort(self._numbers, kind="stable")
         traced = np.flatnonzero(posed.numbers >= 0)
         first_copy, last_copy = (
@@ -384,8 +386,8 @@ class _Copies:
         copy_number = np.arange(len(evaluated)) - np.repeat(np.cumsum(count) - count, count)
         vertex = order[np.repeat(first_copy, count) + copy_number]
         distance = np.linalg.norm(posed.points[evaluated] - posed.skinned[vertex], axis=1)
-        # Rounded distances let the lower evaluated vertex win among coincident duplicates, in rest
-        # pose and in the second pose alike.
+        # Rounded distances let the lower evaluated vertex win among coincident duplicates, in both
+        # poses.
         ranked = np.lexsort((evaluated, np.round(distance / self._tolerance, 1), vertex))
         best = ranked[np.unique(vertex[ranked], return_index=True)[1]]
         matches = np.full(len(posed.skinned), -1, np.int64)
@@ -400,7 +402,7 @@ class _Copies:
         references = [(replace, target) for replace, target in references if target not in copies]
         for replace, target in references:
             before = self._cached(frozenset({name}), _BEND).points
-            # A changed shape of the other object shows as well as a changed place.
+            # A changed shape of the referenced object shows as well as a changed place.
             data = None if target.data is None else target.data.copy()
             if hasattr(data, "transform"):
                 data.transform(Matrix.Diagonal((1.1, 1.2, 1.1, 1.0)))
@@ -422,7 +424,8 @@ class _Copies:
         corners = np.repeat(own[:, None], 3, axis=1).astype(np.int32)
         weights = np.tile((1.0, 0.0, 0.0), (len(own), 1))
         offsets = np.zeros((len(own), 3))
-        # Unmatched vertices keep their offset from the nearest matched triangle, in its own axes.
+        # Unmatched vertices keep their offset from the nearest matched triangle, in the triangle's
+        # axes.
         if (unmatched := np.flatnonzero(own < 0)).size:
             complete = self._triangles[(own[self._triangles] >= 0).all(axis=1)]
             points, triangles, evaluated = rest.skinned, complete, own
@@ -447,7 +450,7 @@ class _Copies:
 
 
 def _frames(corners: F64) -> F64:
-    """Unit vectors (n, 3, 3) along each triangle's first edge, across it, and along its normal."""
+    """Unit vectors (n, 3, 3) along a triangle's first edge, across the edge, and normal."""
     along = corners[:, 1] - corners[:, 0]
     normal = np.cross(along, corners[:, 2] - corners[:, 0])
     axes = np.stack((along, np.cross(normal, along), normal), axis=1)

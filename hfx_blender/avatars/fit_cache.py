@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cache of avatar fits in the user's data folder, for avatars in several files.
 
-An entry is found by a hash of its inputs: meshes, weights and bones of the avatar, bone mapping,
+An entry is found by a hash of the inputs: meshes, weights and bones of the avatar, bone mapping,
 layer, body models and code of the fit. An unreadable entry counts as missing, and a failed write is
 ignored.
 """
@@ -34,7 +34,7 @@ _MOST: Final = 32
 def key_of(
     subject: str, targets: Sequence[TargetAvatar], mapping: BoneMapping, *more: object
 ) -> str:
-    """Hexadecimal SHA-256 of the inputs of a kind of result; ``more`` by its ``repr``."""
+    """Hexadecimal SHA-256 of the inputs of a kind of result; ``more`` by ``repr``."""
     digest = hashlib.sha256(_code_hash())
     rigs = [sorted(joints.items()) for joints in (mapping.bones, mapping.fallbacks)]
     digest.update(repr((subject, rigs, more)).encode())

@@ -171,7 +171,7 @@ def _prop_notes(
     targets: Sequence[TargetAvatar],
     left_out: Sequence[props.Prop],
 ) -> list[str]:
-    """Notes on props left out of a mesh, one per bone."""
+    """Notes on props left out of a mesh, per bone."""
     return [
         f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
         f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "
@@ -182,7 +182,7 @@ def _prop_notes(
 
 
 def _rigid_reason(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
-    """Reason against a surface fit, if rigid pieces have half of its area or more; else None."""
+    """Reason against a surface fit, if rigid pieces have half of the area or more; else None."""
     areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
     if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
         return None

@@ -54,7 +54,7 @@ def _key(human_bone: str) -> str:
 
 
 def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
-    """Rows (human bone, bone) of the add-on's chosen VRM version, or of another complete one."""
+    """Rows (human bone, bone) of the add-on's chosen VRM version, or else of the filled version."""
     extension = _stored(armature.data)
     uuids = {
         _field(group, "uuid"): bone.name
@@ -62,7 +62,7 @@ def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
         if (group := _stored(bone)) is not None
     }
     tables = {}
-    # The add-on stores tables of both versions; only one may be filled.
+    # The add-on stores tables of both versions; often a single table is filled.
     for version in "10":
         bones = _field(extension, f"vrm{version}", "humanoid", "human_bones")
         if bones is None:
@@ -136,7 +136,7 @@ def _field(holder: Any, *path: str) -> Any:
 
 
 def _json(value: Any) -> Any:
-    """Parsed JSON of a string, None if invalid; other values as they are."""
+    """Parsed JSON of a string, None if invalid; further values are unchanged."""
     if not isinstance(value, str):
         return value
     try:

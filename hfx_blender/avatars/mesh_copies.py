@@ -55,7 +55,7 @@ def copy_into(
 
 
 def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
-    """Copy of a mesh with vertex attributes: a number, and a check number derived from it."""
+    """Copy of a mesh with vertex attributes: a number and a derived check number."""
     copy = mesh.copy()
     numbers = np.arange(len(copy.vertices))
     for name, values in ((_VERTEX, numbers), (_CHECK, _check_numbers(numbers))):
@@ -68,7 +68,7 @@ def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
 def _check_numbers(numbers: I64) -> I64:
     """Check numbers of vertices.
 
-    An interpolated vertex has the mean number of its sources, but not the check number of that
+    An interpolated vertex has the mean number of the sources, but not the check number of that
     mean.
     """
     return (numbers * 2654435761 + 40503) % (1 << 30)
@@ -77,7 +77,7 @@ def _check_numbers(numbers: I64) -> I64:
 def original_vertices(mesh: bpy.types.Mesh) -> I64:
     """Original vertex of each evaluated vertex, (E,) int64; -1 for a new vertex."""
     columns = []
-    # A modifier may drop the attribute, or change its type: then no vertex is traced.
+    # A modifier may drop the attribute, or change the type: then no vertex is traced.
     for name in (_VERTEX, _CHECK):
         attribute = mesh.attributes.get(name)
         if attribute is None or (attribute.domain, attribute.data_type) != ("POINT", "INT"):
@@ -91,8 +91,8 @@ def original_vertices(mesh: bpy.types.Mesh) -> I64:
 def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bpy.types.Mesh]:
     """Yield an object's mesh before its Armature modifier, with earlier Mirror modifiers applied.
 
-    ``shape`` holds values of shape keys; keys that are not given are 0. The mesh may be a temporary
-    one, removed at the end.
+    ``shape`` holds values of shape keys; keys that are not given are 0. The mesh may be temporary,
+    and is removed at the end then.
     """
     if not shape and not mirrors_of(mesh):
         yield mesh.data
@@ -107,9 +107,10 @@ def at_rest(
     data: bpy.types.Mesh,
     shape: Mapping[str, float],
 ) -> bpy.types.Mesh:
-    """New mesh of an object's data with only its Mirror modifiers and the given shape keys applied.
+    """New mesh of an object's data with only the Mirror modifiers and the given shape keys applied.
 
-    It is added to ``datablocks``. The shape keys of ``data`` are changed; keys not given are 0.
+    The mesh is added to ``datablocks``. The shape keys of ``data`` are changed; keys not given are
+    0.
     """
     copy = copy_into(datablocks, mesh, data)
     mirror_names = {modifier.name for modifier in mirrors_of(mesh)}
@@ -172,7 +173,7 @@ def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
     keys = mesh.shape_keys
     if keys is None or not keys.use_relative:
         return {}
-    # Animated keys are expressions, unanimated ones are the person's shape.
+    # Animated keys are expressions, unanimated keys are the person's shape.
     moving = animated_keys(mesh)
     return {
         key.name: float(key.value)
@@ -184,9 +185,9 @@ def steady_shape(mesh: bpy.types.Mesh) -> dict[str, float]:
 def hidden_vertices(mesh: bpy.types.Object, triangles: I64, points: F64) -> npt.NDArray[np.bool_]:
     """Vertices (A,) bool of connected pieces that modifiers hide in viewports and renders.
 
-    ``triangles`` (F, 3) and ``points`` (A, 3) are those before the Armature modifier. Hidden
-    vertices of a partly visible piece are the body under clothes, and are not marked. None are
-    marked if no evaluated vertex is an original one (Remesh).
+    ``triangles`` (F, 3) and ``points`` (A, 3) describe the mesh before the Armature modifier.
+    Hidden vertices of a partly visible piece are the body under clothes, and are not marked. None
+    are marked if no evaluated vertex is an original vertex (Remesh).
     """
     from ..engine.retargeting.target import connected_pieces, weld
 

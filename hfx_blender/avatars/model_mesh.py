@@ -45,7 +45,7 @@ _COARSE = 5000
 def add_posed(
     context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
 ) -> bpy.types.Object:
-    """Add a mesh of a model in a body's rest pose, skinned to its armature as in an export.
+    """Add a mesh of a model in a body's rest pose, skinned to the armature as in an export.
 
     The object is hidden in renders, and its bones' vertex groups are locked.
     """
@@ -81,7 +81,7 @@ def add_bone_groups(
 
 
 def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Store the present pose of a mesh as a shape key; remove its modifiers and vertex groups.
+    """Store the present pose of a mesh as a shape key; remove modifiers and vertex groups.
 
     The mesh itself stays in rest pose, symmetric for mirrored brush strokes.
     """
@@ -99,7 +99,7 @@ def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> bpy.types.Object:
-    """Display a model on its avatar, with a colour per body part, to check the fit.
+    """Display a model on the avatar, with a colour per body part, to check the fit.
 
     Displayed models of the body are removed first.
     """

@@ -44,7 +44,7 @@ _MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Fit of all perceptual models to one avatar."""
+    """Fit of all perceptual models to an avatar."""
 
     meshes: tuple[bpy.types.Object, ...]  # in the order in which their vertices are numbered
     models: tuple[FittedModel, ...]
@@ -60,7 +60,7 @@ def model_ids() -> list[str]:
 
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
-    """Store a fit on an armature, or on its storage mesh for a library override.
+    """Store a fit on an armature, or on the storage mesh for a library override.
 
     An earlier fit is replaced. The bones' names and rest pose, the layer and the shape keys of the
     meshes are stored too, for :func:`fitted_model` to detect edits.
@@ -87,7 +87,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
 
 
 def _stored_quality(quality: FitQuality) -> dict[str, object]:
-    """Dictionary of a fit quality for an ID property: one float64 array per measure."""
+    """Dictionary of a fit quality for an ID property: a float64 array per measure."""
     table = {
         name: np.array([getattr(part, name) for part in quality.parts], np.float64)
         for name in _MEASURES
@@ -119,7 +119,7 @@ def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
 
 
 def worst_first(qualities: Sequence[FitQuality]) -> list[PartQuality]:
-    """Body parts by falling badness, each with its quality on the model that fits it worst."""
+    """Body parts by falling badness, each with the quality on the worst fitting model."""
     worst: dict[str, PartQuality] = {}
     for part in (part for quality in qualities for part in quality.parts):
         if part.part not in worst or _badness(part) > _badness(worst[part.part]):
@@ -189,7 +189,7 @@ def model_of_arrays(
 
 
 def clear(armature: bpy.types.Object) -> None:
-    """Delete a stored fit, if there is one; the body follows the canonical skeleton."""
+    """Delete the stored fit, if any; the body follows the canonical skeleton."""
     for owner in (armature, armature.hfx.fit_kept):
         if owner is not None and FIT in owner:
             del owner[FIT]
@@ -237,7 +237,7 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
     _check_meshes(armature, fit, again)
     model = load_model(model_id)
     stored = fit["models"].get(model_id)
-    # Vertex numbers of another edition mean other skin.
+    # Vertex numbers of another edition mean different skin.
     if stored is None or stored["hash"] != model.content_hash:
         raise InputError(
             f"Body '{armature.name}': it was fitted for another edition of '{model_id}'{again}"
@@ -286,5 +286,5 @@ def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
 
 
 def _names_of(armature: bpy.types.Object) -> str:
-    """Names of all bones, one per line."""
+    """Names of all bones, joined by line breaks."""
     return "\n".join(bone.name for bone in armature.data.bones)

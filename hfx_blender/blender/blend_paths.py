@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """File paths in a .blend, read without Blender, which opens some files while loading.
 
-A .blend is a sequence of blocks, each a memory image of C structures of one type. The block DNA1
-near the end describes the fields of all structures. Blender 5 has wider block heads.
+A .blend is a sequence of blocks, each a memory image of C structures of the same type. The block
+DNA1 near the end describes the fields of all structures. Blender 5 has wider block heads.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
 
     Blender would wait forever on opening such a path. Paths of packed files are not opened. A
     damaged file, or unknown compression, passes here and is reported by Blender. Files in
-    ``checked`` are skipped; ``blend`` and its libraries are added.
+    ``checked`` are skipped; ``blend`` and libraries are added.
     """
     checked = set() if checked is None else checked
     checked.add(blend)
@@ -97,7 +97,7 @@ def _absolute(path: str, folder: str) -> str:
 
 
 def _opened(blend: Path) -> BinaryIO:
-    """Open a .blend for reading from its beginning, decompressed."""
+    """Open a .blend for reading from the beginning, decompressed."""
     file = blend.open("rb")
     start = file.read(4)
     file.seek(0)
@@ -170,7 +170,7 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
         if types[kind] not in _TITLES:
             continue
         structure = structures[number] = _Structure(types[kind], sizes[kind], [], [])
-        # DNA1 gives field sizes but no offsets. They are sums of sizes, as Blender's structures
+        # DNA1 gives field sizes but no offsets. Offsets are sums of sizes, as Blender's structures
         # have explicit padding.
         offset = 0
         for type_number, name_number in struct.iter_unpack("<HH", members):
@@ -207,7 +207,7 @@ def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
 def _raw_paths(content: bytes, structure: _Structure) -> Iterator[bytes]:
     """Non-empty paths of unpacked files in the structures of a block."""
     for start in range(0, len(content) - structure.size + 1, structure.size):
-        # A pointer other than 0 means packed data; its first four bytes suffice.
+        # A non-zero pointer means packed data; the first four bytes suffice.
         if any(
             content[start + offset : start + offset + 4] != bytes(4) for offset in structure.packed
         ):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Differences between Blender 4.2 and 5.2, one function each."""
+"""Differences between Blender 4.2 and 5.2, a function each."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
 
 
 def fcurve_of(owner: bpy.types.ID, data_path: str) -> bpy.types.FCurve | None:
-    """First F-curve of a property in a datablock's assigned action; None without one."""
+    """First F-curve of a property in a datablock's assigned action; None if missing."""
     return next((curve for curve in fcurves(owner) if curve.data_path == data_path), None)
 
 
 def action_fcurves(
     action: bpy.types.Action, slot: bpy.types.ActionSlot | None
 ) -> list[bpy.types.FCurve]:
-    """F-curves of an action for one slot (ignored before 4.4, which has no slots)."""
+    """F-curves of an action for a slot (ignored before 4.4, which has no slots)."""
     return list(_curves_of(action, slot) or ())
 
 
@@ -60,7 +60,7 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """Collections of F-curves of all actions used by a datablock and its NLA strips."""
+    """Collections of F-curves of all actions used by a datablock and the NLA strips."""
     data = owner.animation_data
     if data is None:
         return []
@@ -85,7 +85,7 @@ def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.Nla
 def new_fcurve(
     owner: bpy.types.ID, action: bpy.types.Action, data_path: str, index: int = 0
 ) -> bpy.types.FCurve:
-    """F-curve of a property in an action assigned to its datablock; created if missing."""
+    """F-curve of a property in an action assigned to the datablock; created if missing."""
     if hasattr(action, "fcurve_ensure_for_datablock"):  # 4.4 and later
         return action.fcurve_ensure_for_datablock(owner, data_path, index=index)
     curve = action.fcurves.find(data_path, index=index)
@@ -114,14 +114,14 @@ def set_keys(
 
 
 def place_along_parent_bone(obj: bpy.types.Object) -> float:
-    """Position of an object along its parent bone: 0 head, 1 tail (always 1 before 5.2)."""
+    """Position of an object along the parent bone: 0 head, 1 tail (always 1 before 5.2)."""
     return float(getattr(obj, "parent_bone_head_tail_factor", 1.0))
 
 
 def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
     """Settings shared by brushes of Weight Paint, and True if their size is a diameter.
 
-    Before 5.0 they are settings of the scene, and sizes are radii.
+    Before 5.0 settings of the scene, and sizes are radii.
     """
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
@@ -129,7 +129,7 @@ def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
 
 
 def set_brush_weight(context: bpy.types.Context, weight: float) -> None:
-    """Set the weight of Weight Paint's brushes, and let all brushes share one size."""
+    """Set the weight of Weight Paint's brushes, and let all brushes share a size."""
     unified, _ = _brush_settings(context)
     unified.weight = weight
     unified.use_unified_size = True
@@ -160,7 +160,7 @@ def properties(owner: bpy.types.ID) -> object:
 def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
     """Raw stored values of the registered properties of a datablock or bone, by name.
 
-    Before 5.0 they are custom properties.
+    Before 5.0 custom properties.
     """
     if hasattr(owner, "bl_system_properties_get"):
         return owner.bl_system_properties_get() or {}
@@ -172,7 +172,7 @@ def _plain(value: Any) -> object:
         return value.name_full
     if hasattr(value, "items"):
         entries = {key: _plain(entry) for key, entry in value.items()}
-        # Reading an unset group or pointer stores an empty one, which is no difference.
+        # Reading an unset group or pointer stores an empty group, which is no difference.
         return {key: entry for key, entry in entries.items() if entry or entry == 0}
     if hasattr(value, "to_list"):
         return value.to_list()
@@ -203,7 +203,7 @@ def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[Callable[[Any], None], Any]]:
-    """Input values of a Geometry Nodes modifier, each after a function that sets it."""
+    """Input values of a Geometry Nodes modifier, each after the setter function."""
     holder = getattr(getattr(modifier, "properties", None), "inputs", None)
     if holder is None:  # before Blender 5.2
         return [(partial(modifier.__setitem__, key), modifier[key]) for key in modifier.keys()]

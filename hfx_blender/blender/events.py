@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender handlers and timers of the add-on, events between its packages, and redrawing."""
+"""Blender handlers and timers of the add-on, events between packages, and redrawing."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def call_soon(
 ) -> None:
     """Call a function once by a timer, unless a timer for it is pending.
 
-    The function may return seconds until its next call, as Blender's timers; equal methods count as
-    one function. With ``outlives_load`` the timer stays when a file is loaded.
+    The function may return seconds until the next call, as Blender's timers; equal methods count as
+    the same function. With ``outlives_load`` the timer stays when a file is loaded.
     """
     if is_waiting(function):
         return
@@ -60,7 +60,7 @@ def is_waiting(function: Callable[[], Any]) -> bool:
 def push_undo_soon() -> None:
     """Add an undo step half a second after the last call.
 
-    For properties of the window manager that change the scene, as Blender adds no step for these.
+    For properties of the window manager that change the scene, as Blender adds no step there.
     Nothing happens in background mode.
     """
     global _changed_s
@@ -70,7 +70,7 @@ def push_undo_soon() -> None:
 
 
 def _push_undo() -> float | None:
-    # Each change postpones the undo step, so that a drag is one step.
+    # Each change postpones the undo step, so that a drag is a single step.
     wait = _changed_s + _UNDO_S - time.monotonic()
     if wait > 0.0:
         return wait
@@ -81,7 +81,7 @@ def _push_undo() -> float | None:
 
 
 def listen(event: str, function: Callable[..., None]) -> None:
-    """Set the function that :func:`announce` calls for an event; an event has one function."""
+    """Set the function that :func:`announce` calls for an event; an event has a single function."""
     _listeners[event] = function
 
 
@@ -120,7 +120,7 @@ _timers: dict[Callable[[], Any], tuple[Callable[[], Any], bool]] = {}
 def _before_loading(*_: object) -> None:
     """Remove timers that do not outlive loading a file.
 
-    Blender itself only marks them for removal, and its Python module 4.5 hangs at exit if marked
+    Blender itself only marks timers for removal, and the Python module 4.5 hangs at exit if marked
     timers remain.
     """
     remove_timers(*[timed for timed, (_, outlives_load) in _timers.items() if not outlives_load])

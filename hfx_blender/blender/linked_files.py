@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""External files of the open .blend: all files that its datablocks refer to by path.
+"""External files of the open .blend: all files that datablocks refer to by path.
 
 Most paths come from Blender's own list. Added are folders of baked simulations and of external
 caches, files imported by geometry nodes, and scans.
@@ -33,12 +33,12 @@ def linked_files() -> dict[str, LinkedFile]:
     """External files of the open .blend, sorted by name.
 
     A relative path is named from ``//``, the folder of the .blend, so names stay valid if the
-    folder is moved as a whole. An absolute path is its own name.
+    folder is moved as a whole. An absolute path is the name itself.
     """
     files: dict[str, LinkedFile] = {}
     for owner, raw, must_be in _paths():
         path = Path(bpy.path.abspath(raw, library=owner.library))
-        # A sequence names one file of many; the digits become a placeholder.
+        # A sequence names a file of many; the digits become a placeholder.
         if _is_sequence(owner, path):
             path = path.with_name(re.sub(r"\d+(?=\D*$)", FRAMES, path.name, count=1))
         user = f"{owner.bl_rna.name.lower()} '{owner.name}'"
@@ -89,7 +89,7 @@ def _is_missing(path: Path) -> bool:
     """Test for a path without a file, or a sequence or tiles without any file."""
     if path.exists():
         return False
-    # A sequence or tiled image exists if any of its files does.
+    # A sequence or tiled image exists if any of the files does.
     start = re.split(f"{FRAMES}|<UDIM>|<UVTILE>", path.name)[0]
     if start == path.name:
         return True
@@ -128,7 +128,7 @@ def _paths_listed_by_blender() -> Iterator[_Path]:
             continue  # the .blend contains the data
         for raw in paths:
             path = bpy.path.abspath(raw, library=owner.library)
-            # Blender 5 lists the folder of point caches even if it does not exist.
+            # Blender 5 lists the folder of point caches even if missing.
             is_cache = Path(path).name.startswith("blendcache_")
             yield owner, raw, path not in folders and not is_cache
 
@@ -157,7 +157,7 @@ def _paths_of_nodes() -> Iterator[_Path]:
 
 
 def _paths_of_caches() -> Iterator[_Path]:
-    """Folders of point caches next to the .blend and its libraries."""
+    """Folders of point caches next to the .blend and the libraries."""
     source = Path(bpy.data.filepath)
     if bpy.data.filepath and bpy.data.objects:
         yield bpy.data.objects[0], f"//blendcache_{source.stem}", False
@@ -170,7 +170,7 @@ def _paths_of_caches() -> Iterator[_Path]:
 
 
 def _folders_of(obj: bpy.types.Object) -> set[str]:
-    """Folders of baked simulations and external caches of an object; they may not exist."""
+    """Folders of baked simulations and external caches of an object, possibly missing."""
     folders = set()
     for modifier in obj.modifiers:
         if modifier.type == "NODES":

@@ -59,7 +59,7 @@ def mesh_of(
     mesh.loops.add(int(corners.sum()))
     mesh.loops.foreach_set("vertex_index", faces[is_corner].astype(np.int32))
     mesh.polygons.add(len(faces))
-    # Blender derives the size of a face from the start of the next one.
+    # Blender derives the size of a face from the start of the next face.
     mesh.polygons.foreach_set("loop_start", (np.cumsum(corners) - corners).astype(np.int32))
     mesh.update(calc_edges=True)
     return mesh

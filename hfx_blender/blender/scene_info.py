@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes: units of length and time, and the objects of their background scenes.
 
-Blender evaluates and shows the objects of a background scene (``background_set``) in the scene
-that refers to it. A background scene may have a background scene in turn; Blender rejects cycles.
+Blender evaluates and shows the objects of a background scene (``background_set``) in the scene that
+refers to the background. A background scene may have a background scene in turn; Blender rejects
+cycles.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ def backgrounds_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
 
 
 def scene_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Unique objects of a scene, followed by those of its background scenes."""
+    """Unique objects of a scene, followed by objects of the background scenes."""
     background = (obj for behind in backgrounds_of(scene) for obj in behind.objects)
     return list(dict.fromkeys((*scene.objects, *background)))
 
 
 def layer_of(background: bpy.types.Scene) -> bpy.types.ViewLayer:
-    """View layer shown of a background scene: the first one used for rendering, else the first."""
+    """View layer shown of a background scene: the first for rendering, else the first."""
     layers = background.view_layers
     return next((layer for layer in layers if layer.use), layers[0])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Raw stored values of the add-on's property groups, and checks of their ranges.
 
-Blender limits a property only when the user interface or a script assigns it. A file, or a write
-past the property, may store NaN, negative lengths, unknown menu items, or text in place of a
+Blender limits a property only when the user interface or a script assigns a value. A file, or a
+write past the property, may store NaN, negative lengths, unknown menu items, or text in place of a
 number. Every property is checked, including properties of later versions.
 """
 
@@ -25,7 +25,7 @@ _ENDLESS = 3e38
 
 @dataclass(frozen=True)
 class BadValue:
-    """Stored value outside its property's allowed values."""
+    """Stored value outside of the property's allowed values."""
 
     path: str  # below Object.hfx or Scene.hfx, such as ``response[2].decay``
     found: str
@@ -42,7 +42,7 @@ class BadValue:
 
 
 def bad_values(owner: bpy.types.ID) -> list[BadValue]:
-    """Values of ``owner.hfx`` and its nested groups that are not allowed."""
+    """Values of ``owner.hfx`` and nested groups that are not allowed."""
     # Reading through RNA would clamp or erase the value.
     stored = compat.stored_properties(owner).get("hfx")
     if stored is None:
@@ -61,13 +61,13 @@ def stored_at(owner: bpy.types.ID, *names: str) -> Any:
 
 
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
-    """Numeric property clamped to its hard limits; NaN stays NaN."""
+    """Numeric property clamped to the hard limits; NaN stays NaN."""
     limits = group.bl_rna.properties[name]
     return float(min(max(getattr(group, name), limits.hard_min), limits.hard_max))
 
 
 def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
-    """Array property with each number clamped to its hard limits."""
+    """Array property with each number clamped to the hard limits."""
     limits = group.bl_rna.properties[name]
     return tuple(min(max(v, limits.hard_min), limits.hard_max) for v in getattr(group, name))
 
@@ -80,7 +80,7 @@ def _bad_of(
         if name == "rna_type" or name not in stored:
             continue
         value, path = stored[name], prefix + name
-        # One branch per kind of property; a nested group recurs.
+        # A branch per kind of property; a nested group recurs.
         if kind in _NUMBERS:
             bad = _bad_number(definition, value, path)
             if bad is not None:
@@ -113,10 +113,10 @@ def _bad_entries(entries: Any, stored: Any, path: str) -> Iterator[BadValue]:
 
 
 def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadValue | None:
-    """Fault of a stored number, array or menu item; None if it is allowed."""
+    """Fault of a stored number, array or menu item; None if allowed."""
     allowed = _allowed(definition)
     count = 0 if definition.type == "ENUM" else definition.array_length
-    # Blender stores an array with its element type.
+    # Blender stores an array with an element type.
     if count:
         if getattr(value, "typecode", "none") not in _ARRAYS[definition.type]:
             return BadValue(path, _described(value), f"{count} times {allowed}", None)

@@ -204,10 +204,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
     is_solo: BoolProperty(
-        name="Solo",
-        description="Disable effects that are not solo",
-        default=False,
-        **_OVERRIDABLE,
+        name="Solo", description="Disable effects that are not solo", default=False, **_OVERRIDABLE
     )
 
     shape: EnumProperty(
@@ -253,9 +250,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
     falloff_share: _share(
-        "Falloff Share",
-        "Depth of the rise, as a share of the way from boundary to core",
-        1.0,
+        "Falloff Share", "Depth of the rise, as a share of the way from boundary to core", 1.0
     )
 
     surface: PointerProperty(
@@ -274,16 +269,10 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Filter", description="Selected filter of the response", options=set()
     )
     envelope: _share(
-        "Envelope",
-        "Strength of the volume from Bake Response, as a source for drivers",
-        0.0,
+        "Envelope", "Strength of the volume from Bake Response, as a source for drivers", 0.0
     )
 
-    path_position: _share(
-        "Position",
-        "Position on the path, from start (0) to end (1)",
-        0.0,
-    )
+    path_position: _share("Position", "Position on the path, from start (0) to end (1)", 0.0)
     device: StringProperty(name="Device", description="Device of the driven actuators")
     drive: CollectionProperty(
         name="Actuators",
@@ -319,10 +308,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     follow: EnumProperty(
-        name="Follow",
-        description="Source of the pose of this body",
-        items=FOLLOWS,
-        **_OVERRIDABLE,
+        name="Follow", description="Source of the pose of this body", items=FOLLOWS, **_OVERRIDABLE
     )
     felt_layer: EnumProperty(
         name="Layer",
@@ -346,10 +332,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Row", description="Selected row of the bone table", options=set()
     )
     bone_map_region: EnumProperty(
-        name="Show",
-        description="Part of the bone table to show",
-        items=BONE_REGIONS,
-        options=set(),
+        name="Show", description="Part of the bone table to show", items=BONE_REGIONS, options=set()
     )
     bone_map_convention: StringProperty(
         name="Convention", description="Recognised naming convention of the bones"
@@ -357,13 +340,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
 
 
 _classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (
-        HfxAvatarPart,
-        HfxMappedBone,
-        HfxResponseFilter,
-        HfxActuatorValue,
-        HfxObjectProperties,
-    )
+    (HfxAvatarPart, HfxMappedBone, HfxResponseFilter, HfxActuatorValue, HfxObjectProperties)
 )
 
 

@@ -43,21 +43,14 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
     """Contact response filter with the controls of all kinds. Lengths are in Blender units."""
 
     kind: EnumProperty(
-        name="Kind",
-        description="Function of the filter",
-        items=KINDS,
-        default="impact",
+        name="Kind", description="Function of the filter", items=KINDS, default="impact"
     )
     operation: EnumProperty(
         name="Operation",
         description="Operation with the result of the filters above",
         items=OPERATIONS,
     )
-    about: EnumProperty(
-        name="From",
-        description="Reference of the measurement",
-        items=ABOUT_WHAT,
-    )
+    about: EnumProperty(name="From", description="Reference of the measurement", items=ABOUT_WHAT)
     domain: EnumProperty(name="Over", description="Variable of the sine", items=DOMAINS)
     is_muted: BoolProperty(name="Mute", description="Leave this filter out")
 

@@ -21,11 +21,7 @@ TOLERANCES = (
         "Preview",
         "Fast. Edges within the vertex spacing of the model, motion within 40 ms",
     ),
-    (
-        "STANDARD",
-        "Standard",
-        "Edges within 5 mm or half the vertex spacing, motion within 10 ms",
-    ),
+    ("STANDARD", "Standard", "Edges within 5 mm or half the vertex spacing, motion within 10 ms"),
     ("EXACT", "Exact", "Finest computation, at every sample"),
     ("PAPER", "Vertices Only", "Vertices count as inside or outside, at every sample"),
     ("CUSTOM", "Custom", "Own limits: millimetres of edges, milliseconds of motion"),
@@ -176,9 +172,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         default="FRAMES",
     )
     palette: EnumProperty(
-        name="Colours",
-        description="Colours of haptic sensations on the avatar",
-        items=PALETTES,
+        name="Colours", description="Colours of haptic sensations on the avatar", items=PALETTES
     )
     preview_opacity: FloatProperty(
         name="Opacity",

@@ -39,11 +39,7 @@ RENDERERS = (
 IMAGE_KINDS = (
     ("HEIGHT", "Heights", "Black is low and white is high. Raw values, without colour management"),
     ("COLOUR", "Colours", "A photograph. Bright is high, in linear light"),
-    (
-        "ESTIMATE",
-        "Estimate",
-        "Height, roughness and slope from the operator Relief from Picture",
-    ),
+    ("ESTIMATE", "Estimate", "Height, roughness and slope from the operator Relief from Picture"),
 )
 
 

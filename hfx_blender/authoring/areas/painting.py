@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Painting of an effect's area, on its perceptual model as a mesh for Weight Paint; saved areas."""
+"""Painting of an effect's area, on the perceptual model as a mesh for Weight Paint; saved areas."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MOST_BYTES = 64 << 20
 
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
-    """Add a canvas for an effect: its perceptual model as a mesh, ready for Weight Paint.
+    """Add a canvas for an effect: the perceptual model as a mesh, ready for Weight Paint.
 
     Raises InputError: the effect has a canvas already, or no body in the scene.
     """
@@ -80,7 +80,7 @@ def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
 
 
 def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
-    """Blender units per metre on a canvas, by its size compared with the model."""
+    """Blender units per metre on a canvas, by the size compared with the model."""
     import numpy as np
 
     size_m = float(np.ptp(model.vertices, axis=0).max())
@@ -89,9 +89,9 @@ def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
 
 
 def weights_of(effect: bpy.types.Object) -> F64:
-    """Current weights (V,) of an effect's area, from its canvas or as stored.
+    """Current weights (V,) of an effect's area, from the canvas or as stored.
 
-    An area on another model or edition of it counts as empty.
+    An area on another model or edition counts as empty.
 
     Raises InputError: the canvas was edited, or the stored area is invalid.
     """
@@ -109,7 +109,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace an effect's area, and its canvas if there is one; return how many vertices it has."""
+    """Replace an effect's area, and that of the canvas if any; return the vertex count."""
     canvas = canvas_of(effect)
     if canvas is not None:
         _read_group(effect, canvas)  # raises an error for an edited mesh
@@ -118,9 +118,9 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 
 def transfer_area(effect: bpy.types.Object) -> int:
-    """Transfer an area to the model of the effect's present modality; return its vertex count.
+    """Transfer an area to the model of the effect's present modality; return the vertex count.
 
-    Raises InputError: the area was painted on another edition of its model, or is invalid.
+    Raises InputError: the area was painted on another edition of the model, or is invalid.
     """
     import numpy as np
 
@@ -163,12 +163,12 @@ def store_all_painted() -> None:
 
 
 def canvas_of(effect: bpy.types.Object) -> bpy.types.Object | None:
-    """Canvas of an effect; None if it is not being painted."""
+    """Canvas of an effect; None outside of painting."""
     return next((obj for obj in bpy.data.objects if obj.get(PAINTED_EFFECT) == effect), None)
 
 
 def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if it is a canvas, else the only canvas of the view layer; None otherwise."""
+    """Active object if a canvas, else the only canvas of the view layer; None otherwise."""
     active = context.object
     if active is not None and active.get(PAINTED_EFFECT) is not None:
         return active
@@ -189,7 +189,7 @@ def end(effect: bpy.types.Object) -> int:
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
-    """Add whole body parts to an effect's area at full weight; return its number of vertices.
+    """Add whole body parts to an effect's area at full weight; return the number of vertices.
 
     ``parts`` are ids of ``engine.body.regions.REGIONS``; empty: the whole body.
     """
@@ -245,9 +245,9 @@ def saved_names() -> list[str]:
 
 
 def save_area(effect: bpy.types.Object, name: str) -> int:
-    """Save an effect's area by name for all files; return its number of vertices.
+    """Save an effect's area by name for all files; return the number of vertices.
 
-    Saving an empty area deletes the saved one.
+    Saving an empty area deletes the saved area.
 
     Raises InputError: the name is empty or too long. Raises OutputError: the file cannot be
     written.
@@ -309,7 +309,7 @@ def _read_saved() -> dict[str, Any]:
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
     """Replace the painted weights of a canvas, in any mode."""
     group = canvas.vertex_groups[GROUP].index
-    # Edit Mode has its own mesh; writing to the stored mesh would be lost.
+    # Edit Mode has a separate mesh; writing to the stored mesh would be lost.
     in_edit_mode = canvas.mode == "EDIT"
     mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()
     if not in_edit_mode:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas from the avatar: an image on its UV map, or selected vertices."""
+"""Areas from the avatar: an image on the UV map, or selected vertices."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _pixels(image: bpy.types.Image, channel: str) -> F64:
 def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:
     """UVs (V, 3, 2) at corners (V, 3) of triangles, with the UVs of that triangle at seams.
 
-    For corners that form no triangle of the meshes, each vertex has its UV on any triangle.
+    For corners that form no triangle of the meshes, each vertex has a UV of any triangle.
     """
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:

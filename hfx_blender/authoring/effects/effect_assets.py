@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensations in the Asset Browser: a dropped empty is replaced by its sensation.
+"""Sensations in the Asset Browser: a dropped empty is replaced by a sensation.
 
 Painted effects are placed on a body, volumes at the position of the drop.
 """
@@ -40,11 +40,11 @@ def has_effects_on_body(sensation: Sensation) -> bool:
 
 
 def replace_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.types.Object]:
-    """Replace a dropped empty by its sensation; return the new effects.
+    """Replace a dropped empty by the sensation; return the new effects.
 
     The empty is removed in any case.
 
-    Raises InputError: there is no such sensation, or no body for it; no effect is added.
+    Raises InputError: there is no such sensation, or no body; no effect is added.
     """
     from . import effect_exchange  # not needed at Blender's start
 
@@ -63,7 +63,7 @@ def replace_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[b
 def nearest_body(
     scene: bpy.types.Scene, point: Sequence[float]
 ) -> tuple[bpy.types.Object | None, float]:
-    """Nearest haptic body to a point by its avatar's boxes, and the distance in Blender units.
+    """Nearest haptic body to a point by the avatar's boxes, and the distance in Blender units.
 
     (None, inf) without a body.
     """

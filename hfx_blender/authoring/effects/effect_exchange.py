@@ -63,15 +63,15 @@ def place_sensation(
     Parameters
     ----------
     body : bpy.types.Object, optional
-        Body of its painted effects, points and vectors.
+        Body of painted effects, points and vectors.
     frame : float
-        Frame of time 0 of its clips and paths.
+        Frame of time 0 of clips and paths.
     origin : (3,)
-        World position of the origin of its volumes, Blender units.
+        World position of the volumes' origin, Blender units.
 
     Raises InputError: a body is missing, or an area was painted on another model.
     """
-    # All checks come first, as a failed effect must not leave others behind.
+    # All checks come first, as a failed effect must not leave an incomplete sensation.
     for effect in sensation.effects:
         _check_recipe(effect, body)
     fps = fps_of(scene)
@@ -239,7 +239,7 @@ def sensation_of(
 
 
 def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
-    """Copy of an effect with its positions relative to an origin."""
+    """Copy of an effect with positions relative to an origin."""
     volume = recipe.where
     if not isinstance(volume, VolumeRecipe):
         return recipe
@@ -323,7 +323,7 @@ def _volume_recipe(
     location, rotation, scale = effect.matrix_world.decompose()
     moves = [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
     curves = {curve.array_index: curve for curve in moves}
-    # A path has one list of times; axes without a keyframe at a time are evaluated.
+    # A path has a common list of times; axes without a keyframe at a time are evaluated.
     times = sorted({key.co[0] for curve in moves for key in curve.keyframe_points})
     path = tuple(
         (
@@ -379,7 +379,7 @@ def _clip_recipe(
 
 
 def load_library(name: str) -> Sensation:
-    """Load a shipped or user's sensation by name; InputError lists the names if it is unknown."""
+    """Load a shipped or user's sensation by name; InputError lists the known names otherwise."""
     sensations = {**library(), **own_library()}
     if name not in sensations:
         raise InputError(f"There is no sensation '{name}' in the library: {', '.join(sensations)}.")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Effect files (``.hfxeffect``), for storing and sharing sensations.
 
-One JSON file contains one sensation: a list of effects with areas or volumes, parameters in
-physical units, contact responses, and clips timed from 0. It contains no code and no path.
+A JSON file contains a sensation: a list of effects with areas or volumes, parameters in
+physical units, contact responses, and clips timed from 0. There is no code and no path in a file.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class PartsArea:
 
 @dataclass(frozen=True)
 class VertexArea:
-    """Painted area of vertices of one edition of a perceptual model."""
+    """Painted area of vertices of an edition of a perceptual model."""
 
     model_id: str
     model_hash: str
@@ -121,7 +121,7 @@ class VolumeRecipe:
 
 @dataclass(frozen=True)
 class SpotRecipe:
-    """Point on the skin: a disc with its path, and its position along the path, 0 to 1."""
+    """Point on the skin: a disc with a path, and the position along the path, 0 to 1."""
 
     path: PathRecipe
     radius_m: float = 0.03
@@ -153,7 +153,7 @@ class EffectRecipe:
 
 @dataclass(frozen=True)
 class Sensation:
-    """Content of one effect file."""
+    """Content of an effect file."""
 
     name: str
     description: str
@@ -319,7 +319,7 @@ def _read(node: Node) -> Sensation:
 
 
 def _check_consistency(effect: Node) -> None:
-    """Raise InputError for members of an effect that contradict each other."""
+    """Raise InputError for members of an effect that are inconsistent."""
     if "area" in effect and "vertices" in effect["area"]:
         count = len(effect["area"]["vertices"].value)
         if len(effect["area"]["weights"].value) != count:

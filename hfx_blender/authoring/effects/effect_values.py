@@ -31,7 +31,7 @@ def world_matrix(obj: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F
 
 
 def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
-    """Parameter values of an effect in the modality's order; wind has its direction (3) last."""
+    """Parameter values of an effect in the modality's order; wind has the direction (3) last."""
     values = [limited(hfx, name) for name in properties_of(hfx.modality)]
     return [*values, *directions(world).tolist()] if hfx.modality == "wind" else values
 
@@ -54,9 +54,7 @@ def directions(world: F64) -> F64:
 
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
-    """Matrices (..., 4, 4) from shape space to world in metres, from world matrices in Blender
-    units.
-    """
+    """Matrices (..., 4, 4) from shape space to metres, from world matrices in Blender units."""
     scaled = to_metres(world, unit_m)
     scaled[..., :3, :3] *= volumes.shape_scale(hfx)
     return scaled
@@ -131,6 +129,6 @@ class ShapeCache:
         return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
 
     def last_of(self, effect: bpy.types.Object) -> Shape | None:
-        """Last valid mesh volume of an effect; None without one."""
+        """Last valid mesh volume of an effect; None if missing."""
         cached = self._meshes.get((effect.name_full, 0))
         return cached[1] if cached else None

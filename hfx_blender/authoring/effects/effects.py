@@ -283,8 +283,7 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
 
 
 def store_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Store weights (V,) of all vertices as an effect's area; return the number of non-zero
-    weights.
+    """Store weights (V,) of all vertices as an effect's area; return how many are not zero.
 
     Raises InputError: a weight is not 0 to 1; the old area is unchanged.
     """

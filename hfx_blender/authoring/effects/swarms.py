@@ -65,7 +65,7 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """Recipe of the first particle system that emits a volume; None without one.
+    """Recipe of the first particle system that emits a volume; None if missing.
 
     Times are in seconds from frame ``first``, lengths in metres.
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Path files (``.hfxpath``) on the skin, and the library of shipped paths.
 
-A file contains the control points of a path, and optionally a motion along it. It contains no code
-and no file path.
+A file contains the control points of a path, and optionally a motion. There is no code
+and no file path in a file.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def library() -> dict[str, Path]:
 
 
 def load_library(name: str) -> PathRecipe:
-    """Load a shipped path by name; InputError lists the names if it is unknown."""
+    """Load a shipped path by name; InputError lists the known names otherwise."""
     files = library()
     if name not in files:
         raise InputError(f"There is no path '{name}' in the library: {', '.join(files)}.")

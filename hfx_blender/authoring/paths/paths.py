@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points on the skin and their paths: creation, storage with the effect, motion.
 
-A path lies on the skin of the canonical body (rest space, metres), so it is valid for every avatar.
-The position along it is the property ``path_position``. Its F-curve is the motion, with Blender's
-easing and looping.
+A path lies on the skin of the canonical body (rest space, metres), and is valid for every avatar.
+The position is the property ``path_position``. The F-curve is the motion, with Blender's easing and
+looping.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def add_spot(
 
 
 def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Move an effect's object, which marks the effect, to the start of its path on the body."""
+    """Move an effect's object, which marks the effect, to the start of the path on the body."""
     body = effect.hfx.body
     if body is not None and effect.parent is None:
         effect.location = Anchors.of(path_of(effect)[:1]).posed_on(body, depsgraph)[0][0].tolist()
@@ -89,7 +89,7 @@ def path_of(effect: bpy.types.Object) -> F64:
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """Path without its temporary extension, (n, 3)."""
+    """Path without the temporary extension, (n, 3)."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
@@ -127,7 +127,7 @@ def check_editable(effect: bpy.types.Object) -> None:
 
 
 def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
-    """Store a path (n, 3), n > 0, on the skin, with its control points (default: all its points).
+    """Store a path (n, 3), n > 0, on the skin, with control points (default: all points).
 
     Raises InputError: the effect is no point on the skin or belongs to another file, or a point is
     not finite.
@@ -151,7 +151,7 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
 def draw(
     effect: bpy.types.Object, places: F64, *, kind: str = "straight", closed: bool = False
 ) -> float:
-    """Give an effect a path through points on the skin; return its length in metres.
+    """Give an effect a path through points on the skin; return the length in metres.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def draw(
 
 
 def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
-    """Points projected onto the skin (n, 3), and the path through them (m, 3); see :func:`draw`."""
+    """Points projected onto the skin (n, 3), and a path (m, 3) through these; see :func:`draw`."""
     import numpy as np
 
     knots = skin().on_skin(places)
@@ -184,7 +184,7 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
 
 
 def length_m(effect: bpy.types.Object) -> float:
-    """Length of an effect's path without its extension, metres; 0 without a path."""
+    """Length of an effect's path without the extension, metres; 0 without a path."""
     return _length(own_path(effect))
 
 
@@ -229,7 +229,7 @@ def set_motion(
 
 
 def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
-    """F-curve of an effect's position; None without one."""
+    """F-curve of an effect's position; None if missing."""
     return compat.fcurve_of(effect, POSITION)
 
 
@@ -273,7 +273,7 @@ def motion_keys(
 ) -> tuple[tuple[float, float], ...]:
     """Keyframes of an effect's position as (seconds, share of the path), relative to a frame.
 
-    ``first`` None: the first keyframe. Linear keyframes are exact, other curves are sampled.
+    ``first`` None: the first keyframe. Linear keyframes are exact, further curves are sampled.
     Without an action, keyframes of the effect's clips are used.
     """
     curve = motion_of(effect)
@@ -295,7 +295,7 @@ def motion_keys(
 def apply(
     scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
 ) -> float:
-    """Draw a recipe's path, with its motion from a frame on; return the length in metres."""
+    """Draw a recipe's path, with the motion from a frame on; return the length in metres."""
     import numpy as np
 
     places = np.array(recipe.points_m, np.float64)

@@ -62,7 +62,7 @@ class Anchors:
 def posed_vertices(
     body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64
 ) -> tuple[F64, F64]:
-    """Positions and normals of skin vertices on a body posed by its bones, (n, 3) each.
+    """Positions and normals of skin vertices on a body posed by bones, (n, 3) each.
 
     World space, Blender units. Normals are not normalised. Preserve Volume and further modifiers
     are ignored.
@@ -104,7 +104,7 @@ def posed_vertices(
 
 
 class Picker:
-    """Ray picking on the skin in one pose of a body.
+    """Ray picking on the skin in a pose of a body.
 
     Raises InputError: the stored fit is outdated.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placement of a point on the skin at the current frame, with its path and keyframes.
+"""Placement of a point on the skin at the current frame, with path and keyframes.
 
 As for any object in Blender: a point without keyframes is moved. A point with keyframes is keyed if
 Auto Keying is on; otherwise the move lasts until the frame changes or a keyframe is inserted.
@@ -78,16 +78,16 @@ def action_frame(scene: bpy.types.Scene, effect: bpy.types.Object) -> float:
 
 
 def key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
-    """Keyframe of an F-curve at a frame; None without one."""
+    """Keyframe of an F-curve at a frame; None if missing."""
     return next((k for k in curve.keyframe_points if abs(k.co[0] - frame) < _SAME_FRAME), None)
 
 
 def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_keyed: bool) -> None:
     """Move a point to a position (3,) on the skin at the current frame; rest space, metres.
 
-    Without keyframes, the point's path is bent. With keyframes, ``is_keyed`` inserts one, with
-    shortest paths to its neighbours; otherwise the move lasts until the frame changes. Raises
-    InputError: the position is not on the body, the effect belongs to another file, or its position
+    Without keyframes, the point's path is bent. With keyframes, ``is_keyed`` inserts a keyframe
+    with shortest paths to the neighbours; otherwise the move lasts until the frame changes. Raises
+    InputError: the position is not on the body, the effect belongs to another file, or the position
     is driven or animated by an NLA strip.
     """
     paths.check_editable(effect)
@@ -109,7 +109,7 @@ def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_ke
 
 
 def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
-    """Move a point to a share of its path at the current frame; key it if ``is_keyed``.
+    """Move a point to a share of the path at the current frame; insert a key if ``is_keyed``.
 
     The path is unchanged but for a temporary extension, which is removed. Raises InputError: the
     position is driven or animated by an NLA strip.
@@ -125,7 +125,7 @@ def place_along(effect: bpy.types.Object, share: float, is_keyed: bool) -> None:
 def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
     """Insert a keyframe at the current position of a point.
 
-    Raises InputError: the point has no position, or it is driven or animated by an NLA strip.
+    Raises InputError: the point has no position, or is driven or animated by an NLA strip.
     """
     place = place_of(effect)
     if place is None:
@@ -137,10 +137,10 @@ def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
 
 
 def share_nearest(path: F64, place: F64) -> float:
-    """Share of a path's length at its point nearest to ``place`` (3,); 0 for a single point."""
+    """Share of a path's length at the point nearest to ``place`` (3,); 0 for a single point."""
     if len(path) < 2:
         return 0.0
-    # Projection onto each segment, clipped to its ends.
+    # Projection onto each segment, clipped to the ends.
     starts, edges = path[:-1], np.diff(path, axis=0)
     squares = np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-18)
     along = np.clip(np.einsum("ij,ij->i", place - starts, edges) / squares, 0.0, 1.0)
@@ -154,7 +154,7 @@ def share_nearest(path: F64, place: F64) -> float:
 def rerouted(
     path: F64, shares: F64, at: int, place: F64, connect: Connection, *, new: bool
 ) -> Route:
-    """Path through the positions of keyframes in the order of time, with one position changed.
+    """Path through the positions of keyframes in the order of time, with a position changed.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def rerouted(
     place : (3,) float64
         New position.
     connect : Connection
-        Path to and from the new position. Between other keyframes the path is unchanged.
+        Path to and from the new position. Further legs of the path are unchanged.
     new : bool
         Insert a keyframe before index ``at`` instead of changing keyframe ``at``.
     """
@@ -243,7 +243,7 @@ def _extend_to(effect: bpy.types.Object, place: F64) -> None:
 
 
 def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
-    """Move a point without keyframes, and bend its path to lead through the new position."""
+    """Move a point without keyframes, and bend the path to lead through the new position."""
     path, knots = paths.path_of(effect), paths.knots_of(effect)
     if len(knots) < 2:
         paths.set_path(effect, place[None])
@@ -254,7 +254,7 @@ def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
     current_m = effect.hfx.path_position * lengths[-1]
     knots_m = np.array([share_nearest(path, knot) for knot in knots]) * lengths[-1]
     before_m = after_m = _NEAR_M
-    if kind == "traced":  # dense control points: those within the distance of the move give way
+    if kind == "traced":  # dense control points: points within the distance of the move are dropped
         current = places_on(path, np.array([effect.hfx.path_position]))[0]
         pulled_m = float(np.linalg.norm(place - current))
         before_m = max(_NEAR_M, min(pulled_m, 0.5 * current_m))
@@ -276,7 +276,7 @@ def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
 def _key_position(
     scene: bpy.types.Scene, effect: bpy.types.Object, curve: bpy.types.FCurve, place: F64
 ) -> None:
-    """Change the keyframe at the current frame, or insert one, and reroute the path through it."""
+    """Change the keyframe at the current frame, or insert a keyframe, and reroute the path."""
     path = paths.path_of(effect)
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])
@@ -311,7 +311,7 @@ def _set_ascending_values(curve: bpy.types.FCurve, values: F64, old: F64, scale:
     left_scales = np.concatenate([[1.0], signs])
     right_scales = np.concatenate([signs, [1.0]])
     for key, before, after in zip(curve.keyframe_points, left_scales, right_scales, strict=True):
-        if before * after < 0.0:  # a turning point has level handles, and keeps its short rest
+        if before * after < 0.0:  # a turning point has level handles, and keeps a short rest
             key.handle_left_type = key.handle_right_type = "ALIGNED"
             key.handle_left[1] = key.handle_right[1] = key.co[1]
     _set_values(

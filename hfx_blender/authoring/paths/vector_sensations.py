@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations: effects with one curve per actuator of a device."""
+"""Vector sensations: effects with a curve per actuator of a device."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add(
 ) -> bpy.types.Object:
     """Add a vector sensation for a device, all actuators at 0.
 
-    Its full strength is the highest of the actuators' strengths, reached at value 1. The default
+    Full strength is the highest of the actuators' strengths, reached at value 1. The default
     modality is that of the device's first actuator. Raises InputError: the device has no actuator
     of the modality, or the object is no body.
     """
@@ -82,9 +82,9 @@ def add_named(
 def curves_of(
     effect: bpy.types.Object, first: float, fps: float
 ) -> tuple[tuple[str, tuple[Key, ...]], ...]:
-    """Keyframes (seconds, value) of each actuator, relative to a frame; at least one per actuator.
+    """Keyframes (seconds, value) of each actuator, relative to a frame; 1 or more per actuator.
 
-    Linear keyframes are exact, other curves are sampled at each frame.
+    Linear keyframes are exact, further curves are sampled at each frame.
     """
     fcurves = {curve.data_path: curve for curve in compat.fcurves(effect)}
     curves = []

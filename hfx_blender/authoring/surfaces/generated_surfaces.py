@@ -33,7 +33,7 @@ def apply_generated(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
     obj.hfx.surface.use_steps = files.map.steps is not None
     surfaces.store_generated(obj, _relief(files))
     material = _material(files, obj)
-    obj.active_material = material  # in the active slot; without one, a new slot
+    obj.active_material = material  # in the active slot; a new slot if there is none
     return material
 
 
@@ -87,7 +87,7 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
 def _tile_coordinates(
     files: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
 ) -> bpy.types.NodeSocket:
-    """Texture coordinates in tiles, from the UV map, or object coordinates without one."""
+    """Texture coordinates in tiles, from the UV map, or object coordinates without a UV map."""
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)
@@ -106,9 +106,9 @@ def _tile_coordinates(
 
 
 def write_blend(record: Path) -> Path:
-    """Write a .blend next to a record: a 20 cm swatch of material and surface. Return its path.
+    """Write a .blend next to a record: a 20 cm swatch of material and surface. Return the path.
 
-    The open file is replaced by a new one.
+    The open file is replaced by a new file.
 
     Raises InputError: a file of the record is missing or damaged. Raises OutputError: the .blend
     cannot be written.

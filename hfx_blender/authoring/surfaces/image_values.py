@@ -53,7 +53,7 @@ def brightness_of(image: bpy.types.Image) -> F64:
     pixels = pixels_of(image)
     if pixels.shape[2] < 3:
         pixels = np.repeat(pixels[..., :1], 3, axis=2)
-    # Blender stores 8-bit images as sRGB codes, and other images in linear light.
+    # Blender stores 8-bit images as sRGB codes, and further images in linear light.
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
 
 
@@ -71,7 +71,7 @@ def colours_of(image: bpy.types.Image) -> F64:
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
-    """Fill non-finite values of a height map (H, W); return it with notes.
+    """Fill non-finite values of a height map (H, W); return the filled map with notes.
 
     Raises InputError: more than half of the values are missing.
     """
@@ -89,7 +89,7 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
 def pixels_of(image: bpy.types.Image) -> F32:
     """All channels of an image as stored by Blender, (H, W, C), bottom row first.
 
-    Raises InputError: the image has no pixels or too many, or its file is a pipe or on another
+    Raises InputError: the image has no pixels or too many, or the file is a pipe or on another
     machine.
     """
     if not image.has_data and image.source != "GENERATED" and not image.packed_files:
@@ -136,8 +136,8 @@ def store(
 ) -> bpy.types.Image:
     """Store arrays (H, W) exactly, as the channels of a packed float image; return the image.
 
-    A single array fills red, green and blue. ``image`` is reused if it has one user and the same
-    size, and removed if it has another size.
+    A single array fills red, green and blue. An ``image`` with a single user is reused if the size
+    is equal, else removed.
     """
     first = np.asarray(channels[0])
     rows, columns = first.shape

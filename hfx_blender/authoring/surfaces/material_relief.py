@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Relief and colour of a material, from its shader nodes.
 
-Displacement and Bump nodes are read as heights. Other sources of a bent normal (normal maps,
+Displacement and Bump nodes are read as heights. Further sources of a bent normal (normal maps,
 groups, mixed shaders) are baked as normals. Nodes are added and rewired, so materials must be
-copies. A map at full strength nearly everywhere is traced to its node.
+copies. A map at full strength nearly everywhere is traced to the node.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ReliefNodes:
     """Nodes of a material's relief."""
 
     height: Value = None  # outwards, Blender units in the world
-    normal: bpy.types.NodeSocket | None = None  # further bent normal; None without one
+    normal: bpy.types.NodeSocket | None = None  # further bent normal; None if missing
     is_surface_bent: bool = False  # bent by an unknown combination of shaders
 
     @property
@@ -48,7 +48,7 @@ class ReliefNodes:
 
 
 def prepare(material: bpy.types.Material, name: str) -> None:
-    """Give a material without nodes a shader with its colour and roughness.
+    """Give a material without nodes a shader with the colour and roughness.
 
     ``name`` is the material's name for messages. Raises InputError: the material has no output for
     Cycles.
@@ -78,7 +78,7 @@ def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
 
 
 def relief_of(material: bpy.types.Material) -> ReliefNodes:
-    """Relief nodes of a material. Its displacement is unlinked, so that no bake contains it."""
+    """Relief nodes of a material. The displacement is unlinked and missing in later bakes."""
     tree = material.node_tree
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
@@ -137,7 +137,7 @@ def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
 
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
     """Rewire a material to emit a value; return the undo function."""
-    # Emission passes values on unlit, so a bake reads them exactly.
+    # Emission passes values on unlit, so a bake reads exact values.
     node = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(value, bpy.types.NodeSocket):
         material.node_tree.links.new(value, node.inputs["Color"])
@@ -171,7 +171,7 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 
 
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
-    """Label of the first input of materials other than one UV map; empty without one."""
+    """Label of the first input of materials besides a UV map; empty if missing."""
     for material in materials:
         for node in nodes_of(material.node_tree):
             dependency = _dependency(node, uv_map)
@@ -192,7 +192,7 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
         return f"{node.projection.lower()} projection"
     vector = node.inputs.get("Vector")
     if node.type.startswith("TEX_") and node.type != "TEX_IMAGE" and vector is not None:
-        # Textures without coordinates take the mesh's Generated ones.
+        # Textures without coordinates take the mesh's Generated coordinates.
         return "" if vector.is_linked else f"{node.bl_label} on Generated coordinates"
     return ""
 
@@ -200,7 +200,7 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
 def nodes_of(
     tree: bpy.types.NodeTree, seen: frozenset[str] = frozenset()
 ) -> Iterator[bpy.types.Node]:
-    """Yield the nodes of a tree and of its groups."""
+    """Yield the nodes of a tree and of nested groups."""
     for node in tree.nodes:
         yield node
         group = getattr(node, "node_tree", None)
@@ -209,7 +209,7 @@ def nodes_of(
 
 
 def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
-    """Warning about a map at full strength on half of its area; empty without a fault.
+    """Warning about a map at full strength on half of the area; empty without a fault.
 
     The usual cause is a Bump node with its default distance of 1 m (until Blender 4.3), or a
     Displacement node with its default scale of 1 m, which look plausible when rendered.
@@ -232,7 +232,7 @@ def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
 def _tallest(
     obj: bpy.types.Object,
 ) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
-    """Height (m), material and node of the largest implausible relief; None without one."""
+    """Height (m), material and node of the largest implausible relief; None if missing."""
     unit = metres_of(bpy.context.scene)
     candidates = []
     for slot in obj.material_slots:

@@ -86,7 +86,7 @@ class ReliefEstimation:
 
 
 def apply_estimate(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
-    """Store an estimate as an object's surface, and make its maps; return notes.
+    """Store an estimate as an object's surface, and make the maps; return notes.
 
     Raises InputError: the estimation failed, or the object cannot have a surface.
     """

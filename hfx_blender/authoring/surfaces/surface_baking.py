@@ -40,7 +40,7 @@ _NAME = ".HFX Bake"
 
 @dataclass(frozen=True, eq=False)
 class BakedMaterial:
-    """Materials of an object on its UV map, arrays (H, W), bottom row first."""
+    """Materials of an object on the UV map, arrays (H, W), bottom row first."""
 
     heights_m: F64  # extrapolated smoothly outside of faces
     roughness: F64  # 0..1
@@ -61,11 +61,11 @@ class BakedMaterial:
 def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> BakedMaterial:
     """Bake an object's materials to maps of ``height`` rows of ``width`` texels.
 
-    If the UV map leaves the unit square or overlaps, one tile of the material is baked instead,
-    provided that it depends on the UV map alone.
+    If the UV map leaves the unit square or overlaps, a tile of the material is baked instead,
+    provided that no further coordinates are used.
 
-    Raises InputError: the object has no mesh, size, UV map or material, its UVs overlap, or Cycles
-    cannot bake it.
+    Raises InputError: the object has no mesh, size, UV map or material, UVs overlap, or Cycles
+    cannot bake the material.
     """
     if not (2 <= width <= FINEST and 2 <= height <= FINEST):
         raise InputError(
@@ -134,7 +134,7 @@ def _luminance(scratch: _Scratch) -> F32:
 
 
 def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
-    """Fault of the UV map that prevents baking the object itself; empty without one."""
+    """Fault of the UV map that prevents baking the object itself; empty if missing."""
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
     scratch.new_image(_COVERAGE, _COVERAGE)
@@ -160,7 +160,7 @@ def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> 
 
 
 class _Scratch:
-    """Scratch scene with a copy of one evaluated object, for bakes with Cycles."""
+    """Scratch scene with a copy of an evaluated object, for bakes with Cycles."""
 
     def __init__(self, datablocks: list[bpy.types.ID], obj: bpy.types.Object) -> None:
         self.scene, self._datablocks = datablocks[0], datablocks
@@ -178,7 +178,7 @@ class _Scratch:
         self.scene.collection.objects.link(self.copy)
         self.scene.render.engine = "CYCLES"
         cycles = self.scene.cycles
-        # One sample suffices: emission and normals have no noise.
+        # A single sample suffices: emission and normals have no noise.
         cycles.samples, cycles.device = 1, "CPU"
         cycles.use_denoising = cycles.use_adaptive_sampling = False
         self.scene.view_layers[0].update()
@@ -188,11 +188,11 @@ class _Scratch:
         return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
-        """Give the copy its own materials, in one slot per material slot with faces."""
+        """Give the copy separate materials, in a slot per material slot with faces."""
         mesh = self.copy.data
         new_slots: dict[int, int] = {}
         last = len(self._slots) - 1
-        # Faces beyond the last slot show its material, as in Blender.
+        # Faces beyond the last slot show that slot's material, as in Blender.
         for slot in charts.used_slots:
             material = self._slots[min(slot, last)] if last >= 0 else None
             if material is None:
@@ -213,7 +213,7 @@ class _Scratch:
         mesh.polygons.foreach_set("material_index", new_indices)
 
     def make_tile(self, charts: Charts) -> None:
-        """Replace the copy's mesh by one face with a whole UV tile."""
+        """Replace the copy's mesh by a face with a whole UV tile."""
         scale = abs(self.copy.matrix_world.determinant()) ** (1.0 / 3.0)
         self.copy.matrix_world = Matrix.Scale(scale, 4)
         surface_uv.make_tile(self.copy.data, charts, scale)
@@ -232,9 +232,7 @@ class _Scratch:
             return self.baked("EMIT")
 
     def normals(self, reliefs: list[ReliefNodes]) -> F64:
-        """Bake shading normals in tangent space, (H, W, 3), without heights; NaN outside of
-        faces.
-        """
+        """Bake shading normals without heights, tangent space, (H, W, 3); NaN outside of faces."""
         with _wired(self.materials, material_relief.diffuse, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         # Cycles stores normals as colours, 0 to 1; below half length there is no face.
@@ -285,7 +283,7 @@ def _wired(
     wire: Callable[[bpy.types.Material, Any], Callable[[], None]],
     values: Sequence[Any],
 ) -> Iterator[None]:
-    """Rewire materials to temporary surface shaders, and restore them at the end."""
+    """Rewire materials to temporary surface shaders until the end of the context."""
     undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
     try:
         yield

@@ -26,18 +26,18 @@ _LIKELY_M = (1e-3, 5.0)  # plausible length of a scan
 
 @dataclass(frozen=True, eq=False)
 class SurfaceRelief:
-    """Relief of a surface, input of its haptic map."""
+    """Relief of a surface, input of the haptic map."""
 
     height: HeightField
     roughness: npt.NDArray[np.floating] | None = (
-        None  # 0..1 on the same rectangle, with its own resolution; None: default
+        None  # 0..1 on the same rectangle, with an independent resolution; None: default
     )
     notes: tuple[str, ...] = ()
     slope: npt.NDArray[np.float32] | None = None  # estimated separately, on the grid of the heights
 
 
 def relief_of(obj: bpy.types.Object) -> SurfaceRelief:
-    """Make the relief of an object's surface from its source.
+    """Make the relief of an object's surface from the chosen source.
 
     Raises InputError: the source is missing or unusable.
     """
@@ -101,7 +101,7 @@ def _image_relief(obj: bpy.types.Object) -> SurfaceRelief:
 def estimate_channels(estimate: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
     """Image channels of an estimate: height 0 to 1, roughness, normalised slope.
 
-    The slope is that of a unit square of height 1, so that it scales with size and height.
+    The slope is that of a unit square of height 1, and scales with size and height.
     """
     # Stored relative to height and size, so that both can be changed afterwards.
     height_m = float(estimate.field.heights_m.max()) or 1.0
@@ -148,7 +148,7 @@ def read_scan(
     unit_mm : float
         Unit of a point cloud's coordinates.
     size_mm, height_mm : (float, float), float
-        Size of a height map, and its height of white above black.
+        Size of a height map, and the height of white above black.
     resolution : int
         Largest number of texels along the longer edge of a point cloud.
 
@@ -165,7 +165,7 @@ def read_scan(
         return SurfaceRelief(from_image(grey, height_mm / 1000.0, size, tiles=False), notes=notes)
     points = seen_from_above(point_cloud.read(path) * (unit_mm / 1000.0))
     span = np.ptp(points[:, :2], axis=0)
-    # One texel per point, up to the given resolution.
+    # A texel per point, up to the given resolution.
     texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
     longest, notes = float(span.max()), ()
     if not _LIKELY_M[0] <= longest <= _LIKELY_M[1]:

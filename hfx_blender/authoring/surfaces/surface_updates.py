@@ -2,7 +2,7 @@
 """Updates of haptic maps after edits of settings and materials.
 
 Maps of edited settings are made again after a short delay. A material needs a new bake, which
-blocks Blender: it is baked automatically only while its maps are displayed, and if the last bake
+blocks Blender: automatic bakes happen only while the maps are displayed, and if the last bake
 was quick. Otherwise the maps are marked as outdated. A hash of a material's nodes detects its
 edits.
 """
@@ -44,7 +44,7 @@ def request(obj: bpy.types.Object) -> None:
 
 
 def on_shown(obj: bpy.types.Object) -> None:
-    """Note the display of an object's maps, and schedule a bake if they are outdated."""
+    """Note the display of an object's maps, and schedule a bake of outdated maps."""
     shown_s[obj.name] = time.monotonic()
     if obj.hfx.surface.is_outdated and may_bake(obj):
         call_soon(bake_outdated, BAKE_DELAY_S)
@@ -60,7 +60,7 @@ def may_bake(obj: bpy.types.Object) -> bool:
 
 @bpy.app.handlers.persistent
 def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
-    """React to an edit. Called at each update of the scene, so it must be quick."""
+    """React to an edit. Called at each update of the scene: must be quick."""
     if bpy.app.background or not is_material_update(graph):
         return
     # Each edit delays the bake, so that a slider is dragged without a bake per step.
@@ -111,9 +111,7 @@ def check() -> list[bpy.types.Object]:
 
 
 def bake_outdated() -> float | None:
-    """Timer: bake outdated surfaces that allow it; returns seconds to wait during edits and
-    playback.
-    """
+    """Timer: bake outdated surfaces if quick; returns seconds to wait during edits and playback."""
     since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited
         return BAKE_DELAY_S - since
@@ -121,7 +119,7 @@ def bake_outdated() -> float | None:
         return BAKE_DELAY_S
     for obj in check():
         if obj.hfx.surface.source == "IMAGE" or may_bake(obj):
-            _make_one(obj, anew=True)
+            _make_one(obj, remake=True)
     redraw("VIEW_3D", "IMAGE_EDITOR")
     return None
 
@@ -135,15 +133,15 @@ def make_waiting() -> None:
     for name in waiting:
         obj = bpy.data.objects.get(name)
         if obj is not None and surfaces.is_surface(obj):
-            _make_one(obj, anew=False)
+            _make_one(obj, remake=False)
     redraw("VIEW_3D", "IMAGE_EDITOR")
 
 
-def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
+def _make_one(obj: bpy.types.Object, *, remake: bool) -> None:
     from . import surfaces
 
     try:
-        surfaces.make_maps(obj, anew=anew)
+        surfaces.make_maps(obj, remake=remake)
     except HfxError:
         pass  # shown in the panel
     except Exception as error:  # errors in a timer are not shown

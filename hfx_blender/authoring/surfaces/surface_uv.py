@@ -86,7 +86,7 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
     Raises InputError: the object has no size.
     """
     points, _ = _triangles(mesh, owner, world)
-    # The two axes other than the main axis are the coordinates.
+    # The two axes besides the main axis are the coordinates.
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     main_axis = np.abs(normals).argmax(axis=1)
     plane_axes = np.array([[1, 2], [0, 2], [0, 1]])[main_axis]
@@ -94,7 +94,7 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
 
 
 def layer_of(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
-    """UV map of a mesh by name, or the one active for rendering; InputError if it is missing."""
+    """UV map of a mesh by name, or the map active for rendering; InputError if missing."""
     layers = mesh.uv_layers
     if not len(layers):
         raise InputError(f"'{owner}' has no UV map. Unwrap it first (in Edit Mode: U).")
@@ -128,7 +128,7 @@ def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
 
 
 def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
-    """Replace a mesh by one face with a whole UV tile at its size in the world.
+    """Replace a mesh by a face with a whole UV tile at the size in the world.
 
     ``scale`` is the scale of the mesh's object.
     """

@@ -60,7 +60,7 @@ def is_surface(obj: bpy.types.Object | None) -> bool:
 
 
 def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
-    """Add a haptic surface to an object, without baking it.
+    """Add a haptic surface to an object, without a bake.
 
     Raises InputError: the object is no mesh, is linked, or has a haptic role.
     """
@@ -101,23 +101,23 @@ def remove_surface(obj: bpy.types.Object) -> None:
 
 
 def has_outdated_settings(obj: bpy.types.Object) -> bool:
-    """Test for maps of other settings than the present ones."""
+    """Test for maps with settings that differ from the present settings."""
     settings = obj.hfx.surface
     return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
 
 
 def has_edited_material(obj: bpy.types.Object) -> bool:
-    """Test for a material edited after it was baked; False without a stored state."""
+    """Test for a material edited after the bake; False without a stored state."""
     from . import material_hash
 
     baked_state = obj.hfx.surface.material_state
     return baked_state != "" and baked_state != material_hash.hash_of(obj)
 
 
-def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
+def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
     """Make an object's maps and store them in the .blend; return notes.
 
-    With ``anew`` the relief is made even if its settings are unchanged, as its material may be
+    With ``remake`` the relief is made even if the settings are unchanged, as the material may be
     edited. Raises InputError: the maps cannot be made. Stored maps are unchanged, and the error is
     shown in the panel.
     """
@@ -128,7 +128,7 @@ def make_maps(obj: bpy.types.Object, *, anew: bool = True) -> str:
         raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
         # Roughness and heights are made only if their settings or material changed.
-        if settings.source not in _FIXED and (anew or settings.made_of != _relief_key(obj)):
+        if settings.source not in _FIXED and (remake or settings.made_of != _relief_key(obj)):
             start_s = time.monotonic()
             _store_relief(obj, surface_sources.relief_of(obj))
             settings.is_outdated = False
@@ -205,7 +205,7 @@ def _store_layers(obj: bpy.types.Object, haptic_map: HapticMap) -> None:
 def ensure_maps(obj: bpy.types.Object) -> None:
     """Make an object's maps if their settings changed."""
     if has_outdated_settings(obj):
-        make_maps(obj, anew=False)
+        make_maps(obj, remake=False)
 
 
 def field_of(obj: bpy.types.Object) -> HeightField | None:
@@ -225,7 +225,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
         raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
     heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
     size_mm = settings.made_size_mm
-    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, of the present size
+    if settings.source in ("MATERIAL", "IMAGE"):  # a UV unit of the present size
         size_mm = surface_sources.tile_mm(obj)
     rows, columns = heights_m.shape
     texel = size_mm[0] / 1000.0 / columns, size_mm[1] / 1000.0 / rows
@@ -273,7 +273,7 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
-    """Haptic map of a stored relief, or of imported layers without one."""
+    """Haptic map of a stored relief, or of imported layers."""
     import numpy as np
 
     from ...engine.texture.haptic_map import HapticMap, NoticeableSteps
@@ -361,7 +361,7 @@ def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> N
 
 
 def store_generated(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
-    """Store a generated relief as the object's surface, and make its map.
+    """Store a generated relief as the object's surface, and make the map.
 
     Raises InputError: the map cannot be made.
     """
@@ -400,7 +400,7 @@ def _plain(value: object) -> object:
 
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
-    """Fingerprint of an object's haptic material: all settings that affect it."""
+    """Fingerprint of an object's haptic material: all settings with an effect."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),
