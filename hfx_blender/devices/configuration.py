@@ -66,10 +66,7 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     folder : Path, optional
         Configurations with precedence over shipped ones of the same name; by default the user's.
 
-    Raises
-    ------
-    InputError
-        The device is unknown, or its file is no valid configuration.
+    Raises InputError: the device is unknown, or its file is no valid configuration.
     """
     device = _find(name_or_path, folder)
     own = surface_calibration.of_device(str(name_or_path), device.id)

@@ -265,10 +265,7 @@ class _ScriptRun:
     def wait(self, most: int = 0) -> None:
         """Wait until at most ``most`` rows are unanswered.
 
-        Raises
-        ------
-        _FaultError
-            The script has failed, or has exceeded a time limit.
+        Raises _FaultError: the script has failed, or has exceeded a time limit.
         """
         while not self._is_ready or self._asked - self._answered > most:
             began = time.monotonic()

@@ -95,10 +95,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
 
     ``version`` is the version of this package, for the record.
 
-    Raises
-    ------
-    OutputError
-        A file cannot be written; no file is left then.
+    Raises OutputError: a file cannot be written; no file is left then.
     """
     heights = surface.height.heights_m
     low, high = float(heights.min()), float(heights.max())
@@ -142,10 +139,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
 def read(path: Path) -> GeneratedFiles:
     """Read a generated surface by the path of its record.
 
-    Raises
-    ------
-    InputError
-        A file is missing, damaged, or differs from the hash in the record.
+    Raises InputError: a file is missing, damaged, or differs from the hash in the record.
     """
     document = read_json(path, _MOST_BYTES)
     refuse_another(document.value, document.file, FORMAT)

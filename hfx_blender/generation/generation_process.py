@@ -73,10 +73,7 @@ class GenerationProcess:
 def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
     """Generate the surfaces of a job; yield each with the share of the job then completed.
 
-    Raises
-    ------
-    HfxError
-        The job cannot be done.
+    Raises HfxError: the job cannot be done.
     """
     steps = NoticeableSteps() if job["use_steps"] else None
     count = int(job["variations"])

@@ -104,10 +104,7 @@ class Interpretation:
         references of comparisons do not count, unless a text has only references. Sets a colour
         from a material of another kind (silk, gold) if the text has none.
 
-        Raises
-        ------
-        InputError
-            No word names a material.
+        Raises InputError: no word names a material.
         """
         # Of kinds with equal scores the one of the later word wins, as its noun comes last.
         scores = dict.fromkeys(KINDS, 0.0)
@@ -140,10 +137,7 @@ def read_words(text: str, negative: str = "") -> Interpretation:
     Unwanted materials of weight 2 or more exclude their kind; unwanted qualities count with
     degree -0.5.
 
-    Raises
-    ------
-    InputError
-        A size is outside the range of touch.
+    Raises InputError: a size is outside the range of touch.
     """
     meaning = Interpretation()
     _TextReader(meaning, text).read()

@@ -39,10 +39,7 @@ def generate(
     steps : NoticeableSteps, optional
         Quantization of the haptic map; None: no quantization.
 
-    Raises
-    ------
-    InputError
-        No word names a material, or a size is outside the range of touch.
+    Raises InputError: no word names a material, or a size is outside the range of touch.
     """
     meaning = read_words(words, negative)
     shape, strongest = meaning.choose()

@@ -62,10 +62,7 @@ def surface_of(
     tiles : bool
         Opposite edges match.
 
-    Raises
-    ------
-    InputError
-        The array is no picture, or a size is not allowed.
+    Raises InputError: the array is no picture, or a size is not allowed.
     """
     if way == "relief":
         relief = estimate(srgb, size_m, tiles=tiles)

@@ -36,10 +36,7 @@ class WatchedFolder:
         Files of the last poll with a picture's suffix that are empty, no regular file, or a
         broken link.
 
-    Raises
-    ------
-    InputError
-        The folder does not exist.
+    Raises InputError: the folder does not exist.
     """
 
     folder: Path
@@ -120,10 +117,7 @@ def generate(
     tiles : bool
         Opposite edges match. A prompt with tiling has the same effect.
 
-    Raises
-    ------
-    InputError
-        The picture cannot be read, or a size is not allowed.
+    Raises InputError: the picture cannot be read, or a size is not allowed.
     """
     srgb = pixels(picture)
     prompt = prompt_of(png.texts(picture))

@@ -49,10 +49,7 @@ def steered(
 ) -> tuple[HeightField, F64]:
     """Heights, and roughness 0..1 (N, N), of a steered material; N = ``texels``. The result tiles.
 
-    Raises
-    ------
-    InputError
-        Fewer than 16 texels.
+    Raises InputError: fewer than 16 texels.
     """
     steering = steering.clipped()
     field, roughness = material.make(texels, seed)

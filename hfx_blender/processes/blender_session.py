@@ -34,10 +34,7 @@ _temporary: Path | None = None
 def start() -> Any:
     """Import ``bpy`` and register this package in it; return the module.
 
-    Raises
-    ------
-    HfxError
-        Blender cannot be loaded; the message names the missing packages.
+    Raises HfxError: Blender cannot be loaded; the message names the missing packages.
     """
     if is_child():
         end_on_signals(at_once=True)
@@ -94,10 +91,7 @@ def _temporary_folder() -> Iterator[None]:
 def new_temporary_folder(prefix: str) -> Path:
     """Create a folder in Blender's temporary folder, to be removed by the caller or with Blender.
 
-    Raises
-    ------
-    OutputError
-        The folder cannot be created.
+    Raises OutputError: the folder cannot be created.
     """
     folder = sys.modules["bpy"].app.tempdir
     try:

@@ -57,10 +57,7 @@ def start(
     settings
         Arguments of :class:`subprocess.Popen`.
 
-    Raises
-    ------
-    OSError
-        The process cannot be started, or this process is ending.
+    Raises OSError: the process cannot be started, or this process is ending.
     """
     if ended:
         raise OSError("this process is ending")

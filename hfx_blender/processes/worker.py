@@ -162,10 +162,7 @@ class Worker:
     def wait(self, limit_s: float | None = None) -> int:
         """Wait for the exit and return the exit code; all messages have been read then.
 
-        Raises
-        ------
-        subprocess.TimeoutExpired
-            The process did not exit within ``limit_s``, seconds.
+        Raises subprocess.TimeoutExpired: the process did not exit within ``limit_s``, seconds.
         """
         assert self.process is not None
         code = self.process.wait(limit_s)

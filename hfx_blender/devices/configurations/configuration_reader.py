@@ -27,10 +27,7 @@ from .device_shape import DEVICE, SCHEMA
 def device_from(document: Node) -> DeviceConfig:
     """Convert a JSON document to a device.
 
-    Raises
-    ------
-    InputError
-        With the first fault: file, place, found and allowed values.
+    Raises InputError: with the first fault: file, place, found and allowed values.
     """
     refuse_another(document.value, document.file, SCHEMA)
     top = document.hold(DEVICE)

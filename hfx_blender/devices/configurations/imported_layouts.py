@@ -120,12 +120,8 @@ def import_layout(path: Path, device_id: str) -> Path:
     Path
         The written configuration.
 
-    Raises
-    ------
-    InputError
-        The file is neither, or the id is not allowed or in use.
-    OutputError
-        The configuration cannot be written.
+    Raises InputError: the file is neither, or the id is not allowed or in use.
+    Raises OutputError: the configuration cannot be written.
     """
     if not re.fullmatch(ID.pattern, device_id):
         raise InputError(f"'{device_id[:80]}' is no name for a device; allowed: {ID.note}.")
@@ -142,10 +138,7 @@ def import_layout(path: Path, device_id: str) -> Path:
 def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> dict[str, Any]:
     """Device configuration, as JSON data, of a node map or a layout of Unitouch Studio.
 
-    Raises
-    ------
-    InputError
-        The document is neither; the message names the place of the fault.
+    Raises InputError: the document is neither; the message names the place of the fault.
     """
     if isinstance(document.value, dict) and {"actuators", "views"} <= set(document.value):
         return _of_unitouch(document, device_id, model)

@@ -46,12 +46,8 @@ def of_device(*names: str) -> float | None:
 def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
     """Store c_v of a device; entries of concurrent processes are kept.
 
-    Raises
-    ------
-    InputError
-        The value is no number above zero.
-    OutputError
-        The file cannot be written.
+    Raises InputError: the value is no number above zero.
+    Raises OutputError: the file cannot be written.
     """
     if not _is_valid(value_per_m):
         raise InputError(f"Calibration: {value_per_m} per metre; expected a number above 0.")

@@ -190,10 +190,7 @@ class DutyBudgetStore:
 
         Several devices of this process may claim the same budget.
 
-        Raises
-        ------
-        OutputLostError
-            Another process has claimed the budget of one of the identities.
+        Raises OutputLostError: another process has claimed the budget of one of the identities.
         """
         claimed: list[str] = []
         uses = []
@@ -262,10 +259,7 @@ def _locked(folder: Path, identity: str) -> int | None:
 
     None where the folder is not writable or its file system has no locks.
 
-    Raises
-    ------
-    OutputLostError
-        Another process holds the lock.
+    Raises OutputLostError: another process holds the lock.
     """
     path = folder / (hashlib.sha256(identity.encode()).hexdigest()[:32] + ".lock")
     try:

@@ -82,10 +82,7 @@ class Channels:
 
         NaN becomes neutral.
 
-        Raises
-        ------
-        ValueError
-            The number of values is not that of the columns.
+        Raises ValueError: the number of values is not that of the columns.
         """
         if columns.shape != (self._width,):
             raise ValueError(f"values: expected ({self._width},), got {columns.shape}")

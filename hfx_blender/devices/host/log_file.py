@@ -47,10 +47,7 @@ class LogFile:
     def write(self, content: bytes) -> None:
         """Write ``content`` completely.
 
-        Raises
-        ------
-        OutputLostError
-            This write or an earlier one has failed.
+        Raises OutputLostError: this write or an earlier one has failed.
         """
         rest = memoryview(content)
         try:

@@ -42,10 +42,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
           ``unit`` chooses among several devices of a server.
 
-    Raises
-    ------
-    OutputLostError
-        The target is invalid, does not fit the device, or cannot be opened.
+    Raises OutputLostError: the target is invalid, does not fit the device, or cannot be opened.
     """
     kind, path = target.get("kind"), target.get("path")
     if kind == "simulator":

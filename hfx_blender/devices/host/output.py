@@ -34,10 +34,7 @@ class Output(Protocol):
         """Close the port, after a stop. Waits a few seconds at most for a confirmation of the
         stop, where the other side sends one.
 
-        Raises
-        ------
-        OutputLostError
-            The stop did not arrive. The port is closed nevertheless.
+        Raises OutputLostError: the stop did not arrive. The port is closed nevertheless.
         """
 
 

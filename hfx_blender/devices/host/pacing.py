@@ -70,10 +70,7 @@ class Ramp:
 
         NaN as a target is kept for the guard.
 
-        Raises
-        ------
-        ValueError
-            The shape is not (columns,).
+        Raises ValueError: the shape is not (columns,).
         """
         if np.shape(values) != self._neutral.shape:
             shape, count = np.shape(values), len(self._neutral)

@@ -38,12 +38,8 @@ def await_end(pid: int) -> bool:
 def end_test(pid: int) -> Callable[[], bool]:
     """Return a function that tests whether a process has started to exit, or has ended.
 
-    Raises
-    ------
-    OSError
-        The process does not exist, or may not be watched.
-    AttributeError
-        The system lacks the functions.
+    Raises OSError: the process does not exist, or may not be watched.
+    Raises AttributeError: the system lacks the functions.
     """
     if sys.platform == "win32":
         return _windows_test(pid)

@@ -121,10 +121,7 @@ class Sounding:
 
         A frame without tones sets one tone, :data:`LONE`, of its values.
 
-        Raises
-        ------
-        ValueError
-            The frame has a wrong number of entries.
+        Raises ValueError: the frame has a wrong number of entries.
         """
         if fault := self.fault_of(frame):
             raise ValueError(fault)

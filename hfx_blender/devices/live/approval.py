@@ -56,10 +56,7 @@ def how_to_approve(name_or_path: str | Path) -> str:
 def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScript | None:
     """Script of a device, ``<device>.py`` next to its configuration; None without one.
 
-    Raises
-    ------
-    InputError
-        One of the files cannot be read.
+    Raises InputError: one of the files cannot be read.
     """
     configuration = find_file(name_or_path, folder)
     path = None if configuration is None else script_beside(configuration)
@@ -82,10 +79,7 @@ def is_shipped(script: Path) -> bool:
 def fingerprint(script: Path, configuration: Path) -> str:
     """Fingerprint of the present bytes of script and configuration.
 
-    Raises
-    ------
-    InputError
-        One of the files cannot be read.
+    Raises InputError: one of the files cannot be read.
     """
     try:
         return fingerprint_of(script.read_bytes(), configuration.read_bytes())
@@ -106,12 +100,8 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 def approve(script: DeviceScript) -> None:
     """Approve a script as it was when ``script`` was created.
 
-    Raises
-    ------
-    InputError
-        A file has changed since then, or the list of approvals cannot be read.
-    OutputError
-        The list cannot be written.
+    Raises InputError: a file has changed since then, or the list of approvals cannot be read.
+    Raises OutputError: the list cannot be written.
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has just changed; read it again.")
@@ -124,12 +114,8 @@ def revoke(script: DeviceScript) -> None:
 
     A running script is stopped.
 
-    Raises
-    ------
-    InputError
-        The list of approvals cannot be read.
-    OutputError
-        The list cannot be written.
+    Raises InputError: the list of approvals cannot be read.
+    Raises OutputError: the list cannot be written.
     """
     path = str(script.path.absolute())
     amend_json(
@@ -141,12 +127,8 @@ def revoke(script: DeviceScript) -> None:
 def revoke_fingerprint(mark: str) -> None:
     """Revoke an approval by its fingerprint; the files of the script may be missing.
 
-    Raises
-    ------
-    InputError
-        The fingerprint is not approved, or the list cannot be read.
-    OutputError
-        The list cannot be written.
+    Raises InputError: the fingerprint is not approved, or the list cannot be read.
+    Raises OutputError: the list cannot be written.
     """
 
     def content() -> dict[str, str]:

@@ -124,10 +124,7 @@ class LiveClient:
         DeviceState
             State "connecting"; failures of the opening arrive as events.
 
-        Raises
-        ------
-        DeviceError
-            The output process cannot be started.
+        Raises DeviceError: the output process cannot be started.
         """
         self.start()
         state = self.devices.get(name)

@@ -171,10 +171,7 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
     """The only port with the device's USB ids, and serial number pattern if configured.
 
-    Raises
-    ------
-    DeviceError
-        No port, or more than one, matches.
+    Raises DeviceError: no port, or more than one, matches.
     """
     matching = [port.name for port in ports if _is_on(device, port)]
     if len(matching) == 1:

@@ -71,10 +71,7 @@ class GameDoor:
     token : bytes, optional
         Secret of 16 bytes; by default a random one, in the attribute ``token``.
 
-    Raises
-    ------
-    UsageError
-        The port is not allowed or in use.
+    Raises UsageError: the port is not allowed or in use.
     """
 
     is_rendered = False

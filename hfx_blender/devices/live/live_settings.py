@@ -53,10 +53,7 @@ def load() -> dict[str, LiveSettings]:
 def store(name: str, settings: LiveSettings) -> None:
     """Store the settings of one device; entries of concurrent processes are kept.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError: the file cannot be written.
     """
     if load().get(name) == settings:
         return
@@ -86,12 +83,8 @@ class UnapprovedScriptError(InputError):
 def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     """Load a device by its name or file, with its approved script; None without a script.
 
-    Raises
-    ------
-    InputError
-        The device is unknown or its file invalid.
-    UnapprovedScriptError
-        The user has not approved the script.
+    Raises InputError: the device is unknown or its file invalid.
+    Raises UnapprovedScriptError: the user has not approved the script.
     """
     from ..configuration import load_device
     from . import approval
@@ -109,10 +102,7 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
 def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     """Target for :func:`~hfx_blender.devices.host.opening.open_output`; looks for serial ports.
 
-    Raises
-    ------
-    DeviceError
-        The device has no output, is on no port, or the settings are incomplete.
+    Raises DeviceError: the device has no output, is on no port, or the settings are incomplete.
     """
     from ..host import opening
     from .discovery import port_of, same_port, serial_ports

@@ -42,10 +42,7 @@ class PlayedTrack:
     latencies_ms : iterable of float
         Actuator latencies that :meth:`show` compensates; empty at first.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, or has no such body.
+    Raises InputError: the file cannot be read, or has no such body.
     """
 
     is_rendered = True
@@ -112,10 +109,7 @@ class PlayedTrack:
         gains : mapping, optional
             As of :class:`LiveFrame`.
 
-        Raises
-        ------
-        InputError
-            The file is damaged.
+        Raises InputError: the file is damaged.
         """
         play_space = None
         if self._play_space is not None:

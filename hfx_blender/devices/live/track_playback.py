@@ -58,12 +58,8 @@ def play(
     connected : callable
         Called once, when the devices are ready.
 
-    Raises
-    ------
-    DeviceError
-        All devices have failed.
-    InputError
-        The file is damaged.
+    Raises DeviceError: all devices have failed.
+    Raises InputError: the file is damaged.
     """
     try:
         source.begin(client)

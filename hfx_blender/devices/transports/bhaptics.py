@@ -26,10 +26,7 @@ _PATH: Final = "/v2/feedbacks?app_id=hfx_blender&app_name=HFX"
 class BhapticsOutput:
     """Output to a device of the bHaptics Player at ``host`` and ``port``.
 
-    Raises
-    ------
-    OutputLostError
-        The Player does not run, or an actuator is in use by another device.
+    Raises OutputLostError: the Player does not run, or an actuator is in use by another device.
     """
 
     def __init__(self, device: DeviceConfig, how: BhapticsEncoder, host: str, port: int) -> None:

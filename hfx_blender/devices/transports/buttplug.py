@@ -123,10 +123,7 @@ class Server:
     unanswered : set of int
         Number of the newest stop of each output without an answer.
 
-    Raises
-    ------
-    OutputLostError
-        No program answers, or not as a Buttplug server of version 4.
+    Raises OutputLostError: no program answers, or not as a Buttplug server of version 4.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -176,10 +173,7 @@ class Server:
     def await_stop(self, number: int) -> None:
         """Wait, at most :data:`ANSWER_S`, for the answer to a stop, by its number.
 
-        Raises
-        ------
-        OutputLostError
-            The connection is lost, or no answer has come.
+        Raises OutputLostError: the connection is lost, or no answer has come.
         """
         if number in self.unanswered:
             self._answer(
@@ -365,10 +359,7 @@ class ButtplugOutput:
 
         A disconnection stops all devices. May be called again.
 
-        Raises
-        ------
-        OutputLostError
-            The server has not confirmed the stop.
+        Raises OutputLostError: the server has not confirmed the stop.
         """
         if self._is_closed:
             return

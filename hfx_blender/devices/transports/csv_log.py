@@ -21,10 +21,7 @@ MAX_BYTES: Final = 256 << 20
 class CsvLog:
     """Output to a new CSV file: ``time_s`` since its start, ``event`` (values, stop), channels.
 
-    Raises
-    ------
-    OutputLostError
-        The file exists already, or cannot be written.
+    Raises OutputLostError: the file exists already, or cannot be written.
     """
 
     def __init__(self, device: DeviceConfig, path: Path) -> None:

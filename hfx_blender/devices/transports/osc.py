@@ -48,10 +48,7 @@ def bundles(messages: list[bytes]) -> list[bytes]:
 class OscOutput:
     """Output to an OSC receiver at ``host`` and ``port``.
 
-    Raises
-    ------
-    OutputLostError
-        The host cannot be reached.
+    Raises OutputLostError: the host cannot be reached.
     """
 
     def __init__(self, device: DeviceConfig, how: OscEncoder, host: str, port: int) -> None:

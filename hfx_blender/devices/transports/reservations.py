@@ -27,10 +27,7 @@ def reserve(keys: Iterable[Hashable], name: str) -> Keys:
     name : str
         Name of the output in the message.
 
-    Raises
-    ------
-    OutputLostError
-        A key is reserved by another output.
+    Raises OutputLostError: a key is reserved by another output.
     """
     own = frozenset(keys)
     with _lock:

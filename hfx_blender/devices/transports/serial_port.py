@@ -162,10 +162,7 @@ class SerialFrames:
 def reserve_port(name: str) -> Keys:
     """Reserve a port by its real path and device number, as several names may lead to it.
 
-    Raises
-    ------
-    OutputLostError
-        The port does not exist, is no serial port, or is reserved.
+    Raises OutputLostError: the port does not exist, is no serial port, or is reserved.
     """
     real = os.path.realpath(name) if os.name == "posix" else name.upper()
     if os.name == "posix" and not is_port_name(real):

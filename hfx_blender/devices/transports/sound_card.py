@@ -106,10 +106,7 @@ class SoundCard:
     def send_tones(self, values: F64, tones: Tones) -> None:
         """Play tones at actuators with a waveform, and values (columns,) at the rest.
 
-        Raises
-        ------
-        OutputLostError
-            The card is lost.
+        Raises OutputLostError: the card is lost.
         """
         plain = self._of_values(values)
         plain.amplitudes[:, self._sounding] = 0.0

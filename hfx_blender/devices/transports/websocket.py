@@ -132,10 +132,7 @@ class WebSocket:
 
         A server sends its close frame after it has read all messages. :meth:`close` has to follow.
 
-        Raises
-        ------
-        OutputLostError
-            The connection was lost before, or the server does not read.
+        Raises OutputLostError: the connection was lost before, or the server does not read.
         """
         with self._lock:
             self.check()

@@ -36,10 +36,7 @@ class WireBoard:
     port : SerialPort
         Open port; :meth:`close` closes it.
 
-    Raises
-    ------
-    OutputLostError
-        The board does not answer, or has too few channels for the device.
+    Raises OutputLostError: the board does not answer, or has too few channels for the device.
     """
 
     def __init__(self, device: DeviceConfig, port: SerialPort) -> None:

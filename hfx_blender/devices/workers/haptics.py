@@ -159,10 +159,7 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
         A value for each column; or a mapping from actuator id to a strength or to a mapping from
         control to value, where missing entries are silent. None is silence.
 
-    Raises
-    ------
-    ValueError
-        The length is wrong, or an actuator or control is unknown.
+    Raises ValueError: the length is wrong, or an actuator or control is unknown.
     """
     if answer is None:
         return haptics.neutral

@@ -71,10 +71,7 @@ class ScriptProcess:
     def start(self) -> None:
         """Start a new worker, in place of a running one.
 
-        Raises
-        ------
-        ScriptRefusedError
-            Three faults within a minute, or the approval was withdrawn.
+        Raises ScriptRefusedError: three faults within a minute, or the approval was withdrawn.
         """
         with self._lock:
             self.close()
