@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Device configurations: one JSON file for each device, looked up by name and read strictly.
+"""Device configurations: a JSON file for each device, found by name and read strictly.
 
 ``docs/device-configuration.md`` describes the format. A configuration has no code and no paths.
 """
@@ -29,10 +29,10 @@ _OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def list_devices(folder: Path | None = None) -> list[str]:
-    """Names for :func:`load_device`, sorted: shipped devices, and those of a folder.
+    """Names for :func:`load_device`, sorted: shipped devices and devices of a folder.
 
     ``folder`` None is the user's own. A device for one side of the body has a name for each side;
-    an unreadable file is listed by its stem.
+    an unreadable file has the stem as name.
     """
     names: set[str] = set()
     for parent in _folders(folder):
@@ -42,7 +42,7 @@ def list_devices(folder: Path | None = None) -> list[str]:
 
 
 def _folders(folder: Path | None) -> tuple[Path, Path]:
-    """Folders to search: the given one, by default the user's own, then the shipped one."""
+    """Folders to search: the given folder, by default the user's; then the shipped devices."""
     return folder or resources.user_devices(), resources.device_configs()
 
 
@@ -62,7 +62,7 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     name_or_path : str or Path
         Name of :func:`list_devices`, or a file: a ``Path``, or text with a folder or with the
         suffix ``.json``. ``_left`` or ``_right`` after the name, or after the file's stem,
-        chooses the side of a device for one side of the body; without it, the side of the file.
+        chooses the side of a device for one side of the body; by default as in the file.
     folder : Path, optional
         Configurations with precedence over shipped ones of the same name; by default the user's.
 
@@ -120,8 +120,8 @@ def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | No
 
 
 def _on_side(path: Path) -> DeviceConfig | None:
-    """Device of a file, or of the file without ``_left`` or ``_right`` in its stem, mirrored if
-    that is the opposite side. None without a file, or for a device without sides.
+    """Device of a file; or of the file without ``_left`` or ``_right``, mirrored for the opposite
+    side. None without a file, or for a device without sides.
     """
     if path.is_file():
         return _with_script(_read(path), path, path)
@@ -136,7 +136,7 @@ def _on_side(path: Path) -> DeviceConfig | None:
 
 
 def script_beside(configuration: Path) -> Path | None:
-    """Script of a device, ``<device>.py`` next to its configuration; None without a script."""
+    """Script of a device, ``<device>.py`` next to the configuration, or None."""
     script = configuration.with_suffix(SCRIPT_SUFFIX)
     return script if script.is_file() else None
 
@@ -150,11 +150,11 @@ def _with_script(device: DeviceConfig, configuration: Path, loaded: Path) -> Dev
 
 
 def check(path: Path, models: Callable[[str], PerceptualModel] | None = load_model) -> list[str]:
-    """Faults of a configuration file, one sentence each; empty for a usable file.
+    """Faults of a configuration file, a sentence each; empty for a usable file.
 
     Only the first fault of the reading is returned. A readable configuration is then placed on
     the shipped perceptual models, and each actuator that does not fit is a fault; ``models``
-    loads a model by its id, None skips this.
+    loads a model by id, None skips this.
     """
     try:
         device = _read(path)
@@ -185,7 +185,7 @@ def _placing_faults(
 
 
 def _mirrored(device: DeviceConfig) -> DeviceConfig:
-    """Device for the opposite side, with its id and name."""
+    """Device for the opposite side, with a new id and name."""
     side = _OTHER_SIDE[str(device.side)]
     return replace(
         device,

@@ -2,7 +2,7 @@
 """Rendering of devices for an export, including their scripts.
 
 A script runs in the same worker as in live playback, once for each row of the raster, from the
-first to the last row of the track. So its state does not depend on the division of the recording.
+first to the last row of the track. So the state does not depend on the division of the recording.
 """
 
 from __future__ import annotations

@@ -79,8 +79,7 @@ class GeneratedFiles:
 def name_of(words: str, mark: str) -> str:
     """File name of a surface: the words in ASCII letters, then ``-`` and a mark.
 
-    Shortened or changed words are followed by a hash of all words, so that different words have
-    different names.
+    A hash of all words follows shortened or changed words, so that names differ as words do.
     """
     parts = [token for token in tokens(words) if token.isalnum() and token.isascii()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-")

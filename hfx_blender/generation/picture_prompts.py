@@ -93,7 +93,7 @@ def of_parameters(text: str) -> PicturePrompt:
 def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
     """Prompt of an executed ComfyUI graph: the words that lead to the first sampler with words.
 
-    None if no sampler has words.
+    None without words.
     """
     nodes = {key: node for key, node in graph.items() if _is_node(node)}
     for node in nodes.values():

@@ -28,7 +28,7 @@ _SYSTEM_PACKAGES = (
 
 
 _temporary: Path | None = None
-"""Folder of Blender's temporary files that this process has created and removes at its end."""
+"""Folder of Blender's temporary files, created by this process and removed at the end."""
 
 
 def start() -> Any:
@@ -103,7 +103,7 @@ def new_temporary_folder(prefix: str) -> Path:
 
 
 def inside_blender() -> bool:
-    """Test that this runs in the Blender program, not in its Python module."""
+    """Test for the Blender program, in contrast to Blender's Python module."""
     bpy = sys.modules.get("bpy")
     return bpy is not None and bool(bpy.app.binary_path)  # bpy.app.module is missing before 4.5
 
@@ -147,7 +147,7 @@ def open_blend(path: Path) -> None:
 
 
 def remove_temporary_files() -> None:
-    """Remove the folder that this process has created for Blender's temporary files, if any."""
+    """Remove the folder of Blender's temporary files created by this process, if any."""
     if _temporary is not None:
         shutil.rmtree(_temporary, ignore_errors=True)
 

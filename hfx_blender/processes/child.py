@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Entry point of child processes: loads the package by its path, then runs one of its modules.
+"""Entry point of child processes: loads the package by path, then runs a module of the package.
 
-Run by its path (``start.py``): ``child.py PACKAGES MODULE ARGUMENT...`` or ``child.py PACKAGES -c
-PROGRAM ARGUMENT...``. The parent folder of the package is not added to ``sys.path``: with Blender
-it contains all extensions, and one may be called ``queue``. The folders in PACKAGES are appended.
+Run by path (``start.py``): ``child.py PACKAGES MODULE ARGUMENT...`` or ``child.py PACKAGES -c
+PROGRAM ARGUMENT...``. The parent folder of the package is not added to ``sys.path``: in Blender
+all extensions are there, with names such as ``queue``. The folders in PACKAGES are appended.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _load_package(name: str, folder: str) -> None:
 def main() -> None:
     """Run the module or program of the command line, as ``python -m`` and ``python -c`` do."""
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-        # Ctrl-C ends the parent, which reports it: no traceback of each child.
+        # Ctrl-C ends the parent, which reports: no traceback of each child.
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     packages, what, *arguments = sys.argv[1:]
     sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]

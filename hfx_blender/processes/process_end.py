@@ -3,7 +3,7 @@
 
 An exception from a signal handler is lost within a call from Blender or ctypes to Python, and may
 leave locks held. So the handler only records the signal. The main thread polls for it between two
-pieces of work (:func:`check`) and unwinds. If that takes longer than a second, as during long work
+pieces of work (:func:`check`) and unwinds. After a second, as during long work
 of Blender, a watching thread ends the process: child processes first, then unfinished files.
 """
 
@@ -77,7 +77,7 @@ def end_on_signals(*, at_once: bool = False) -> None:
     ours = [number for number in SIGNALS if signal.getsignal(number) in replaced]
     if not ours:
         return
-    # A wakeup pipe and a thread, as handlers run in the main thread only, which may be busy.
+    # A wakeup pipe and a thread, as handlers run in the main thread only.
     _state.unnoticed_s, _state.writes_farewell = 0.0 if at_once else UNNOTICED_S, not at_once
     reading, writing = os.pipe()
     if os.name == "posix":  # set_wakeup_fd demands it there

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Start of processes that run modules of this package: command line, environment, and their end."""
+"""Start and end of processes with modules of this package: command line, environment."""
 
 from __future__ import annotations
 

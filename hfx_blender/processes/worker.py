@@ -33,9 +33,9 @@ _PIPE: Final = 4096
 
 
 class Worker:
-    """Parent side: a process that runs a module of this package, and its messages.
+    """Parent side: messages to and from a process with a module of this package.
 
-    Threads of this object read and write the pipes, so that a caller never waits for a pipe. The
+    Threads of this object read and write the pipes: a caller never waits for a pipe. The
     module uses :class:`Owner` and so ends with this process. Ctrl-C for this process does not
     reach the module; :meth:`kill` also ends all processes started by the module. ::
 
@@ -172,7 +172,7 @@ class Worker:
         return code
 
     def kill(self) -> None:
-        """Kill the process and all processes that it has started, without waiting."""
+        """Kill the process and all its descendants, without waiting."""
         if self.process is None:
             return
         with suppress(OSError):
@@ -195,7 +195,7 @@ class Worker:
             self.process.wait()
 
     def how_it_ended(self) -> str:
-        """Wait for the exit and describe it for messages: ``crashed (SIGSEGV)``."""
+        """Wait for the exit and describe the end for messages: ``crashed (SIGSEGV)``."""
         try:
             code = self.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:
@@ -264,7 +264,7 @@ def _end_now() -> None:
 
 
 class Owner:
-    """Child side: messages from and to the process that started this one by :class:`Worker`.
+    """Child side: messages from and to the process with the :class:`Worker`.
 
     Standard input and output are used for messages from now on. This process exits at once when
     the owner ends or closes its pipe.
@@ -272,8 +272,7 @@ class Owner:
     Parameters
     ----------
     printed : int
-        File descriptor that receives prints to standard output, which must not come between
-        messages.
+        File descriptor for prints to standard output, which must not come between messages.
     at_end : callable
         Called in a thread at the end of the owner's messages; exits by default.
     """

@@ -23,7 +23,7 @@ from ...files.json_shapes import Node
 
 
 def scheme(node: Node) -> Scheme:
-    """Rendering scheme and its options."""
+    """Rendering scheme and options."""
     options = dict(node.get("options", {}))
     if "sigma_m" in options:
         options["sigma_m"] = float(options["sigma_m"])
@@ -71,7 +71,7 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 
 def place(node: Node, mount: Mount | None) -> Place:
-    """Place of one actuator."""
+    """Place of an actuator."""
     ((kind, member),) = node.members().items()
     if kind == "vertices":
         return _vertex_place(member)
@@ -106,7 +106,7 @@ def _vertex_place(node: Node) -> VertexPlace:
 
 
 def _room_place(node: Node) -> RoomPlace:
-    """Place in the room; without a position the actuator reaches all its parts equally."""
+    """Place in the room; without a position all parts are reached equally."""
     parts = tuple(node.get("reaches", PARTS))
     if "at_m" not in node:
         return RoomPlace(parts)

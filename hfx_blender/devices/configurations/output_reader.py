@@ -58,7 +58,7 @@ def _transport(node: Node, encoder: str) -> Transport:
 
 
 def is_local(host: str) -> bool:
-    """Test that a host is "localhost", a loopback address or one of a private network."""
+    """Test that a host is "localhost", a loopback or private network address."""
     if host == "localhost":
         return True
     try:

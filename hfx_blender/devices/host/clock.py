@@ -23,7 +23,7 @@ class SystemClock:
     """Clock of the computer."""
 
     def now(self) -> float:
-        # On these two systems ``time.monotonic`` stops in a sleep; elsewhere it goes on.
+        # ``time.monotonic`` stops in a sleep on Linux and macOS, and goes on elsewhere.
         if sys.platform == "linux":
             return time.clock_gettime(time.CLOCK_BOOTTIME)
         if sys.platform == "darwin":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Queue of frames that wait for their device's offset and for its next update."""
+"""Queue of a device's frames before its offset has passed and its next update is due."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ end of the ramp, the strong frame and silence take three updates, which may take
 class DelayQueue:
     """Queue of a device's frames that have not been played.
 
-    No peak is lost where frames come faster than the device is updated: of all frames that are due
-    together each actuator plays its strongest value for one update, and then the newest value.
+    No peak is lost where frames come faster than the device is updated: of all due frames
+    each actuator plays the strongest value for an update, and then the newest value.
 
     Parameters
     ----------
     tick : float
         Seconds between two updates of the device.
     keep_s : float
-        A frame that is older than its offset by more than this, seconds, is dropped.
+        Frames older than the offset by more than this time, seconds, are dropped.
     """
 
     def __init__(self, device: DeviceConfig, tick: float, keep_s: float) -> None:
@@ -69,8 +69,7 @@ class DelayQueue:
     def taken(self, now_s: float, offset_s: float) -> F64 | None:
         """Remove all due frames; return the strongest value of each actuator, None without any.
 
-        Where these differ from the newest frame, the newest frame stays in the queue for the next
-        update.
+        The newest frame stays in the queue for the next update, unless it equals the result.
         """
         due: list[tuple[float, F64]] = []
         while self._frames and self.due_s(offset_s) <= now_s:
@@ -86,10 +85,10 @@ class DelayQueue:
         return strongest
 
     def _strongest(self, frames: list[F64]) -> F64:
-        """Values (columns,): each actuator's from the frame with its largest strength."""
+        """Values (columns,), for each actuator from the frame with the largest strength."""
         newest = frames[-1]
         strengths = np.array([np.abs(values[self._firsts] - self._silent) for values in frames])
-        # NaN counts as strongest, so that the guard sees it. Of equal strengths the newest counts.
+        # NaN counts as strongest and reaches the guard. Of equal strengths the newest counts.
         strengths = np.where(np.isfinite(strengths), strengths, np.inf)
         chosen = len(frames) - 1 - np.argmax(strengths[::-1], axis=0)
         if not self._holds_silence_back:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Thread of one device in the output process; its faults affect no other device."""
+"""Thread of a device in the output process; a fault affects only this device."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Question(NamedTuple):
 
 
 class Script(Protocol):
-    """Interface of a device's script, as :class:`.script_process.ScriptProcess` implements it."""
+    """Interface of a device's script, implemented by :class:`.script_process.ScriptProcess`."""
 
     def start(self) -> None: ...
 
@@ -77,10 +77,9 @@ class Script(Protocol):
 
 
 class DeviceThread:
-    """Thread that sends a device's newest values to its output.
+    """Sends a device's newest values to an output in a thread.
 
-    Two threads run: one sends values, the other only sends stop bytes, so that a stop never waits
-    for a stalled send.
+    A second thread sends only stop bytes, so that a stop never waits for a stalled send.
 
     Parameters
     ----------
@@ -91,7 +90,7 @@ class DeviceThread:
     report : callable
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
-        Delay of all values, seconds, to synchronise them with sound and picture.
+        Delay of all values, seconds, for synchrony with sound and picture.
     budgets : callable, optional
         Takes the label of the device that a server chose ("" without a server) and returns a
         context manager with the device's duty budgets. Called in this thread, after the output
@@ -140,7 +139,7 @@ class DeviceThread:
         self.is_closed = False
         self._begins = False
         self._sending_since = math.inf
-        self.test_pulse: tuple[int, float] | None = None  # actuator, time of its start
+        self.test_pulse: tuple[int, float] | None = None  # actuator, start time
         self._levels_at = 0.0
         self._levels: list[float] = []
         self._hush, self._is_quiet = threading.Event(), threading.Event()
@@ -157,22 +156,21 @@ class DeviceThread:
         """Test that the device plays values."""
         return self._is_armed
 
-    # Called in the thread that reads messages: none of these methods waits for hardware, but for
-    # :meth:`wait_closed`.
+    # Called in the thread of the messages: only :meth:`wait_closed` waits for hardware.
 
     def question(self, asked_s: float) -> Question:
-        """Register a request of time ``asked_s``; pass it to :meth:`feed` with the answer."""
+        """Register a request of time ``asked_s``; for :meth:`feed`."""
         with self._wake:
             self._asked += 1
             return Question(self.generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """Queue the newest frame of a device that is armed; ignored if it is not.
+        """Queue the newest frame; ignored unless the device is armed.
 
         Parameters
         ----------
         values : (columns,) or with tones behind, as :func:`.tones.frame_of` makes it
-            Any other shape is a fault, which stops the device.
+            A wrong number of entries is a fault and stops the device.
         question : Question, optional
             Request that is answered. The frame is discarded if a pause or stop came after the
             request, or if a newer request has been answered. None: a request of this moment.
@@ -234,7 +232,7 @@ class DeviceThread:
                 self._wake.notify()
 
     def arm(self) -> None:
-        """Start to play, from silence; before the output is open, as soon as it is open.
+        """Play from now on, or from the opening of the output, starting with silence.
 
         A script that may not run is reported as a fault, and the device stays silent.
         """
@@ -256,7 +254,7 @@ class DeviceThread:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence the device now, and end its script.
+        """Silence the device now, and end the script.
 
         Stop bytes are sent even to a silent device. ``event`` with ``reason`` is reported if the
         device was armed, or if the event is not "stopped".
@@ -273,7 +271,7 @@ class DeviceThread:
     def freeze(self, reason: str) -> None:
         """Stop because Blender does not answer; a device that is still opening stays wanted.
 
-        Such a device is armed when its output opens, and is silent until values come.
+        Such a device is armed at the opening of the output, and silent until values come.
         """
         with self._wake:
             is_armed = self._is_armed
@@ -281,7 +279,7 @@ class DeviceThread:
             self.stop(reason, "frozen")
 
     def fault(self, text: str) -> None:
-        """Stop and report a fault; ``text`` is its reason."""
+        """Stop and report a fault; ``text`` is the reason."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
@@ -295,7 +293,7 @@ class DeviceThread:
             self._wake.notify()
 
     def wait_closed(self) -> None:
-        """Wait, at most twice :data:`PATIENCE_S`, until the device is silent and its port closed.
+        """Wait, at most twice :data:`PATIENCE_S`, until the device is silent and the port closed.
 
         Returns at once before :meth:`start`: no port is open then.
         """
@@ -312,13 +310,13 @@ class DeviceThread:
         """Request stop bytes from the stop thread, ahead of any values, without waiting."""
         self._is_quiet.clear()
         self._hush.set()
-        if self._has_ended:  # the stop thread has sent its last stop
+        if self._has_ended:  # after the last stop
             self._is_quiet.set()
 
     def _run_stops(self) -> None:
         """Run the stop thread: send stop bytes on request, until the device thread has ended.
 
-        A thread of its own, as a stalled port may stall the stop bytes, too.
+        A separate thread, as a stalled port may stall the stop bytes, too.
         """
         while True:
             self._hush.wait()
@@ -330,12 +328,12 @@ class DeviceThread:
                 is_ours = self._port.acquire(timeout=0.005)
                 try:
                     for _ in range(STOPS):
-                        with suppress(Exception):  # outputs must not raise here; a faulty one may
+                        with suppress(Exception):  # an output with a bug may raise
                             output.stop()
                 finally:
                     if is_ours:
                         self._port.release()
-            # The last values may have played until now: they count as time on.
+            # The last values may have played until now, which counts as time on.
             now = self._clock.now()
             self._guard.record_silence(now - self._stepped_s, now)
             if not self._hush.is_set():
@@ -349,7 +347,7 @@ class DeviceThread:
         try:
             self._open_and_play()
         finally:
-            # One more stop, after which the stop thread ends as well.
+            # A last stop, after which the stop thread ends as well.
             self._has_ended = True
             self._hush.set()
 
@@ -364,7 +362,7 @@ class DeviceThread:
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
             return
-        except Exception as error:  # a bug of an output ends its own device only
+        except Exception as error:  # a bug of an output ends only this device
             _log.exception("device '%s' cannot be opened", self.device.id)
             self._report("lost", self.number, text=f"cannot be opened: {error}")
             return
@@ -408,7 +406,7 @@ class DeviceThread:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due if no message comes before; 0 if it is due."""
+        """Seconds until :meth:`turn` is due without new messages; 0 if due now."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
@@ -440,8 +438,7 @@ class DeviceThread:
             due = self._next_s()
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
-                # The stop thread may not have recorded the last silence yet; recording it twice
-                # changes nothing.
+                # The stop thread may not have recorded the last silence yet; twice is harmless.
                 self._guard.record_silence(now - self._stepped_s, now)
                 self._guard.record_rest(now)
                 self._guard.reset()
@@ -455,8 +452,8 @@ class DeviceThread:
                 self.waiting.clear()
             generation, is_cut, newest = self.generation, self._is_cut, None
             self._is_cut = False
-            # A frame that comes before the ramp has ended waits one turn, in which the ramp jumps
-            # to its target: no frame is skipped.
+            # A frame before the end of the ramp waits for a turn, in which the ramp jumps to the
+            # target: no frame is skipped.
             if self._ramp.share < 1.0 and self.waiting.due_s(self._offset_s) <= now:
                 self._ramp.complete()
             else:
@@ -484,7 +481,7 @@ class DeviceThread:
         self._due_s = self._ramp.next_s(due, now)
 
     def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send the values of time ``now``; return True if they differ from the last sent values.
+        """Send the values of time ``now``; return True for a change since the last call.
 
         Parameters
         ----------
@@ -493,7 +490,7 @@ class DeviceThread:
         newest : (columns,) or with tones behind, optional
             Frame that the ramp starts to approach; None continues the present ramp.
         generation : int
-            ``self.generation`` at the start of the turn: nothing is sent if it has changed since.
+            ``self.generation`` at the start of the turn; after a change nothing is sent.
         """
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
@@ -504,7 +501,7 @@ class DeviceThread:
             output = self.output
             if not self._is_armed or output is None:
                 return False
-            # The guard comes last: no step after it changes a value.
+            # The guard comes last: no later step changes a value.
             values = self._guard.limited(paced, step_s)
             self._stepped_s = now
             # Values computed before a pause, or before the computer slept, are not sent.
@@ -522,15 +519,15 @@ class DeviceThread:
             finally:
                 self._sending_since = math.inf
             was_stopped = not self._is_armed
-        if was_stopped:  # a stop during the send went past the lock: repeat it after the send
+        if was_stopped:  # a stop during the send went past the lock: once more, after the send
             self.silence()
         self._report_levels(values, now)
         return is_change
 
     def _with_pulse(self, values: F64, now: float) -> F64:
-        """Values (columns,) with the test pulse in place of its actuator's strength.
+        """Values (columns,) with the test pulse in place of an actuator's strength.
 
-        Returns ``values`` unchanged without a pulse, or after its end; a copy during a pulse.
+        Returns ``values`` themselves without a pulse, a copy during a pulse.
         """
         if self.test_pulse is None:
             return values
@@ -541,7 +538,7 @@ class DeviceThread:
             return values
         strength = self.device.actuators[actuator].type.strength
         column = self.device.strength_columns[actuator]
-        # An actuator that only goes below its neutral value, as one that cools, pulses downwards.
+        # Actuators with a range only below neutral, as for cooling, pulse downwards.
         reach = strength.highest - strength.neutral
         if reach <= 0.0:
             reach = strength.lowest - strength.neutral
@@ -568,7 +565,7 @@ class DeviceThread:
 
 @contextmanager
 def closing_unless_done(output: Output) -> Iterator[None]:
-    """Context manager that closes an output if its block raises; the exception goes on."""
+    """Context manager: close an output after an exception in the block, and raise again."""
     try:
         yield
     except BaseException:

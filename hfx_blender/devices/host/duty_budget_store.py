@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Duty budgets that outlive a connection, this process and Blender: one file for each device.
+"""Duty budgets that outlive a connection, this process and Blender: a file for each device.
 
 A file holds the loads and the time of writing by two clocks, monotonic and wall. The rest since
 then is the shorter of the two differences, so that a wall clock that was set forward gives no rest.
@@ -54,10 +54,9 @@ _log = logging.getLogger(__name__)
 
 
 class Identity(NamedTuple):
-    """Physical output: its name, and the slot name of each actuator of a configuration.
+    """Name of a physical output, and the slot name of each actuator of a configuration.
 
-    The name is an address where the output has one, not the id of a configuration: a copied
-    configuration under another id drives the same hardware.
+    An address where possible, as a copied configuration under another id drives the same hardware.
     """
 
     name: str
@@ -68,7 +67,7 @@ class Identity(NamedTuple):
 def identities(
     device: DeviceConfig, target: Mapping[str, Any], label: str = ""
 ) -> tuple[Identity, ...]:
-    """Identities of the physical device behind a target; targets with a common one share budgets.
+    """Identities of the physical device behind a target; equal identities share budgets.
 
     ========================  ===================================================================
     target                    identity
@@ -78,14 +77,14 @@ def identities(
     network                   normalised address and ``label``; slots are OSC addresses without
                               the configuration's id, features of a Buttplug device, or motors of
                               the bHaptics Player
-    sound card                one for all cards, as a card has many names; slots are channels
+    sound card                common to all cards, as a card has many names; slots are channels
     log, simulator            the configuration's id
     ========================  ===================================================================
 
     Parameters
     ----------
     target : mapping
-        As :func:`.opening.open_output` takes it.
+        As for :func:`.opening.open_output`.
     label : str
         Label of the device that a server chose; "" without a server.
     """
@@ -118,7 +117,7 @@ def identities(
 
 
 def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
-    """Slot name of each actuator behind a network address; "none": no channel is sent for it."""
+    """Slot name of each actuator behind a network address; "none": without a channel."""
     if isinstance(how, ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
     if isinstance(how, BhapticsEncoder):
@@ -143,7 +142,7 @@ def _real_port(name: str) -> str:
 
 @dataclass(eq=False)
 class _StoredBudget:
-    """Budget of an identity, its file, and the state that was written last."""
+    """Budget of an identity, with the file and the last written state."""
 
     budget: DutyBudget
     path: Path
@@ -158,7 +157,7 @@ class DutyBudgetStore:
     Parameters
     ----------
     folder : Path
-        Folder of the files; it need not exist.
+        Folder of the files; created when needed.
     clock : Clock
         Clock of the device threads.
     """
@@ -171,7 +170,7 @@ class DutyBudgetStore:
         self._changed = threading.Event()
 
     def budget(self, identity: str) -> DutyBudget:
-        """Budget of a physical device by the name of its identity, read from its file at first."""
+        """Budget of a physical device by the name of its identity; read from the file at first."""
         with self._lock:
             return self._entry(identity).budget
 
@@ -190,7 +189,7 @@ class DutyBudgetStore:
 
         Several devices of this process may claim the same budget.
 
-        Raises OutputLostError: another process has claimed the budget of one of the identities.
+        Raises OutputLostError: another process has claimed a budget of the identities.
         """
         claimed: list[str] = []
         uses = []
@@ -214,7 +213,7 @@ class DutyBudgetStore:
                     self._release(name)
 
     def _release(self, name: str) -> None:
-        """Save a budget, and unlock its file after its last use."""
+        """Save a budget, and unlock the file after the last use."""
         entry = self._stored[name]
         self._save(name, entry)
         entry.users -= 1
@@ -222,8 +221,8 @@ class DutyBudgetStore:
             return
         os.close(entry.lock)
         entry.lock = None
-        # Another process may change the file from now on, so the next use reads it again. A budget
-        # that could not be saved stays in memory.
+        # Another process may change the file from now on: the next use reads the file again. An
+        # unsaved budget stays in memory.
         if entry.written == _state(entry.budget):
             del self._stored[name]
 
@@ -255,9 +254,9 @@ class DutyBudgetStore:
 
 
 def _locked(folder: Path, identity: str) -> int | None:
-    """Lock the lock file of an identity until its descriptor, the result, is closed.
+    """Lock the lock file of an identity until the returned descriptor is closed.
 
-    None where the folder is not writable or its file system has no locks.
+    None if the folder is not writable or the file system has no locks.
 
     Raises OutputLostError: another process holds the lock.
     """
@@ -333,8 +332,8 @@ def _read(path: Path, now_s: float) -> DutyBudget:
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         _log.warning("%s: cannot be read (%s); its device rests first.", path, error)
         return DutyBudget(others=1.0, idle_since_s=now_s)
-    # A restart of the computer sets its monotonic clock to 0: the computer, and so the rest, has
-    # then lasted for at least the time that the clock shows.
+    # A restart of the computer sets the monotonic clock to 0: the rest has then lasted at least
+    # for the time on the clock.
     elapsed_s = now_s - monotonic_s if now_s >= monotonic_s else now_s
     rest_s = max(min(elapsed_s, time.time() - wall_s), 0.0)
     return DutyBudget(
@@ -342,7 +341,7 @@ def _read(path: Path, now_s: float) -> DutyBudget:
         is_cooling,
         names=names,
         idle_s=idle_s,
-        # An open file: its process was killed while the device may have been on.
+        # An open file: the process was killed, and the device may have been on.
         unknown_s=[value + (_UNKNOWN_S if is_open else 0.0) for value in unknown_s],
         idle_since_s=now_s - rest_s,
     )

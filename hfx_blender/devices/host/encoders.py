@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Encoding of values as bytes: scaling by each control's range, rounding, framing, stop bytes.
 
-A channel is a control with a range of more than one value, in the order of the device's columns.
-Values have passed the guard; they are limited once more here, as a NaN that is cast to a whole
-number could mean full power.
+A channel is a control with minimum < maximum, in the order of the device's columns.
+Values from the guard are limited once more here: a NaN cast to a whole number could mean full
+power.
 """
 
 from __future__ import annotations
@@ -136,14 +136,14 @@ def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
 
 
 class FrameEncoder:
-    """Encoder of frames for a serial port, as the device's configuration describes them."""
+    """Encoder of frames for a serial port, by the description in the device's configuration."""
 
     def __init__(self, device: DeviceConfig, how: BytesEncoder | TextEncoder) -> None:
         self._how = how
         self._channels = Channels(device)
 
     def frame(self, columns: F64) -> bytes:
-        """Encode values (columns,) as one frame."""
+        """Encode values (columns,) as a frame."""
         return self._framed(self._channels.values(columns))
 
     @property

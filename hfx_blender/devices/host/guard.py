@@ -2,7 +2,7 @@
 """Guard: limits on all values of a device, the last step before values are encoded as bytes.
 
 Order: real, finite numbers (else the actuator is silent), range, slew rate (rises only), time on.
-No value of a script or of the engine reaches an actuator by any other way.
+All values of scripts and of the engine pass through here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LONGEST_RISE_S: Final = 0.05
 
 
 class Guard:
-    """Safety limits of one device; the state is the last strength of each actuator and its time on.
+    """Safety limits of a device, with the last strengths and the time on of all actuators as state.
 
     Not thread-safe but for :meth:`record_silence`, which any thread may call.
     """
@@ -39,7 +39,7 @@ class Guard:
 
     @property
     def has_time_limit(self) -> bool:
-        """Test that the time on of at least one actuator is limited."""
+        """Test for an actuator with limited time on."""
         return self._time_on.is_limited
 
     def share(self, uses: Sequence[BudgetUse]) -> None:
@@ -86,13 +86,13 @@ class Guard:
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Convert any input to values (count,); all NaN if it is not a row of ``count`` numbers."""
+    """Convert any input to values (count,); all NaN for anything but a row of ``count`` numbers."""
     values = as_row(wanted)
     return values if values.shape == (count,) else np.full(count, np.nan)
 
 
 def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
-    """Strengths (A,) that move away from silence by at most ``rise``, and towards it at once."""
+    """Strengths (A,): away from silence by at most ``rise``, towards silence at once."""
     before, after = given - silent, wanted - silent
     # A change of sign passes through silence, and the whole rise is counted from there.
     most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise

@@ -66,7 +66,7 @@ _log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """Queue of events, written by a thread of its own: a reader that hangs must not stop a device.
+    """Queue of events, written in a thread: a hanging reader must not stop a device.
 
     Of more than :data:`_MAX_EVENTS` unwritten events the oldest are dropped.
     """
@@ -98,7 +98,7 @@ class Reporter:
 
 
 class Host:
-    """Threads of all devices, and the dispatch of messages to them.
+    """Threads of all devices, and the dispatch of messages.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Host:
     patience_s : float
         Longest time to the next message, seconds, before Blender counts as frozen.
     end_reason : str
-        Reason for the end of the process; "" while it runs.
+        Reason for the end of the process; "" before.
     """
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
@@ -125,7 +125,7 @@ class Host:
         )
 
     def read(self, stream: BinaryIO) -> None:
-        """Execute the messages of a stream; stop all devices at its end or at a faulty message."""
+        """Execute the messages of a stream; stop all devices at the end or at a faulty message."""
         end = "Blender has gone"
         try:
             for message in messages(stream):
@@ -193,7 +193,7 @@ class Host:
             self.rendering.restart()
 
     def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
-        """Execute a message for one device; kinds that concern no device are ignored."""
+        """Execute a message for a device; kinds without a device are ignored."""
         kind = message.kind
         if kind is MessageKind.STOP:
             thread.stop(message.body.decode(errors="replace") or "stopped by you")
@@ -217,8 +217,8 @@ class Host:
     def take_rendered(self, answer: Message, questions: Questions) -> None:
         """Forward an answer of the render worker: values to a device, haptic data to its script.
 
-        A fault of all devices, or of one device, stops the devices. ``questions`` are the requests
-        that are answered, by device number; answers without a request are dropped.
+        Faults stop their devices. ``questions`` are the answered requests by device number; answers
+        without a request are dropped.
         """
         if answer.device == EVERY_DEVICE:
             self.fail_rendering(answer.body.decode(errors="replace"))
@@ -244,7 +244,7 @@ class Host:
                 thread.fault(text)
 
     def _connect(self, number: int, request: dict[str, Any]) -> None:
-        """Open the device of a CONNECT message in a new thread, in place of an earlier one.
+        """Open the device of a CONNECT message in a new thread, after closing its earlier thread.
 
         Failures are reported as the event "lost".
         """
@@ -328,10 +328,10 @@ class Host:
                 thread.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
-        """Stop all devices if this process stood still: its state and unread messages are old.
+        """Stop all devices if this process stood still: state and unread messages are old.
 
-        Called by the main thread and by the reading thread, before either acts on old data: any of
-        the two may run first after a sleep of the computer.
+        Called by the main thread and by the reading thread, before any use of old data: both may
+        run first after a sleep of the computer.
         """
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
@@ -353,7 +353,7 @@ class Host:
 
 
 def _offset_s(request: dict[str, Any]) -> float:
-    """Delay of a request, seconds, clipped to 0..:data:`MAX_OFFSET_S`; 0 if it is no number."""
+    """Delay of a request, seconds, clipped to 0..:data:`MAX_OFFSET_S`; 0 if no number."""
     offset_ms = request.get("offset_ms", 0.0)
     if not isinstance(offset_ms, int | float) or isnan(offset_ms):
         return 0.0
@@ -375,8 +375,8 @@ def main() -> None:
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), _note_signal)
-    # Events get a copy of standard output, and prints of libraries go to standard error, so that
-    # they do not come between the events.
+    # Events get a copy of standard output; prints of libraries go to standard error, not between
+    # the events.
     events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     sys.setswitchinterval(0.001)  # a device thread waits for Python's lock for 1 ms at most

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Log files of outputs: new regular files, or logs of the same kind of output.
 
-No other file is overwritten. Pipes and device nodes are not opened: opening a pipe may block, and
+Only logs are overwritten. Pipes and device nodes are not opened: opening a pipe may block, and
 opening a device node may have effects.
 """
 
@@ -22,7 +22,7 @@ MOST_BYTES: Final = 1 << 28
 _FLAGS: Final = (
     getattr(os, "O_NONBLOCK", 0)
     | getattr(os, "O_NOFOLLOW", 0)
-    | getattr(os, "O_NOCTTY", 0)  # a terminal must not become the controlling one
+    | getattr(os, "O_NOCTTY", 0)  # never the controlling terminal
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )
@@ -31,7 +31,7 @@ _FLAGS: Final = (
 class LogFile:
     """Unbuffered writer of a log; :meth:`close` removes a new file after a failed write.
 
-    Parameters and errors are those of :func:`open_log`.
+    Parameters and errors as of :func:`open_log`.
     """
 
     def __init__(self, path: Path, is_ours: Callable[[bytes], bool] | None = None) -> None:
@@ -47,7 +47,7 @@ class LogFile:
     def write(self, content: bytes) -> None:
         """Write ``content`` completely.
 
-        Raises OutputLostError: this write or an earlier one has failed.
+        Raises OutputLostError: this write or an earlier write has failed.
         """
         rest = memoryview(content)
         try:
@@ -64,7 +64,7 @@ class LogFile:
         self._file.truncate()
 
     def close(self) -> None:
-        """Close the file, and remove it if it is new and a write has failed; idempotent."""
+        """Close the file, and remove a new file after a failed write; idempotent."""
         with suppress(OSError):
             # The path may lead to another file by now, which must stay.
             state = os.fstat(self._file.fileno()) if not self.is_closed else None
@@ -75,13 +75,13 @@ class LogFile:
 
 
 def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
-    """Create or truncate a log and return its descriptor.
+    """Create or truncate a log and return a descriptor.
 
     Parameters
     ----------
     is_ours : callable, optional
-        Tests the content of an existing file; True permits to overwrite it. An empty file may be
-        overwritten, too. None: the file must not exist.
+        Tests the content of an existing file; True permits overwriting. Empty files are always
+        overwritten. None: the file must not exist.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
 def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
     if is_ours is None or not os.path.lexists(path):
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
-    # Tested before the opening, which may have effects, and after it, as the path may have changed.
+    # Before the opening, which may have effects, and after, as the path may have changed.
     _require_regular(path, os.lstat(path))
     descriptor = os.open(path, os.O_RDWR | _FLAGS)
     try:
@@ -122,7 +122,7 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
 
 
 def _require_regular(path: Path, state: os.stat_result) -> None:
-    """Raise ``OutputLostError`` unless ``state`` is that of a regular file with one name."""
+    """Raise ``OutputLostError`` unless ``state`` is of a regular file with a single name."""
     if stat.S_ISREG(state.st_mode):
         if state.st_nlink > 1:
             raise OutputLostError(

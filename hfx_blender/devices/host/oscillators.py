@@ -26,14 +26,14 @@ RAMP_S: Final = 0.005
 
 
 class Oscillators:
-    """Oscillators, one for each of C channels.
+    """Oscillators of C channels.
 
     Parameters
     ----------
     waveforms : sequence of C of {"sine", "square", "noise"}
     begins_at : int
-        Number of samples played before; the phase of a start from silence depends on it, so that
-        equal frequencies are in phase.
+        Number of samples played before, for the phase at a start from silence: oscillators of
+        equal frequency are in phase.
     """
 
     def __init__(
@@ -78,8 +78,7 @@ class Oscillators:
         here = self._from * (1.0 - share) + self._to * share
         cycles = self._cycles_at(np.array([self._done]))[0] % self._repeats
         is_start = here[0] == 0.0
-        # A silent end of a ramp has no frequency of its own: it takes the other end's, so that
-        # fading in and out do not glide.
+        # A silent end of a ramp gets the frequency of the sounding end: no glide in fades.
         here[1], target[1] = kept_through_silence((here[0], target[0]), (here[1], target[1]))
         since = cycles_since_the_beginning(target[1], self._played / self._rate_hz, self._repeats)
         self._cycles = np.where(is_start, since, cycles)
@@ -105,7 +104,7 @@ class Oscillators:
 
 
 class SumOfTones:
-    """Sum of several tones on each of C channels, one set of oscillators for each tone number.
+    """Sum of several tones on each of C channels, with a set of oscillators by tone number.
 
     Parameters
     ----------
@@ -142,6 +141,6 @@ class SumOfTones:
         for bank in self._sounding.values():
             samples += bank.block(count)
         self._played += count
-        # A silent tone is dropped: its next start takes its phase from the count of samples.
+        # Silent tones are dropped: a next start gets the phase from the count of samples.
         self._sounding = {n: bank for n, bank in self._sounding.items() if not bank.is_silent}
         return samples

@@ -13,11 +13,11 @@ _SHOWN: Final = 60
 
 
 class OutputLostError(Exception):
-    """Raised for a device that cannot be reached: unplugged, refused, or its program ended."""
+    """Raised for a device that cannot be reached: unplugged, refused, program ended."""
 
 
 class Output(Protocol):
-    """Encoder and transport of one device. Only :meth:`close` waits for the device."""
+    """Encoder and transport of a device. Only :meth:`close` waits for the device."""
 
     def send(self, values: F64) -> None:
         """Send values (columns,) from the guard; unsent older values are dropped.
@@ -31,8 +31,8 @@ class Output(Protocol):
         """Send the stop bytes ahead of unsent values; never raises. Called from any thread."""
 
     def close(self) -> None:
-        """Close the port, after a stop. Waits a few seconds at most for a confirmation of the
-        stop, where the other side sends one.
+        """Close the port after a stop; waits some seconds at most for a confirmation of the stop,
+        with protocols that have confirmations.
 
         Raises OutputLostError: the stop did not arrive. The port is closed nevertheless.
         """
@@ -43,7 +43,7 @@ class SoundingOutput(Output, Protocol):
     """Output that plays sums of sines at the actuators that take a waveform."""
 
     def send_tones(self, values: F64, tones: Tones) -> None:
-        """Send values (columns,), and the tones that replace them at actuators with a waveform.
+        """Send values (columns,), and tones in place of the values of actuators with a waveform.
 
         Raises
         ------
@@ -52,6 +52,6 @@ class SoundingOutput(Output, Protocol):
 
 
 def shown(received: str) -> str:
-    """Quote the start of a received text for a message, on one line."""
+    """Quote the start of a received text for a message, without line breaks."""
     cut = received if len(received) <= _SHOWN else received[:_SHOWN] + "..."
     return f"'{printable(cut)}'"

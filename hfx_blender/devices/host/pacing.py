@@ -23,19 +23,19 @@ switch from stopping it."""
 
 
 def tick_s(device: DeviceConfig) -> float:
-    """Interval between two values of a device, seconds: that of its fastest actuator, in bounds."""
+    """Interval between two values of a device, seconds, for the fastest actuator; clipped."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
     return min(max(fastest, FASTEST_S), SLOWEST_S)
 
 
 class Ramp:
-    """Linear ramp from the values of one frame to the next, over the duration of a frame.
+    """Linear ramp between the values of successive frames, over the duration of a frame.
 
     Strengths ramp; frequencies and changes to silence jump. The duration is the time between the
-    last two frames, as the time of the next frame is unknown; it is one tick where that time is
-    shorter than a tick or longer than :data:`LONGEST_RAMP_S`. The first values after a frame are
-    the first step of its ramp, and the last values before the next frame reach its target. An
-    actuator with at most one update in a frame jumps to the target, without delay.
+    last two frames, as the time of the next frame is unknown; a tick for times
+    below a tick or above :data:`LONGEST_RAMP_S`. The first values after a frame are
+    the first step of the ramp, and the last values before the next frame reach the target. An
+    actuator with a single update in a frame jumps to the target, without delay.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ class Ramp:
         if np.shape(values) != self._neutral.shape:
             shape, count = np.shape(values), len(self._neutral)
             raise ValueError(f"values of shape {shape}; it takes {count}")
-        # A column whose target stays equal counts as arrived. Otherwise equal frames that come
-        # shortly before their ramp ends would restart it each time, and never be reached.
+        # A column whose target stays equal counts as arrived. Otherwise equal frames
+        # shortly before the end of a ramp would restart the ramp each time, without an end.
         here = np.where(self._to == values, values, self._here)
         self._from = np.where(np.isfinite(here), here, self._neutral)
         self._to = np.asarray(values, np.float64)
@@ -85,7 +85,7 @@ class Ramp:
         self._began_s, self.share = now_s, 0.0
 
     def complete(self) -> None:
-        """Shorten the ramp so that the next values reach its target."""
+        """Shorten the ramp: the next values reach the target."""
         self._lasts_s = self._tick
 
     def at(self, now_s: float) -> F64:
@@ -133,7 +133,7 @@ class Ramp:
 class Pace:
     """Limit of each actuator's update rate.
 
-    Between two updates an actuator keeps its values. An update sends the strongest values since
+    Between two updates the values of an actuator stay. An update sends the strongest values since
     the last update, as an export does. Silence passes at once.
     """
 

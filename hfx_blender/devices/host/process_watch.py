@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Detection of the exit of another process, before its pipes are closed.
+"""Detection of the exit of a process before the closing of its pipes.
 
-Linux frees a process's memory before it closes its pipes: the end of a pipe comes 50 to 800 ms
+Linux frees the memory of a process before closing pipes: the end of a pipe comes 50 to 800 ms
 late for each GiB, and so does the signal of a pidfd. Three facts change at once in
 ``/proc/PID/stat``: SIGKILL is pending (in all threads after any fatal signal), the exiting flag is
 set, the state is zombie. macOS has the same flag. Windows sets the exit code and closes handles,
-pipes included, before it frees memory.
+pipes included, before freeing memory.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def end_test(pid: int) -> Callable[[], bool]:
 
 
 def _linux_test(pid: int) -> Callable[[], bool]:
-    # An open file refers to this very process, even after its number is used again.
+    # An open file refers to this very process, even after a new process with this number.
     descriptor = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def is_ending() -> bool:

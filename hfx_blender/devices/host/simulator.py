@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated device: a log with one JSON line for each set of values and each stop."""
+"""Simulated device: a log with a JSON line for each set of values and each stop."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ class Simulator:
     ----------
     path : Path, optional
         Log with lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
-        times are those of the system's monotonic clock. An existing file is overwritten only if a
-        simulator has written it.
+        times are of the system's monotonic clock. Only logs of simulators are overwritten.
 
     Raises
     ------
@@ -60,7 +59,7 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Test that all lines of a file are a simulator's; the last one may be cut off."""
+    """Test that all lines of a file are a simulator's; the last line may be cut off."""
     *lines, rest = content.split(b"\n")
     return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
 

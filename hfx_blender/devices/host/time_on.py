@@ -2,9 +2,9 @@
 """Limit of time on: a duty budget for each actuator, whose load rises while on and falls at rest.
 
 The load reaches 1 after ``maximum_on_s`` of being on, and returns to 0 after ``rest_s`` of rest; a
-shorter rest lowers it proportionally. At load 1 the actuator has to cool until the load is 0. So
-an actuator is never on for longer than ``maximum_on_s`` without a break, and within any time t for
-at most ``D t + (1 - D) maximum_on_s`` with ``D = maximum_on_s / (maximum_on_s + rest_s)``.
+shorter rest lowers the load proportionally. At load 1 the actuator has to cool until load 0. So an
+actuator is never on for longer than ``maximum_on_s`` without a break, and within any time t for at
+most ``D t + (1 - D) maximum_on_s`` with ``D = maximum_on_s / (maximum_on_s + rest_s)``.
 
 The strength does not matter: any value but silence is on. Time of unknown use counts as on.
 """
@@ -30,17 +30,17 @@ _ROUNDING: Final = 1e-9
 
 
 class DutyBudget:
-    """Duty budgets of one physical device, one for each slot; they outlive its connections.
+    """Duty budgets of all slots of a physical device, kept between connections.
 
-    A slot is a physical actuator; several configurations may know it by different numbers. All
-    sequences have one entry for each slot. :attr:`lock` has to be held for all access.
+    A slot is a physical actuator; several configurations may number the same slot differently.
+    Sequences have an entry for each slot. :attr:`lock` has to be held for all access.
 
     Parameters
     ----------
     load : sequence of float
         0 rested, 1 exhausted.
     is_cooling : sequence of bool
-        True: the slot has to stay silent until its load is 0.
+        True: the slot has to stay silent until load 0.
     names : sequence of str
         Names of the slots.
     idle_s : sequence of float
@@ -95,7 +95,7 @@ class DutyBudget:
         return is_used
 
     def is_on_for_others(self, player: TimeOn) -> Bool:
-        """Mask (slots,) of slots that players other than ``player`` have on."""
+        """Mask (slots,) of slots switched on by players except ``player``."""
         is_on = np.zeros(len(self.load), np.bool_)
         for playing, slots in self.players.items():
             if playing is not player:
@@ -104,21 +104,21 @@ class DutyBudget:
 
 
 class Slots(NamedTuple):
-    """Slot numbers of a player in a budget: of all its actuators, and of those that are on."""
+    """Slot numbers of a player in a budget: of all actuators, and of actuators that are on."""
 
     own: I64
     on: I64
 
 
 class BudgetUse(NamedTuple):
-    """Budget of a device, and the slot name of each of A actuators in it; names may repeat."""
+    """Budget of a device, and the slot names of A actuators; names may repeat."""
 
     budget: DutyBudget
     names: Sequence[str]
 
 
 class TimeOn:
-    """Use of a device's duty budgets by one connection, a *player* of these budgets.
+    """Use of a device's duty budgets by a connection, called a *player* of the budgets.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class TimeOn:
     def record_rest(self, now_s: float) -> None:
         """Record the time from the last silence of any player to ``now_s`` as rest.
 
-        Time of unknown use before that is charged first. Slots that other players use now do not
+        Time of unknown use before that is charged first. Slots in use by players now do not
         rest.
         """
         with self._lock:
@@ -188,7 +188,7 @@ class TimeOn:
     def blocked(self, is_requested: Bool, step_s: float) -> Bool:
         """Mask (A,) of actuators that have to be silent until the next call.
 
-        A step counts as on if the actuator is on at its start or end, else as rest.
+        A step counts as on if the actuator is on at the start or the end of the step, else as rest.
 
         Parameters
         ----------
@@ -221,8 +221,7 @@ class TimeOn:
                 budget.players.setdefault(self, Slots(slots, slots[is_on]))
                 is_busy = budget.is_on_for_others(self)
                 is_busy[slots[self._is_on | is_on]] = True
-                # Several players may share a slot: only the first one counts the rest of the slot,
-                # else the same time would be counted twice.
+                # Only the first of several players of a slot counts rest: no time counts twice.
                 is_busy |= budget.is_used_before(self)
                 rests = ~is_busy[slots]
                 self._empty(budget, slots[rests], np.full(self._count, step_s), rests)
@@ -241,7 +240,7 @@ class TimeOn:
     def _empty(self, budget: DutyBudget, slots: I64, length_s: F64, rests: Bool) -> None:
         """Lower the load of ``slots`` by a rest of ``length_s`` (A,); 0, negative or NaN: no rest.
 
-        ``slots`` are those of the actuators in the mask ``rests`` (A,), in their order.
+        ``slots`` belong to the actuators in the mask ``rests`` (A,), in order.
         """
         length_s = np.where(length_s[rests] > 0.0, length_s[rests], 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -253,7 +252,7 @@ class TimeOn:
 
 
 def private_use(count: int) -> BudgetUse:
-    """New budget that no other connection shares, with one slot for each of ``count`` actuators."""
+    """New unshared budget, with a slot for each of ``count`` actuators."""
     return BudgetUse(DutyBudget(), [str(number) for number in range(count)])
 
 

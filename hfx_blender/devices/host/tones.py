@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tones: several sines at once at actuators that take a waveform, in live output.
 
-Such an actuator plays the sum of its tones, as in an exported WAV. A *frame* is a row of numbers:
-the values (columns,) of the device; then for each tone its number, W amplitudes and W
-frequencies, where W counts the actuators that take a waveform.
+Such an actuator plays the sum of the tones, as in an exported WAV. A *frame* is a row of numbers:
+the values (columns,) of the device; then the number, W amplitudes and W frequencies
+of each tone, for W actuators with a waveform.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class Tones:
 
 
 def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: int) -> Tones:
-    """Tones of one moment; partials of one effect or of equal frequency are merged.
+    """Tones of a moment; partials of the same effect or of equal frequency are merged.
 
     At most :data:`MAX_TONES`, the strongest first.
 
     Parameters
     ----------
     partials : iterable of Partial
-        Partials of one row at W = ``width`` actuators.
+        Partials of a single row at W = ``width`` actuators.
     numbers : mapping
-        Tone numbers by effect id; a merged tone has the number of its first effect.
+        Tone numbers by effect id; a merged tone has the number of the first effect.
     """
     merged: list[tuple[int, F64, F64]] = []
     for partial in partials:
@@ -79,7 +79,7 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
 
 
 def frame_of(values: F64, tones: Tones) -> F64:
-    """Frame of values (columns,) and tones, as the module's docstring describes it."""
+    """Frame of values (columns,) and tones; layout in the module's docstring."""
     rows = np.column_stack((tones.numbers, tones.amplitudes, tones.frequencies_hz))
     return np.concatenate([values, rows.ravel()])
 
@@ -119,7 +119,7 @@ class Sounding:
     def split(self, frame: F64) -> F64:
         """Set the tones of a new frame as the ramp's target; return the frame's values (columns,).
 
-        A frame without tones sets one tone, :data:`LONE`, of its values.
+        A frame without tones sets the tone :data:`LONE` of the values.
 
         Raises ValueError: the frame has a wrong number of entries.
         """
@@ -138,7 +138,7 @@ class Sounding:
     def totals(self, share: float, wanted: F64) -> F64:
         """Values (columns,) for the guard, at least as strong as the RMS sum of the tones.
 
-        Without it, strong tones would pass limits that the frame's weaker values do not reach.
+        Otherwise strong tones with weak values would pass the limits.
         ``share`` is that of the ramp, 0..1. Returns a copy, or ``wanted`` itself without waveforms.
         """
         if not len(self):
@@ -163,8 +163,8 @@ class Sounding:
         share : float
             Share of the ramp to the newest frame, 0..1.
         wanted, passed : (columns,) float64
-            Values before the guard, as :meth:`totals` returns them, and after it; amplitudes are
-            scaled by their ratio.
+            Values before the guard, as returned by :meth:`totals`, and after the guard. Amplitudes
+            are scaled by the ratio.
         """
         self._here = _between(self._from, self._to, share)
         requested, limited_ = wanted[self.columns], passed[self.columns]
@@ -206,7 +206,7 @@ class Sounding:
 def _between(start: Tones, end: Tones, share: float) -> Tones:
     """Tones between two sets, of all numbers of both: amplitudes interpolate, frequencies jump.
 
-    A tone that only one set has fades in or out at its own frequency.
+    A tone of a single set fades in or out at a constant frequency.
     """
     if share >= 1.0:
         return end

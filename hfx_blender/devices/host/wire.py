@@ -44,7 +44,7 @@ class FrameKind(IntEnum):
 
 
 class Reason(IntEnum):
-    """Reason why a board fell silent, as STOPPED holds it."""
+    """Reason of a board's silence, in STOPPED."""
 
     ASKED = 0
     NO_VALUES = 1
@@ -61,10 +61,10 @@ class Frame:
 
 
 def encode_cobs(content: bytes) -> bytes:
-    """Encode content by COBS, without zero bytes; one byte longer for each 254 bytes begun."""
+    """Encode content by COBS, without zero bytes; longer by a byte for each 254 bytes begun."""
     encoded = bytearray()
     for piece in content.split(b"\0"):
-        while len(piece) >= 254:  # a full block implies no zero after it
+        while len(piece) >= 254:  # no zero is implied after a full block
             encoded.append(255)
             encoded += piece[:254]
             piece = piece[254:]
@@ -86,7 +86,7 @@ def decode_cobs(content: bytes) -> bytes | None:
             return None
         decoded += block
         at += length
-        # Each block but a full one and the last ends with a zero.
+        # A zero ends all blocks except full blocks and the last block.
         if length < 255 and at < len(content):
             decoded.append(0)
     return bytes(decoded) if content else None
@@ -101,7 +101,7 @@ def encode_frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
 def encode_configuration(
     session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0
 ) -> bytes:
-    """Payload of CONFIGURE; values refer to its CRC-32.
+    """Payload of CONFIGURE; values refer to the CRC-32 of this payload.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Receiver:
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
-        """Append received bytes; return the frames that they complete."""
+        """Append received bytes; return the completed frames."""
         frames = []
         for byte in content:
             if byte == 0:
@@ -164,7 +164,7 @@ class Receiver:
 
 
 def decode_frame(content: bytes) -> Frame | None:
-    """Decode a frame without its zeros; None for another version or a damaged frame."""
+    """Decode a frame without the zeros; None for another version or a damaged frame."""
     plain = decode_cobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None

@@ -2,9 +2,8 @@
 """Approval of device scripts: shipped scripts and scripts approved by the user may run.
 
 An approval is valid for the exact bytes of script and configuration and for one version of the
-interface. The process that runs a script checks :func:`may_run` for the bytes that it has read;
-all earlier checks only serve for early messages. Not a sandbox: an approved script has all rights
-of its user.
+interface. The script worker checks :func:`may_run` for the bytes before running them; all earlier
+checks only serve for early messages. Not a sandbox: an approved script has all rights of the user.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True)
 class DeviceScript:
-    """Script of a device, with its present fingerprint."""
+    """Script of a device, with the present fingerprint."""
 
     path: Path
     configuration: Path
@@ -54,7 +53,7 @@ def how_to_approve(name_or_path: str | Path) -> str:
 
 
 def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScript | None:
-    """Script of a device, ``<device>.py`` next to its configuration; None without one.
+    """Script of a device, ``<device>.py`` next to the configuration, or None.
 
     Raises InputError: one of the files cannot be read.
     """
@@ -90,7 +89,7 @@ def fingerprint(script: Path, configuration: Path) -> str:
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
     """:func:`fingerprint` of given bytes: a SHA-256 as 64 hexadecimal digits."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
-    # With lengths, so that bytes cannot move from one file to the next.
+    # With lengths: bytes moved from a file to the next change the fingerprint.
     for content in (script, configuration):
         digest.update(len(content).to_bytes(8, "little"))
         digest.update(content)
@@ -98,7 +97,7 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 
 
 def approve(script: DeviceScript) -> None:
-    """Approve a script as it was when ``script`` was created.
+    """Approve a script in the state of ``script``.
 
     Raises InputError: a file has changed since then, or the list of approvals cannot be read.
     Raises OutputError: the list cannot be written.
@@ -125,7 +124,7 @@ def revoke(script: DeviceScript) -> None:
 
 
 def revoke_fingerprint(mark: str) -> None:
-    """Revoke an approval by its fingerprint; the files of the script may be missing.
+    """Revoke an approval by fingerprint; the files of the script may be missing.
 
     Raises InputError: the fingerprint is not approved, or the list cannot be read.
     Raises OutputError: the list cannot be written.
@@ -161,7 +160,7 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """Watch for the withdrawal of the approval of a running script, by its fingerprint.
+    """Watch for the withdrawal of a running script's approval, by fingerprint.
 
     Attributes
     ----------
@@ -193,7 +192,7 @@ def _stamp() -> tuple[int, ...] | None:
 
 
 def _read() -> dict[str, str]:
-    """Paths by fingerprint; empty without a file, ``InputError`` for an unreadable one."""
+    """Paths by fingerprint; empty without a file, ``InputError`` for an unreadable file."""
     path = resources.approved_scripts()
     try:
         with open(path, "rb") as file:

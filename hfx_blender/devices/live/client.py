@@ -21,7 +21,7 @@ from .host_pipe import HostPipe
 
 @dataclass(eq=False)
 class DeviceState:
-    """State of a connected device, as its events describe it."""
+    """State of a connected device, updated by events."""
 
     number: int
     name: str
@@ -29,7 +29,7 @@ class DeviceState:
     configuration: str = ""  # name or file
     folder: str | None = None  # of the user's configurations
     has_script: bool = False
-    scheme: str = ""  # rendering scheme that replaces the configured one; "": as configured
+    scheme: str = ""  # rendering scheme; "": as configured
     text: str = ""  # reason of the state, or the last line of the device's script
     unit: str = ""  # label of the device at a server; "" without
     levels: tuple[float, ...] = ()  # 0..1 by actuator
@@ -39,7 +39,7 @@ class DeviceState:
         return self.state == "armed"
 
     def update(self, event: Event) -> None:
-        """Apply an event; events of other devices change nothing, "gone" affects all devices."""
+        """Apply an event; "gone" concerns all devices, the rest the device of its number."""
         if event.event == "gone":  # the output process, and all devices with it
             self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
@@ -88,7 +88,7 @@ class LiveClient:
         return self.pipe.pid
 
     def start(self) -> None:
-        """Start the output process if it does not run; DeviceError if that fails."""
+        """Start the output process unless running; DeviceError if that fails."""
         if not self.is_running:
             self.close()
             self.pipe.start()
@@ -103,7 +103,7 @@ class LiveClient:
         script: Mapping[str, Any] | None = None,
         offset_ms: float = 0.0,
     ) -> DeviceState:
-        """Open a device under a name and arm it; a device of the same name is closed first.
+        """Open and arm a device under a name; a device of the same name is closed first.
 
         Parameters
         ----------
@@ -146,18 +146,18 @@ class LiveClient:
         return state
 
     def disconnect(self, name: str) -> None:
-        """Stop a device, close its port and forget its state; unknown names are ignored."""
+        """Stop a device, close the port and forget the state; unknown names are ignored."""
         self.close_port(name)
         self.devices.pop(name, None)
 
     def close_port(self, name: str) -> None:
-        """Stop a device and close its port; its state becomes "closed", or "lost" if the stop did
-        not arrive.
+        """Stop a device and close the port; the state becomes "closed", or "lost" without a
+        confirmed stop.
         """
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """Send values (columns,) of a device, in place of its unsent values."""
+        """Send values (columns,) of a device, in place of unsent values."""
         self._feed(name, MessageKind.VALUES, encode_values(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
@@ -183,7 +183,7 @@ class LiveClient:
     def show(self, moment: LiveFrame) -> None:
         """Send the current samples to all devices, in place of unsent samples.
 
-        ``moment`` is encoded later in a thread: it must not be changed after the call. A device
+        ``moment`` is encoded later in a thread: no changes after the call. A device
         with gain 0 is silent at once.
         """
         self.set_gains(moment.gains)
@@ -202,7 +202,7 @@ class LiveClient:
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play a soft test pulse on one actuator, by its index."""
+        """Play a soft test pulse on an actuator, by index."""
         if name in self.devices:
             self.pipe.send(
                 MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
@@ -227,11 +227,11 @@ class LiveClient:
         self.pipe.send(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
-        """Let one device, or all devices, play again after a stop, from silence."""
+        """Let a device, or all devices (None), play again after a stop, from silence."""
         self._command(MessageKind.ARM, name)
 
     def stop(self, name: str) -> None:
-        """Silence one device."""
+        """Silence a device."""
         if name in self.devices:
             self.pipe.void(self.devices[name].number)
         self._command(MessageKind.STOP, name)

@@ -50,7 +50,7 @@ def serial_ports() -> list[FoundPort]:
 
 @dataclass(frozen=True)
 class Found:
-    """Configuration of a device that can be connected now, and its connection."""
+    """Device present now: configuration and connection."""
 
     device: str  # id
     port: str  # serial port; "": a network address as configured
@@ -92,7 +92,7 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
 
 
 def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
-    """Look for all shipped devices and those of a folder, for some tenths of a second.
+    """Look for all shipped devices and devices of a folder, for some tenths of a second.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
 
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
-    """Devices behind a program; of a Buttplug server only those that fit one of its devices."""
+    """Devices behind a program; of a Buttplug server only with a fitting device there."""
     from ..transports.buttplug import devices_at
 
     text, matches, served = f"a program on {host}:{port}", [], None
@@ -146,7 +146,7 @@ def serial_number_of(name: str, ports: Iterable[FoundPort]) -> str:
 
 
 def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[FoundPort]) -> str:
-    """Port of the device with a serial number, which was on port ``name`` when it was chosen.
+    """Port of the device with a serial number, last seen on port ``name``.
 
     ``name`` without a serial number to compare.
 
@@ -171,7 +171,7 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
     """The only port with the device's USB ids, and serial number pattern if configured.
 
-    Raises DeviceError: no port, or more than one, matches.
+    Raises DeviceError: no port or several ports match.
     """
     matching = [port.name for port in ports if _is_on(device, port)]
     if len(matching) == 1:

@@ -36,7 +36,7 @@ _MOST_AT_ONCE: Final = 256  # datagrams read in one step
 
 @dataclass(eq=False)
 class _Driven:
-    """Device, and the state of its datagrams."""
+    """Device, and the state of received datagrams."""
 
     name: str
     neutral: F64  # (columns,)
@@ -45,10 +45,10 @@ class _Driven:
     first: int | None = None  # first number of a game that may have been restarted
 
     def is_next(self, number: int, now_s: float) -> bool:
-        """Accept or reject a datagram by its number, which has to rise; updates the state.
+        """Accept or reject a datagram by the rising number; updates the state.
 
-        After the dead-man time a restarted game may start at a lower number: its first datagram
-        is rejected and its second one accepted, so that a repeated datagram stays rejected.
+        After the dead-man time a restarted game may start at a lower number: the first datagram
+        is rejected and the second accepted, so that a repeated datagram stays rejected.
         """
         rises = number > self.number
         if not rises and now_s - self.heard_s > DEAD_MAN_S:
@@ -67,9 +67,9 @@ class GameDoor:
     devices : mapping
         Devices by their names in the client.
     port : int
-        UDP port; 0 for a free one. The attribute ``port`` has the port in use.
+        UDP port; 0: any free port. The attribute ``port`` has the port in use.
     token : bytes, optional
-        Secret of 16 bytes; by default a random one, in the attribute ``token``.
+        Secret of 16 bytes, also an attribute; random by default.
 
     Raises UsageError: the port is not allowed or in use.
     """

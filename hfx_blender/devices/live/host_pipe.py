@@ -40,7 +40,7 @@ class Event:
 
 
 def event_of(body: bytes) -> Event | None:
-    """Parse the JSON body of a message as an event; None if it is no event."""
+    """Parse the JSON body of a message as an event; None for anything else."""
     try:
         content = json.loads(body)
         return Event(
@@ -54,7 +54,7 @@ def event_of(body: bytes) -> Event | None:
 
 
 class HostPipe:
-    """Messages to an output process and its events; the process can be started again.
+    """Messages to an output process and events from the process; can be started again.
 
     Only threads of this object wait for the process.
 
@@ -63,7 +63,7 @@ class HostPipe:
     urgent : deque of bytes
         Unsent messages, all to be sent, in order.
     newest : dict
-        Unsent values or moment of each device number; a newer entry replaces an older one.
+        Newest unsent values or moment of each device number.
     places : mapping
         Index of each stream in the header of the present scene.
     """
@@ -125,7 +125,7 @@ class HostPipe:
         self._nudge()
 
     def replace(self, device: int, newest: bytes | LiveFrame) -> None:
-        """Queue a device's values, or the moment of all devices, in place of unsent ones."""
+        """Queue a device's values, or the moment of all devices, in place of an unsent entry."""
         if self.worker is None:
             return
         self.newest[device] = newest
@@ -195,8 +195,8 @@ class HostPipe:
             wake.get()
             if worker is not self.worker and not self._is_closing:
                 return
-            # Values are taken before the urgent messages, but sent after them: a message queued
-            # before the values, such as their scene, is then never sent after them.
+            # Values are taken before the urgent messages but sent afterwards: a message queued
+            # earlier than the values, as of the scene, is never sent later.
             silences, is_last, places = self._silences, self._is_closing, self.places
             newest = list(_taken(self.newest.popitem))[::-1]
             messages = list(_taken(self.urgent.popleft))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connection settings of a user's devices, and the targets and limits made from them.
+"""Connection settings of a user's devices, and targets for the output process.
 
 Settings are stored in the user's data folder, never in a .blend, which has only the names of
 devices: a downloaded .blend cannot open a port.
@@ -29,14 +29,14 @@ LEAST_LATENCY_MS: Final = 5.0
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Connection settings of one device."""
+    """Connection settings of a device."""
 
     kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
     port: str = ""  # serial port, "": by USB ids; network port, "": as configured; sound card
     host: str = ""  # "": as configured
     path: str = ""  # of a log
     offset_ms: float = 0.0  # delay of the values, 0..1000
-    unit: str = ""  # one of several devices: label at a server, or serial number at a port
+    unit: str = ""  # among several devices: label at a server, or serial number at a port
 
 
 def load() -> dict[str, LiveSettings]:
@@ -51,7 +51,7 @@ def load() -> dict[str, LiveSettings]:
 
 
 def store(name: str, settings: LiveSettings) -> None:
-    """Store the settings of one device; entries of concurrent processes are kept.
+    """Store the settings of a device; entries of concurrent processes are kept.
 
     Raises OutputError: the file cannot be written.
     """
@@ -77,11 +77,11 @@ def _settings_of(entry: dict[str, Any]) -> LiveSettings:
 
 
 class UnapprovedScriptError(InputError):
-    """Raised for a device's script that the user has not approved in its present state."""
+    """Raised for a device's script without approval of the present bytes."""
 
 
 def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
-    """Load a device by its name or file, with its approved script; None without a script.
+    """Load a device by name or file, with the approved script; None without a script.
 
     Raises InputError: the device is unknown or its file invalid.
     Raises UnapprovedScriptError: the user has not approved the script.

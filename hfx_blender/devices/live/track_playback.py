@@ -45,14 +45,14 @@ def play(
 ) -> list[DeviceState]:
     """Play a source once on the connected devices of a client; return the failed devices.
 
-    Devices are stopped and their ports closed at the end, after an exception they are stopped.
+    Devices are stopped at the end, also after an exception, and ports are closed.
 
     Parameters
     ----------
     from_s : float, optional
         Start time on the source's clock; by default the source's start.
     offset_s : float
-        Longest delay of a device; the end is delayed by it.
+        Longest delay of a device, also of the end.
     progress : callable
         Takes the played share, 0..1.
     connected : callable

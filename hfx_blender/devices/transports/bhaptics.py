@@ -74,7 +74,7 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}), is_urgent=True)
 
     def close(self) -> None:
-        """Disconnect after the Player has read the stop; OutputLostError if it has not."""
+        """Disconnect after the Player has read the stop; else OutputLostError."""
         try:
             self._socket.finish()
         finally:

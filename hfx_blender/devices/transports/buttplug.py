@@ -54,7 +54,7 @@ class ServedDevice:
         return _names(self.name, self.display_name)
 
     def fits(self, how: ButtplugEncoder) -> bool:
-        """Test that the names and outputs are those of a configuration."""
+        """Test for the names and outputs of a configuration."""
         is_named = any(n.startswith(how.device_name) for n in (self.name, self.display_name))
         return is_named and self.ranges(how) is not None
 
@@ -101,7 +101,7 @@ def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
 def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
     """Device with a label, else with a name or display name, else with ``#`` and an index.
 
-    None if no device, or more than one, has the label, name or index.
+    None without a match, or with several.
     """
     for matches in (
         [x for x in devices if unit == x.label],
@@ -114,7 +114,7 @@ def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
 
 
 class Server:
-    """Connection to a Buttplug server, shared by all its outputs: many servers take one client.
+    """Connection to a Buttplug server, shared by all outputs: many servers take one client.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class Server:
         self.socket.send(json.dumps([self.message(kind, **content)]))
 
     def await_stop(self, number: int) -> None:
-        """Wait, at most :data:`ANSWER_S`, for the answer to a stop, by its number.
+        """Wait, at most :data:`ANSWER_S`, for the answer to a stop with a number.
 
         Raises OutputLostError: the connection is lost, or no answer has come.
         """
@@ -234,7 +234,7 @@ class Server:
 
 
 def _shared(host: str, port: int) -> Server:
-    """Connection to a server, an existing one if it is not lost; :func:`_leave` ends the use."""
+    """Existing connection to a server unless lost, or a new one; :func:`_leave` ends the use."""
     key = server_key(host, port)
     with _users:
         existing = _servers.get(key)
@@ -252,7 +252,7 @@ def _shared(host: str, port: int) -> Server:
 
 
 def _leave(server: Server) -> None:
-    """End a use of a connection; the last one closes the connection."""
+    """End a use of a connection; the last end closes the connection."""
     with _users:
         server.users -= 1
         if server.users > 0:
@@ -272,7 +272,7 @@ def devices_at(host: str, port: int) -> list[ServedDevice]:
 
 
 class ButtplugOutput:
-    """Output to one device of a Buttplug server.
+    """Output to a device of a Buttplug server.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class ButtplugOutput:
         Address of the server.
     unit : str
         Choice among several devices, as for :func:`chosen`. "": the device chosen last in this
-        process, else the first free one that fits.
+        process, else the first free device that fits.
 
     Attributes
     ----------
@@ -290,7 +290,7 @@ class ButtplugOutput:
     Raises
     ------
     OutputLostError
-        The server does not answer, or not in version 4; no device fits, or it is in use.
+        The server does not answer, or not in version 4; no device fits or is free.
     """
 
     def __init__(
@@ -304,7 +304,7 @@ class ButtplugOutput:
         self._stop_number = 0  # of the newest stop
         self._is_closed = False
         key = server_key(host, port)
-        # Outputs to one server are opened one by one, so that each gets a different device.
+        # Outputs to a server open one after another, so that each gets a different device.
         with _opening[key]:
             self._server = _shared(host, port)
             self._socket = self._server.socket

@@ -19,7 +19,7 @@ MAX_BYTES: Final = 256 << 20
 
 
 class CsvLog:
-    """Output to a new CSV file: ``time_s`` since its start, ``event`` (values, stop), channels.
+    """Output to a new CSV file: ``time_s`` since the start, ``event`` (values, stop), channels.
 
     Raises OutputLostError: the file exists already, or cannot be written.
     """

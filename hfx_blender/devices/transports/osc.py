@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC 1.0 over UDP, with addresses as configured, such as those of VRChat's parameters."""
+"""OSC 1.0 over UDP, with addresses as configured, such as VRChat's parameters."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MAX_DATAGRAM: Final = 1400
 _BUNDLE: Final = osc_types.write_string("#bundle") + osc_types.write_date(osc_types.IMMEDIATELY)
 
 
-# python-osc's builders decode each message after encoding it: 40 actuators at 1 kHz would need a
-# whole processor core, its functions for single OSC types need a tenth of that.
+# python-osc's builders decode each encoded message again: 40 actuators at 1 kHz would need a whole
+# processor core. The functions for single OSC types need a tenth.
 def message(address: str, value: float) -> bytes:
     """OSC message with one float32 argument."""
     types = osc_types.write_string(",f")
@@ -32,7 +32,7 @@ def message(address: str, value: float) -> bytes:
 def bundles(messages: list[bytes]) -> list[bytes]:
     """Pack messages into bundles of at most :data:`MAX_DATAGRAM`, in order.
 
-    A longer message gets a bundle of its own.
+    A longer message gets a separate bundle.
     """
     complete: list[bytes] = []
     bundle = _BUNDLE

@@ -23,7 +23,7 @@ def reserve(keys: Iterable[Hashable], name: str) -> Keys:
     Parameters
     ----------
     keys : iterable of hashable
-        Ports, devices or channels of the output, each under all its names.
+        Ports, devices or channels of the output, under all names.
     name : str
         Name of the output in the message.
 
@@ -38,7 +38,7 @@ def reserve(keys: Iterable[Hashable], name: str) -> Keys:
 
 
 def are_free(keys: Iterable[Hashable]) -> bool:
-    """Test that no output has reserved any of these keys."""
+    """Test that no output has reserved any of the keys."""
     with _lock:
         return not any(key in reserved for key in keys)
 
@@ -52,14 +52,14 @@ def release(keys: Keys) -> None:
 
 
 def server_key(host: str, port: int) -> tuple[str, int]:
-    """Key of a server, equal for all spellings of its address."""
+    """Key of a server, equal for all spellings of the address."""
     return computer(host), port
 
 
 def computer(host: str) -> str:
     """Normalise the address of a computer; "this computer" for all addresses of this computer.
 
-    Names other than localhost are not resolved.
+    Names except localhost are not resolved.
     """
     name = host.strip().rstrip(".").lower()
     try:
@@ -73,9 +73,9 @@ def computer(host: str) -> str:
 
 
 def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    """Test that an address is one of this computer."""
+    """Test for an address of this computer."""
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.bind((str(address), 0))  # fails for addresses of other computers; sends nothing
+        probe.bind((str(address), 0))  # fails for a foreign address; sends nothing
         return True
     return False

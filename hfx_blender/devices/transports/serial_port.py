@@ -32,10 +32,10 @@ def is_port_name(name: str) -> bool:
 
 
 class SerialPort:
-    """Byte stream of one port, with at most one unsent frame.
+    """Byte stream of a port, with at most one unsent frame.
 
-    A frame that is partly written is completed before the next one; an unsent frame is replaced
-    by a newer one. So a stalled port costs neither memory nor time.
+    A partly written frame is completed first; an unsent frame is replaced by a newer frame. So a
+    stalled port costs neither memory nor time.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class SerialPort:
     _is_posix: Final = os.name == "posix"
 
     def write_newest(self, frame: bytes) -> None:
-        """Write a frame, in place of an unsent one; OutputLostError if the port is lost."""
+        """Write a frame, in place of an unsent frame; OutputLostError if the port is lost."""
         self._next = frame
         self._push()
 
@@ -138,7 +138,7 @@ class SerialPort:
 
 
 class SerialFrames:
-    """Output to a device on a serial port, with frames as its configuration describes them."""
+    """Output to a device on a serial port, with frames as configured."""
 
     def __init__(self, port: SerialPort, encoder: FrameEncoder) -> None:
         self._port = port
@@ -146,7 +146,7 @@ class SerialFrames:
 
     def send(self, values: F64) -> None:
         """Send values (columns,); received bytes are discarded."""
-        self._port.read()  # so that they do not fill the system's queue
+        self._port.read()  # keeps the system's queue empty
         self._port.write_newest(self._encoder.frame(values))
 
     def stop(self) -> None:
@@ -160,7 +160,7 @@ class SerialFrames:
 
 
 def reserve_port(name: str) -> Keys:
-    """Reserve a port by its real path and device number, as several names may lead to it.
+    """Reserve a port by real path and device number, as a port may have several names.
 
     Raises OutputLostError: the port does not exist, is no serial port, or is reserved.
     """

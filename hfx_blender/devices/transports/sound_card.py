@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output to a multichannel sound card through PortAudio: one channel for each vibration actuator.
 
-An actuator that takes a waveform plays the sum of its tones, others a single tone of their values.
+Actuators with a waveform play the sum of their tones, the rest a single tone of the values.
 A tone is a sine, or the waveform of the actuator's type. The package ``sounddevice`` contains
 PortAudio for Windows and macOS and uses the system's library on Linux.
 """
@@ -36,12 +36,12 @@ RATE_HZ: Final = 48_000
 class SoundCard:
     """Output of a device's vibration actuators to successive channels of a sound card.
 
-    Full scale is the largest amplitude limit of its actuators.
+    Full scale is the largest amplitude limit of the actuators.
 
     Parameters
     ----------
     interface : str
-        Part of the card's name, or its number; "": the system's default.
+        Part of the card's name, or the number; "": the system's default.
     first_channel : int
         Channel of the first actuator, from 1.
 
@@ -114,7 +114,7 @@ class SoundCard:
         amplitudes, hz = np.zeros(shape), np.zeros(shape)
         amplitudes[:, self._sounding] = tones.amplitudes
         hz[:, self._sounding] = np.minimum(tones.frequencies_hz, MAX_FREQUENCY_HZ)
-        # Drive curves depend on the total output of an actuator, not on that of one tone.
+        # Drive curves depend on the total output of an actuator, not on a single tone.
         totals = np.broadcast_to(amplitudes.sum(axis=0), shape)
         amplitudes = driven(self._curves, amplitudes, hz, self._full_scale, totals)
         # The tone of plain values gets a number below that of any tone: LONE may be in use.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Websocket client for text messages, without TLS, which never blocks once it is open.
+"""Websocket client for text messages, without TLS; never blocks after the opening.
 
-``websockets`` encodes and decodes frames; its own connections are not used, as they read proxies
-from the environment and may block. A thread answers pings and receives messages; text without
+``websockets`` encodes and decodes frames. Its connections are not used, as calls may block and
+proxies of the environment are used. A thread answers pings and receives messages; text without
 room in the socket's buffer waits in a queue.
 """
 
@@ -130,7 +130,7 @@ class WebSocket:
     def finish(self) -> None:
         """Send a close frame and wait, at most :data:`STALLED_S`, for that of the server.
 
-        A server sends its close frame after it has read all messages. :meth:`close` has to follow.
+        The server's close frame follows the reading of all messages. Call :meth:`close` afterwards.
 
         Raises OutputLostError: the connection was lost before, or the server does not read.
         """

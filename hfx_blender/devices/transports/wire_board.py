@@ -34,7 +34,7 @@ class WireBoard:
     Parameters
     ----------
     port : SerialPort
-        Open port; :meth:`close` closes it.
+        Open port, closed by :meth:`close`.
 
     Raises OutputLostError: the board does not answer, or has too few channels for the device.
     """
@@ -63,7 +63,7 @@ class WireBoard:
     def send(self, values: F64) -> None:
         """Send values (columns,).
 
-        A stopped board is configured again first; values are dropped until it has answered.
+        A stopped board is configured again first; values are dropped until the answer.
         """
         if self._is_stopped:
             self._begin(ANSWER_S)
@@ -148,10 +148,9 @@ class WireBoard:
 
 
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
-    """Longest time on and the rest after it, for all channels of a board; 0: the board's own.
+    """Longest time on and following rest, for all channels of a board; 0: the board's own.
 
-    The time on is the shortest one of the device's types. The rest is chosen so that the share of
-    time on is the smallest one of the types.
+    The time on is the shortest of the device's types, and the share of time on the smallest.
     """
     kinds = [kind for kind in device.actuator_types.values() if math.isfinite(kind.maximum_on_s)]
     if not kinds:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Input of a device script: haptic data of one moment, and the layout of the device.
+"""Input of a device script: haptic data of a moment, and the layout of the device.
 
 ``docs/device-scripts.md`` is the documentation for authors of scripts.
 """
@@ -26,7 +26,7 @@ API_VERSION: Final = 1
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """Effect on the wearer's body at one moment."""
+    """Effect on the wearer's body at a moment."""
 
     name: str  # id of the effect
     modality: str
@@ -43,14 +43,14 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Haptics:
-    """Haptic data of one moment.
+    """Haptic data of a moment.
 
     Attributes
     ----------
     time_s : float
         Time on the scene's clock.
     felt : tuple of Effect
-        Effects on the wearer, of all modalities, including those missing on the device.
+        Effects on the wearer, of all modalities, also of modalities missing on the device.
     values : (columns,) float64
         Values without a script: the controls of all actuators, actuator by actuator.
     device : DeviceConfig

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Encoding of a scene and its moments for the render worker.
+"""Encoding of a scene and of moments for the render worker.
 
-A moment is a :class:`LiveFrame` of the objects that Blender's frame has evaluated; it is encoded
-in a thread. All its runs are joined in a few arrays, so that the size of the JSON part does not
-depend on the number of effects.
+A moment is a :class:`LiveFrame` with the objects of Blender's evaluation, encoded in a thread. All
+runs are joined in a few arrays: the size of the JSON part does not depend on the number of effects.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class LiveFrame:
     runs : sequence of SampleRun
         Runs of one sample, or of none.
     gains : mapping
-        Gains by device number, as the user has set them; 0 is mute, missing numbers are 1.
+        User's gains by device number; 0 is mute, missing numbers are 1.
     play_space : (4, 4) float64, optional
         Play space to world, metres.
     later : mapping
@@ -62,7 +61,7 @@ class RenderedDevice:
     configuration: str  # name or file
     folder: str | None  # of the user's configurations
     has_script: bool
-    scheme: str = ""  # rendering scheme that replaces the configured one; "": as configured
+    scheme: str = ""  # rendering scheme; "": as configured
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ def _add_runs(
     arrays["vertices"] = _joined([run.vertices for run in present], np.int32)
     arrays["weights"] = _joined([run.weights for run in present], np.float32)
     for name in ARRAYS:
-        # Only some runs have these arrays: a mask tells which.
+        # Only some runs have the array: a mask marks the runs.
         details = [getattr(run, name) for run in present]
         parts = [detail for detail in details if detail is not None]
         if parts:
@@ -161,7 +160,7 @@ def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     content, arrays = decode_arrays(body)
     try:
         runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)
-        # The runs of all latencies follow the present ones, so the last ones are cut off first.
+        # The runs of all latencies follow the present runs, so the last latency is cut off first.
         later: dict[float, Sequence[SampleRun]] = {}
         for ms, count in reversed(content["later"]):
             start = len(runs) - int(count)

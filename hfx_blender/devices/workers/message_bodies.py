@@ -22,7 +22,7 @@ _DTYPES: Final = ("<f8", "<f4", "<i4", "<i8")
 def encode_values(values: npt.ArrayLike) -> bytes:
     """Encode values (columns,) as float64; anything but a row of numbers as an empty body.
 
-    A device thread stops its device with a fault at an empty body.
+    An empty body stops the device with a fault.
     """
     return as_row(values).astype("<f8").tobytes()
 
@@ -43,7 +43,7 @@ def decode_values(body: bytes) -> F64:
 
 
 def encode_arrays(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
-    """Encode a JSON object and named arrays as one body.
+    """Encode a JSON object and named arrays as a body.
 
     Arrays of types other than float32, float64, int32 and int64 are converted to float64.
     """

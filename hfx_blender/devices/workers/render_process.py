@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parent side of the render worker: its start, scenes, moments, time limits and end.
+"""Parent side of the render worker: start, scenes, moments, time limits and end.
 
 The worker gets one scene or moment at a time; of unsent moments only the newest is sent. Answers
-are passed on with the requests that they answer, so that late answers can be discarded. A worker
-that exceeds a time limit, ends or sends invalid data is killed, and its devices have a fault.
+are passed on with the answered requests, so that late answers can be discarded. The worker is
+killed after a missed time limit or invalid data; all devices then have a fault.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class RenderProcess:
         return is_late
 
     def close(self) -> None:
-        """Kill the worker and discard its work; its later messages are ignored."""
+        """Kill the worker and discard all work; later messages are ignored."""
         with self._lock:
             worker, self._worker = self._worker, None
             self._deadline_s, self._moment, self._questions = None, None, {}

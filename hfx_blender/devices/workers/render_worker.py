@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Render worker: renders moments for all devices in a process started by the output process.
 
-Receives one scene or moment at a time and sends READY after the answers to it. The failure of one
-device is sent as its FAULT and does not affect the rest.
+Receives one scene or moment at a time and sends READY after all answers. The failure of a device
+is sent as FAULT and does not affect the rest.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LONGEST_TEXT: Final = 500
 
 @dataclass(eq=False)
 class _Rendered:
-    """Device with its renderer."""
+    """Device with a renderer."""
 
     rendered: RenderedDevice
     device: DeviceConfig
@@ -73,7 +73,7 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
 
 
 class Renderers:
-    """Renderers of all devices for one scene; ``faults`` are messages about failed devices."""
+    """Renderers of all devices for a scene; ``faults`` are messages about failed devices."""
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams
@@ -87,7 +87,7 @@ class Renderers:
                 device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
                 renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
                 renderer.prepare()
-            except Exception as error:  # the fault of one device must not affect the rest
+            except Exception as error:  # a fault must not affect the rest
                 self.faults.append(_fault(rendered.number, error))
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parent side of a script worker: its start, questions, time limits, approval and end.
+"""Parent side of a script worker: start, questions, time limits, approval and end.
 
-The worker gets one question at a time; of unsent questions only the newest is sent. A question
-has a number, which its answer repeats. A worker that exceeds a time limit, ends or sends invalid
-data has a fault; after three faults in a minute the script is not started again.
+The worker gets one question at a time; of unsent questions only the newest is sent. An answer
+repeats the number of the question. A missed time limit, an exit and invalid data are faults; after
+three faults in a minute the script is not started again.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ScriptProcess:
     request : mapping
         ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
     fault, log : callable
-        Take one sentence; called in other threads, as answers are.
+        Take a sentence; called in threads, as answers are.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class ScriptProcess:
         self._deadline_s: float | None = None
         self._next: tuple[bytes, Answer] | None = None  # newest unsent question
         self._number = 0  # of the last question
-        self._answer: Answer | None = None  # receiver of its answer
+        self._answer: Answer | None = None  # receiver of the answer
         self._faults: deque[float] = deque(maxlen=FAULTS)  # times
 
     def start(self) -> None:
-        """Start a new worker, in place of a running one.
+        """Start a new worker, after killing a running worker.
 
         Raises ScriptRefusedError: three faults within a minute, or the approval was withdrawn.
         """
@@ -95,8 +95,7 @@ class ScriptProcess:
     def ask(self, haptics: bytes, answer: Answer) -> None:
         """Send haptic data as soon as the last question is answered.
 
-        ``answer`` is called with the values (columns,) in a thread; never, if newer data replace
-        these before they are sent.
+        ``answer`` is called with the values (columns,) in a thread; never for replaced data.
         """
         with self._lock:
             self._next = haptics, answer

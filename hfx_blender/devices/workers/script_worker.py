@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Script worker: runs one device script in a process of its own; haptic data in, values out.
+"""Script worker: runs a device script in a separate process; haptic data in, values out.
 
-Started by the output process and by exports. The script is read once, and exactly these bytes are
-run if the user has approved them; the check is here, as all scripts run here. The process isolates
-faults but is no sandbox.
+Started by the output process and by exports. The script is read once, and exactly the approved
+bytes are run; the check is here, as all scripts run here. The process isolates faults but is no
+sandbox.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """Messages of a script to the owner, and its prints, at most 10 in a second."""
+    """Messages and prints of a script to the owner; at most 10 prints in a second."""
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
@@ -56,7 +56,7 @@ def main() -> None:
 
     Any exception is sent as a FAULT and ends the process with exit code 1.
     """
-    # The script gets no standard streams: it must not read or write messages.
+    # No standard streams for the script, which must not read or write messages.
     null = os.open(os.devnull, os.O_RDWR)
     owner = Owner(printed=null)
     for number in (0, 2):
@@ -70,7 +70,7 @@ def main() -> None:
             question = owner.receive()
             haptics = decode_haptics(question.body, device)
             values = as_values(render(haptics), haptics)
-            # The answer has the number of its question.
+            # The answer has the number of the question.
             owner.send(message(MessageKind.ANSWER, question.device, encode_values(values)))
     except BaseException as error:
         outlet.send_text(MessageKind.FAULT, _described(error))
@@ -114,7 +114,7 @@ def _limit_resources() -> None:
 
 
 def _described(error: BaseException) -> str:
-    """Describe the handled error in one line: type, text, file and line of the script."""
+    """Describe the handled error in a line: type, text, file and line of the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:
