@@ -57,13 +57,9 @@ class Spread:
 
     @classmethod
     def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
-        """Inverse-distance weights from the nearest vertices.
+        """Inverse-distance weights from the nearest model vertices of avatar vertices, rest space.
 
-        Parameters
-        ----------
-        nearest : (A, k) int64
-            Nearest model vertices of each avatar vertex, rest space.
-        distances_m : (A, k) float64
+        Both arguments are (A, k).
         """
         inverse = 1.0 / np.maximum(distances_m, 1e-6)
         return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))

@@ -19,13 +19,7 @@ from . import on_demand
 
 
 class SampleRunBuilder:
-    """Builder of the sample runs of a scene.
-
-    Parameters
-    ----------
-    record : frozenset of str
-        Optional fields to record, see :mod:`.on_demand`.
-    """
+    """Builder of the sample runs of a scene; ``record`` has fields of :mod:`.on_demand`."""
 
     def __init__(
         self, scene: SceneDescription, record: frozenset[str], skins: BoundSkins, counters: Counters

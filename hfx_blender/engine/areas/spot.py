@@ -29,14 +29,9 @@ def lengths_along(path: F64) -> F64:
 
 
 def places_on(path: F64, shares: F64) -> F64:
-    """Points (T, 3) at fractions of a path's length.
+    """Points (T, 3) at fractions (T,) of a path's length; 0 is the start, 1 the end, clipped.
 
-    Parameters
-    ----------
-    path : (n, 3) float64
-        n > 0 points; one point is a fixed place.
-    shares : (T,) float64
-        0 is the start, 1 the end; clipped to 0..1.
+    ``path`` (n, 3) has n > 0 points; one point is a fixed place.
     """
     lengths = lengths_along(path)
     at = np.clip(shares, 0.0, 1.0) * lengths[-1]
@@ -76,14 +71,9 @@ class SpotSkin:
         """Vertices (n,), n > 0, ascending, and weights in (0, 1] of a disc.
 
         With the geodesic distance d, the radius r and half the spacing h at a vertex, the weight is
-        ``(max(r, h) + h - d) / 2 h`` clipped to 0..1, times the falloff at ``1 - (d - h) / r``.
-
-        Parameters
-        ----------
-        focus : (3,) float64
-            Centre, rest space; moved to the nearest point of the model.
-        falloff : Falloff
-            From rim to centre.
+        ``(max(r, h) + h - d) / 2 h`` clipped to 0..1, times the falloff (rim to centre) at
+        ``1 - (d - h) / r``. ``focus`` (3,) is in rest space, and moved to the nearest point of the
+        model.
         """
         place = self._skin.nearest(focus)
         largest = float(self._half_cell_m[place.corners].max())
@@ -101,11 +91,8 @@ class SpotSkin:
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
         """Vertex sets for T positions; equal successive sets are shared unless ``own_sets``.
 
-        Parameters
-        ----------
-        focus : (T, 4) float32
-            See :class:`~hfx_blender.engine.samples.SampleRun`.
-        radii_m : (T,) float64
+        ``focus`` (T, 4) is that of :class:`~hfx_blender.engine.samples.SampleRun`; ``radii_m`` is
+        (T,).
         """
         set_index = np.zeros(len(focus), np.int64)
         vertex_sets: list[tuple[I32, F32]] = []

@@ -123,12 +123,8 @@ def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) 
 def from_image(pixels: F64, uv: F64) -> F64:
     """Weights (V,) sampled bilinearly from a picture that repeats beyond its edges.
 
-    Parameters
-    ----------
-    pixels : (H, W) float64
-        0..1; the first row is at v = 0.
-    uv : (V, 2) float64
-        Texture coordinates, 1 is the width or height of the picture. NaN gives weight 0.
+    ``pixels`` (H, W) are in 0..1, the first row is at v = 0. ``uv`` (V, 2) is 1 at the width and
+    height of the picture; NaN gives weight 0.
     """
     height, width = pixels.shape
     is_finite = np.isfinite(uv).all(axis=1)

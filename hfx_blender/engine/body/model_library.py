@@ -153,15 +153,8 @@ def find(identity: str, kind: str = "model") -> Entry:
 def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
     """Entry of the model that defines a model's vertex ids: the canonical model of a variant.
 
-    Parameters
-    ----------
-    provenance : mapping
-        Of the model; ``canonical`` is the id and hash of a variant's model, absent otherwise.
-
-    Raises
-    ------
-    InputError
-        The canonical model is unknown, or is another edition than the variant was made from.
+    ``provenance`` of a variant has ``canonical``, the id and hash of its model. Raises InputError:
+    the canonical model is unknown, or is another edition than the variant was made from.
     """
     origin = provenance.get("canonical")
     if origin is None:

@@ -135,12 +135,8 @@ def finest_masks(model_id: str) -> dict[str, Bool]:
 def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F64:
     """Weights (V,) of a region of ``REGIONS``: 1 on its vertices, 0 elsewhere.
 
-    Resampled from the vibration model where ``model`` is too coarse for any vertex in the region.
-
-    Parameters
-    ----------
-    side : "left", "right" or "both"
-        Vertices on the midline belong to both sides.
+    ``side`` is "left", "right" or "both"; the midline belongs to both sides. Resampled from the
+    vibration model where ``model`` is too coarse for any vertex in the region.
     """
     weights = _mask(model, region, side).astype(np.float64)
     if not weights.any():

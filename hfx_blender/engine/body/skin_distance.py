@@ -75,13 +75,7 @@ class _Patch:
 class SkinDistances:
     """Nearest places and geodesic distances on one triangle mesh.
 
-    The patch of the last query is cached: not thread-safe.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float
-        Metres.
-    triangles : (F, 3) int
+    ``vertices`` (V, 3) are in metres. The patch of the last query is cached: not thread-safe.
     """
 
     def __init__(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:

@@ -29,14 +29,7 @@ _SAME_PLACE_M: Final = 1e-7
 
 
 class SkinPaths:
-    """Path construction on one triangle mesh; points are (n, 3) float64, metres.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float
-        Metres.
-    triangles : (F, 3) int
-    """
+    """Path construction on one triangle mesh; points are (n, 3) float64, metres."""
 
     def __init__(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:
         self._points = np.asarray(vertices, np.float64)

@@ -26,14 +26,10 @@ class NearestPlaces:
 
 
 class SurfaceLocator:
-    """Search tree for nearest places on one mesh.
+    """Search tree for nearest places on one mesh with triangle corners (F, 3, 3).
 
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Triangle, corner, coordinate. Degenerate triangles are ignored.
-    reach : float
-        Largest distance of a nearest place, in the unit of the coordinates.
+    Degenerate triangles are ignored. ``reach`` is the largest distance of a nearest place, in the
+    unit of the coordinates.
     """
 
     def __init__(self, corners: F64, reach: float = np.inf) -> None:
@@ -60,14 +56,7 @@ class SurfaceLocator:
 
 
 def barycentric(points: F64, corners: F64) -> F64:
-    """Barycentric coordinates (N, 3) of the nearest place on a triangle.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-    corners : (N, 3, 3) float64
-        One triangle for each point.
-    """
+    """Barycentric coordinates (N, 3) of the nearest place to points (N, 3), one triangle each."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     inside = _plane_weights(points, a, b, c)
     # Degenerate triangles have no interior: the nearest place is on an edge.

@@ -22,17 +22,14 @@ CELLS_FILE: Final = "cells.npz"
 
 
 def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
-    """Geodesic cell of each vertex of the pressure model.
+    """Pressure model to sample a temperature model's skin, and the geodesic cell of each vertex.
 
-    Parameters
-    ----------
-    model : PerceptualModel
-        A temperature model: canonical, fitted to an avatar, or of other thresholds.
+    ``model`` is canonical, fitted to an avatar, or of other thresholds.
 
     Returns
     -------
     fine : str
-        Id of the pressure model whose vertices sample the skin; of the same variant as ``model``.
+        Id of the pressure model, of the same variant as ``model``.
     owner : (V,) int32, read-only
         For each vertex of the pressure model, the vertex of ``model`` with the cell around it; same
         body part. Every cell has at least one vertex; cells of limbs have dozens.

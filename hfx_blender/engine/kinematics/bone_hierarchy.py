@@ -104,15 +104,9 @@ def transforms(locations: F64, turned: F64, scales: F64) -> F64:
 class BoneHierarchy:
     """Bones with parents, without constraints.
 
-    Parameters
-    ----------
-    parents : sequence of int
-        (B,) Parent of each bone, -1 for a root; in any order.
-    rest : (B, 4, 4) float64
-        Bone to armature space in rest pose.
-    local_location : sequence of bool
-        (B,) True for locations along the bone's rest axes; otherwise along the axes of the parent,
-        or of the armature.
+    ``parents`` (B,) are -1 for roots, in any order; ``rest`` (B, 4, 4) is bone to armature space in
+    rest pose. ``local_location`` (B,) is True for locations along the bone's rest axes; otherwise
+    along the axes of the parent, or of the armature.
     """
 
     def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
@@ -143,13 +137,8 @@ class BoneHierarchy:
         """Skinning matrices (T, B, 3, 4): rest to posed armature space.
 
         With rest matrix R, channels B and result S: S = S_parent R B R^-1, which is Blender's pose
-        matrix (parent's pose, offset, channels) times R^-1.
-
-        Parameters
-        ----------
-        locations, scales : (T, B, 3) float64
-        turned : (T, B, 3, 3) float64
-            Rotations.
+        matrix (parent's pose, offset, channels) times R^-1. Channels are ``locations`` and
+        ``scales`` (T, B, 3) and rotations ``turned`` (T, B, 3, 3).
         """
         if not self._other_axes:
             constants = self._order, self._parents, *self._rows

@@ -39,17 +39,9 @@ def posed(avatar: Avatar, matrices: F64) -> F64:
 def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F64:
     """Matrices (V, 3, 4) from canonical rest space to the target's rest pose in normalised space.
 
-    Segment transforms are blended by the canonical skin weights.
-
-    Parameters
-    ----------
-    largest_head : float
-        Largest plausible scale of a head; larger extents may be hats or hair.
-
-    Raises
-    ------
-    InputError
-        Two joints of a limb coincide.
+    Segment transforms are blended by the canonical skin weights. ``largest_head`` is the largest
+    plausible scale of a head; larger extents may be hats or hair. Raises InputError: two joints of
+    a limb coincide.
     """
     segments = _Segments(avatar, bodies, largest_head)
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])

@@ -51,12 +51,8 @@ def leaving_out(
 ) -> Generator[float, None, npt.NDArray[np.bool_]]:
     """Generator: mask (N,) of the cut triangles of unused layers; yields progress 0..1.
 
-    All False for a surface with a single large piece.
-
-    Parameters
-    ----------
-    body : (V, 3) float64
-        Canonical avatar in the target's pose, normalised space.
+    ``body`` (V, 3) is the canonical avatar in the target's pose, normalised space. All False for a
+    surface with a single large piece.
     """
     from scipy.spatial import cKDTree
 

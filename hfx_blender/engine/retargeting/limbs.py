@@ -168,10 +168,7 @@ class Limbs:
     def with_joints_joined(self, points: F64, posed: F64) -> F64:
         """Copy of points (V, 3), moved along limbs so that slides stay within the spread of rigs.
 
-        Parameters
-        ----------
-        posed : (V, 3) float64
-            Points after posing alone: canonical joints at the rig's joints.
+        ``posed`` (V, 3) are the points after posing alone: canonical joints at the rig's joints.
         """
         moved = points.copy()
         for name, ring in self.rings.items():
@@ -187,15 +184,10 @@ class Limbs:
     ) -> dict[str, float]:
         """Distance (metres) of a model's skin at each hinge from the joint of the rig.
 
-        Combines the slide along the limb (90th percentile) and the difference of the outlines
-        across. Absent regions and rings of fewer than 6 vertices are left out.
-
-        Parameters
-        ----------
-        nearest : (N,) int64
-            Nearest canonical vertex of each model vertex.
-        posed, placed : (N, 3) float64
-            Model vertices after posing, and after the fit.
+        Combines the slide along the limb (90th percentile) from ``posed`` to ``placed`` (N, 3), the
+        model's vertices after posing and after the fit, and the difference of the outlines across.
+        ``nearest`` (N,) is the nearest canonical vertex of each model vertex. Absent regions and
+        rings of fewer than 6 vertices are left out.
         """
         offsets = {}
         for name, ring in self.rings.items():

@@ -63,17 +63,9 @@ def warping(
     """Generator: deform the canonical avatar to a target's shape; yields progress, returns a Warp.
 
     Meshes with the canonical topology (MakeHuman's base mesh, the shipped avatar) and uncovered
-    skin are matched vertex by vertex, without a fit. Progress is 0..1.
-
-    Parameters
-    ----------
-    layer : {"visible", "skin"}
-        Layer with the haptic vertices where clothes cover skin.
-
-    Raises
-    ------
-    InputError
-        The target's joints are missing or not human.
+    skin are matched vertex by vertex, without a fit. Progress is 0..1. ``layer`` ("visible" or
+    "skin") has the haptic vertices where clothes cover skin. Raises InputError: the target's joints
+    are missing or not human.
     """
     bodies = skeletons_of(avatar, target, mapping)
     triangles = avatar.triangles
@@ -176,20 +168,11 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
 def fit_by_bones(
     models: Sequence[PerceptualModel], avatar: Avatar, target: TargetAvatar, mapping: RigMapping
 ) -> list[FittedModel]:
-    """Fit perceptual models to a target's joints alone; the canonical skin is kept.
+    """Fit perceptual models to a target's joints alone, in the target's own space and unit.
 
-    For avatars of rigid pieces or voxels, and meshes without a body part.
-
-    Returns
-    -------
-    list of FittedModel
-        In the target's own space and unit. Weights are mapped canonical weights; anchors are the
-        nearest triangles, only for pictures.
-
-    Raises
-    ------
-    InputError
-        The target's joints are missing or not human.
+    For avatars of rigid pieces or voxels, and meshes without a body part. The canonical skin is
+    kept. Weights are mapped canonical weights; anchors are the nearest triangles, only for
+    pictures. Raises InputError: the target's joints are missing or not human.
     """
     from scipy.spatial import cKDTree
 

@@ -34,19 +34,9 @@ def skin_of(
 ) -> Generator[float, None, list[int]]:
     """Generator: indices of the meshes of the body, largest area first; yields progress 0..1.
 
-    A mesh is chosen if it is nearest to at least a tenth of any region of the posed canonical body.
-
-    Parameters
-    ----------
-    targets : sequence of TargetAvatar
-        Meshes of one armature.
-    layer : {"visible", "skin"}
-        Layer with the haptic vertices where clothes cover skin.
-
-    Raises
-    ------
-    InputError
-        Joints are missing or not human.
+    A mesh of the armature is chosen if it is nearest to at least a tenth of any region of the posed
+    canonical body. ``layer`` ("visible" or "skin") has the haptic vertices where clothes cover
+    skin. Raises InputError: joints are missing or not human.
     """
     shown = yield from _shown(avatar, targets, mapping, layer)
     whole = np.maximum(shown.sum(axis=0), 1e-30)

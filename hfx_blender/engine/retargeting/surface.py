@@ -36,11 +36,7 @@ class SurfacePlaces:
 class TargetSurface:
     """Target's skin in normalised space, with a search tree for each region.
 
-    Parameters
-    ----------
-    points, triangles : (A, 3) float64, (F, 3) int64
-    shares : (A, R) float64
-        Skin weights by region.
+    ``points`` are (A, 3), ``triangles`` (F, 3), ``shares`` (A, R) skin weights by region.
     """
 
     def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
@@ -76,17 +72,10 @@ class TargetSurface:
     def nearest(
         self, points: F64, normals: F64, shares: F64, reach_m: float, facing: float = _FACING
     ) -> SurfacePlaces:
-        """Nearest place for each point in a common region, with a similar normal.
+        """Nearest place for each point (P, 3) in a common region, with a similar normal.
 
-        Parameters
-        ----------
-        points, normals : (P, 3) float64
-        shares : (P, R) float64
-            Skin weights by region.
-        reach_m : float
-            Largest distance.
-        facing : float
-            Smallest cosine between the normals of point and place.
+        ``shares`` (P, R) are skin weights by region, ``facing`` is the smallest cosine between the
+        normals of point and place, ``reach_m`` the largest distance.
         """
         count = len(points)
         smallest = np.full(count, np.inf)

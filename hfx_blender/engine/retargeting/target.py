@@ -208,10 +208,7 @@ def areas_of(points: F64, triangles: I64) -> F64:
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0.
 
-    Parameters
-    ----------
-    group_of : (B,) int64
-        Group of each bone; -1 for none.
+    ``group_of`` (B,) is the group of each bone, -1 for none.
     """
     count = len(weights.offsets) - 1
     owners = np.repeat(np.arange(count), np.diff(weights.offsets))
@@ -228,15 +225,10 @@ def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
 
 
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
-    """Canonical bone of each bone in ``target.bone_names``.
+    """Canonical bone of each bone in ``target.bone_names``; ``canonical`` maps bones of the rig.
 
     Bones without mapping (twists, helpers) take the nearest mapped ancestor; ancestors of mapped
     bones take the root; None for bones outside of the body's hierarchy.
-
-    Parameters
-    ----------
-    canonical : mapping
-        Bone of the rig to canonical bone.
     """
     parents = {bone.name: bone.parent for bone in target.bones}
 

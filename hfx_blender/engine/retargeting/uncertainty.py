@@ -59,14 +59,9 @@ def uncertain_m(
 ) -> dict[str, float]:
     """Uncertainty by place ("belly", "heel.L"), metres at canonical size (1.8 m).
 
-    Absent hinges and places without skin are left out.
-
-    Parameters
-    ----------
-    estimates_m : mapping
-        Estimates of each hinge along the limb (:func:`.hinges.placed`).
-    posed, shaped, pulled : (V, 3) float64
-        Canonical avatar after posing, after the shape fit, and on the target's skin.
+    ``estimates_m`` has the estimates of each hinge along the limb (:func:`.hinges.placed`);
+    ``posed``, ``shaped`` and ``pulled`` (V, 3) are the canonical avatar after posing, after the
+    shape fit, and on the target's skin. Absent hinges and places without skin are left out.
     """
     uncertainties = {
         name: _PER_ESTIMATE * float(np.abs(estimates - np.median(estimates)).max())

@@ -18,15 +18,9 @@ from .surface_posing import BlendedModel, SurfaceModel
 
 
 class BoundSkins:
-    """Cache of the skins of a scene.
+    """Cache of the skins of a scene; ``counters`` count loaded models.
 
-    Parameters
-    ----------
-    models : callable
-        Loads a perceptual model by id; called on first use.
-    tolerance : Tolerance
-    counters : Counters
-        Counts loaded models.
+    ``models`` loads a perceptual model by id on first use.
     """
 
     def __init__(

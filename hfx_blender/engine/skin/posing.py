@@ -50,18 +50,10 @@ class PosableModel(Protocol):
 
 
 def clusters_of(model: PerceptualModel, load: I64 | None = None) -> list[I32]:
-    """Split a model into compact clusters within one body part and side.
+    """Split a model into compact clusters (ascending vertex ids) within one body part and side.
 
-    Parameters
-    ----------
-    load : (V,) int64, optional
-        Weight of each vertex towards :data:`LEAF_SIZE`; 1 by default.
-
-    Returns
-    -------
-    list of (n,) int32
-        Ascending vertex ids; each vertex is in one cluster. Without the compiled library, one
-        cluster per part and side.
+    ``load`` (V,) is the weight of each vertex towards :data:`LEAF_SIZE`, 1 by default. Without the
+    compiled library, there is one cluster per part and side.
     """
     label = model.part.astype(np.int32) * 4 + model.side
     pieces = [np.flatnonzero(label == value).astype(np.int32) for value in np.unique(label)]

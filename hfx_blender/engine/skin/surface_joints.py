@@ -31,11 +31,7 @@ _FARTHEST_M: Final = 0.5  # largest distance along the skin from vertex to patch
 class SurfaceJoints:
     """Joints of a body bound to a surface.
 
-    Parameters
-    ----------
-    binding : SurfaceBinding
-    models : callable
-        Loads a perceptual model by id; the anchored model with most vertices is used.
+    ``models`` loads a perceptual model by id; the anchored model with most vertices is used.
     """
 
     def __init__(self, binding: SurfaceBinding, models: Callable[[str], PerceptualModel]) -> None:

@@ -56,17 +56,8 @@ class SurfaceDrive:
 class SurfaceDrives:
     """Drives of the surfaces of a track on one device.
 
-    Parameters
-    ----------
-    settings : mapping
-        Settings of the track.
-    own_per_m : float, optional
-        c_v of the device; None without calibration.
-
-    Raises
-    ------
-    InputError
-        The setting is invalid.
+    ``settings`` are those of the track; ``own_per_m`` is the c_v of the device, None without
+    calibration. Raises InputError: the setting is invalid.
     """
 
     def __init__(self, settings: Mapping[str, Any], own_per_m: float | None) -> None:

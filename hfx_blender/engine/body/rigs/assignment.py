@@ -344,12 +344,8 @@ class _Assignment(Digits):
 def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> dict[str, str]:
     """Canonical spine bones to avatar bones, from thighs to neck.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The rig's spine from the hips up, without hips.
-    low, high : (3,) float64
-        Middle of the thighs' heads, and head of the neck, metres.
+    ``names`` is the rig's spine from the hips up, without hips; ``low`` (3,) the middle of the
+    thighs' heads and ``high`` (3,) the head of the neck, metres.
     """
     canonical = canonical_heads()
     own_low = (canonical["upperleg01.L"] + canonical["upperleg01.R"]) / 2

@@ -62,12 +62,8 @@ def left_by_soles(
 ) -> F64 | None:
     """Unit vector to the body's left from the soles' offsets to the ankles; None if unclear.
 
-    Parameters
-    ----------
-    bone_of, heads : mapping
-        Canonical bone to avatar bone, and to its head (3,).
-    skin : mapping
-        Avatar bone to points (n, 3) of the skin moved by the bone.
+    ``bone_of`` and ``heads`` map a canonical bone to the avatar bone and to its head (3,); ``skin``
+    maps an avatar bone to points (n, 3) of its skin.
     """
     points_of, up = dict(heads), _up(heads)
     # The lowest part of the skin below the ankle is the sole; its centre serves as toe joint.

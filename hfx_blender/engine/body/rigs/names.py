@@ -74,19 +74,11 @@ def without_role(name: str) -> str:
 
 
 def read_names(names: Iterable[str]) -> dict[str, BoneName]:
-    """Parse the bone names of one rig.
+    """Parse the bone names of one rig: name to parsed name, for names of body joints.
 
-    Parameters
-    ----------
-    names : iterable of str
-        All names of the rig: words shared by most names are ignored ("Hero_LeftArm", "LeftArm_09"
-        with a number for each bone).
-
-    Returns
-    -------
-    dict
-        Name to parsed name, for names of body joints. Helpers, controls, hair and clothes are left
-        out; twist bones have slots of their own.
+    ``names`` must be all names of the rig, because words shared by most names are ignored
+    ("Hero_LeftArm", "LeftArm_09" with a number for each bone). Helpers, controls, hair and clothes
+    are left out; twist bones have slots of their own.
     """
     local = {name: plain(name) for name in names}
     parsed_names: dict[str, BoneName] = {}

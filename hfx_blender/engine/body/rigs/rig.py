@@ -38,12 +38,8 @@ class Rig:
     "DEF-" prefix, deforming bones, all bones. A parent outside of ``bones`` is replaced by its
     counterpart: Rigify's ``DEF-thigh.L`` is a child of ``ORG-spine``, here of ``DEF-spine``.
 
-    Parameters
-    ----------
-    bones : sequence of RigBone
-    labels : mapping, optional
-        Bone name to the text read instead; all bones are considered, bones without a label are
-        unnamed.
+    ``labels`` maps bone names to texts read instead; then all bones are considered, and bones
+    without a label are unnamed.
     """
 
     def __init__(self, bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> None:
