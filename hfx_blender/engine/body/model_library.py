@@ -9,7 +9,7 @@ precedence over the user's sets, the folders in
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -99,7 +99,8 @@ def installed() -> tuple[list[Entry], list[str]]:
     first_by_id = {entry.id: entry for entry in shipped()}
     entries: list[Entry] = []
     faults: list[str] = []
-    for folder in _user_sets():
+    for path in sorted(resources.user_body_models().glob(f"*/{MANIFEST_FILE}")):
+        folder = path.parent
         try:
             index = read_manifest(folder)
         except InputError as error:
@@ -112,12 +113,6 @@ def installed() -> tuple[list[Entry], list[str]]:
             elif first.content_hash != entry.content_hash:
                 faults.append(_duplicate_message(first, entry))
     return entries, faults
-
-
-def _user_sets() -> Iterator[Path]:
-    folder = resources.user_body_models()
-    if folder.is_dir():
-        yield from (path.parent for path in sorted(folder.glob(f"*/{MANIFEST_FILE}")))
 
 
 def _duplicate_message(first: Entry, second: Entry) -> str:

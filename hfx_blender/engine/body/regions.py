@@ -60,11 +60,8 @@ def _neck(skin: _Skin) -> Bool:
     return skin.bone("neck") | (skin.part("torso") & skin.bone("head"))
 
 
-def _shoulders(skin: _Skin) -> Bool:
-    return skin.part("torso") & skin.bone("clavicle", "shoulder", "upperarm")
-
-
 def _trunk(skin: _Skin, *bones: str) -> Bool:
+    """Mask (V,) of the torso moved by bones, by the beginnings of their names."""
     return skin.part("torso") & skin.bone(*bones)
 
 
@@ -89,7 +86,7 @@ _FLAGS: Final[dict[str, Callable[[_Skin], Bool]]] = {
     "face": lambda s: s.part("head") & ~_neck(s) & s.is_of_face,
     "back_of_head": lambda s: s.part("head") & ~_neck(s) & ~s.is_of_face,
     "neck": _neck,
-    "shoulders": _shoulders,
+    "shoulders": lambda s: _trunk(s, "clavicle", "shoulder", "upperarm"),
     "chest": lambda s: _trunk(s, *_UPPER) & s.is_front,
     "belly": lambda s: _trunk(s, "spine03", "spine04", *_LOW) & s.is_front,
     "upper_back": lambda s: _trunk(s, *_UPPER) & ~s.is_front,

@@ -62,7 +62,9 @@ class SkinPaths:
         Raises InputError: two knots are on unconnected parts of the skin.
         """
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
-        return _joined(parts, knots)
+        if not parts:
+            return knots.copy()
+        return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
 
     def curve(self, knots: F64, closed: bool = False) -> F64:
         """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin.
@@ -82,7 +84,7 @@ class SkinPaths:
             if not deep:
                 break
             pairs = _pairs(knots, closed)
-            middles = [self._half_way(*pairs[k]) for k in deep]
+            middles = [_evenly(self._shortest(*pairs[k]), 2)[1] for k in deep]
             knots = np.insert(knots, [k + 1 for k in deep], middles, axis=0)
         parts = _splines(knots, closed, 16)
         # Sampled twice: first for the lengths, then with a step count per segment.
@@ -108,10 +110,6 @@ class SkinPaths:
         lengths = np.concatenate([[0.0], np.cumsum(_steps(points))])
         total = lengths[-1] if lengths[-1] > 0.0 else 1.0
         return points, lengths[knot_indices] / total
-
-    def _half_way(self, a: F64, b: F64) -> F64:
-        """Middle (3,) of the shortest path between two points."""
-        return np.asarray(_evenly(self._shortest(a, b), 2)[1])
 
     def _projected(self, places: F64) -> F64:
         return self._skin.nearest(places).place
@@ -215,13 +213,6 @@ def _pairs(knots: F64, closed: bool) -> list[tuple[F64, F64]]:
     """Successive pairs of knots; with the closing pair if closed and more than two."""
     ends = np.roll(knots, -1, axis=0) if closed and len(knots) > 2 else knots[1:]
     return list(zip(knots, ends, strict=False))
-
-
-def _joined(parts: list[F64], knots: F64) -> F64:
-    """Concatenate successive paths with common ends; the knots if there is no path."""
-    if not parts:
-        return knots.copy()
-    return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
 
 
 def _evenly(path: F64, count: int) -> F64:

@@ -123,14 +123,16 @@ def _candidates(
     on_body = np.zeros(len(union.vertices))
     np.add.at(on_body, vertex, weights.values * is_body[weights.bones])
     strongest = np.zeros(len(union.vertices), np.int64)
-    order = np.lexsort((weights.values, vertex))
-    strongest[vertex[order]] = weights.bones[order]
+    # Ascending by weight: the last assignment to a vertex is the strongest bone.
+    by_weight = np.lexsort((weights.values, vertex))
+    strongest[vertex[by_weight]] = weights.bones[by_weight]
     is_bare = np.diff(weights.offsets) == 0
 
     piece = connected_pieces(weld(union.vertices)[union.triangles])
     mesh = np.repeat(np.arange(len(targets)), [len(target.triangles) for target in targets])
     groups: dict[tuple[str, int, int, int], list[I64]] = {}
-    for own in _rows_of(piece):
+    order = np.argsort(piece, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
         corners = np.unique(union.triangles[own])
         bone = int(strongest[corners[0]])
         if is_bare[corners].any():
@@ -161,12 +163,6 @@ def _mapped_and_ancestors(union: TargetAvatar, mapped: Iterable[str]) -> set[str
             names.add(at)
             at = parents.get(at)
     return names
-
-
-def _rows_of(piece: I64) -> list[I64]:
-    """Triangle indices of each piece."""
-    order = np.argsort(piece, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
 
 
 def _without_candidates(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:

@@ -16,7 +16,7 @@ from ..body.parts import LEFT, PARTS, RIGHT
 from . import uncertainty
 from .bone_regions import REGIONS, words_of
 from .surface import SurfacePlaces
-from .target import areas_of
+from .target import vertex_areas
 
 FARTHEST_MM: Final = 15.0
 """Largest 95th percentile of distances from the skin before projection."""
@@ -167,9 +167,9 @@ def judge(
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
     present = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
     dominant = np.array(stems)[target_shares.argmax(axis=1)]
-    own_areas, areas = (
-        _areas(p.astype(np.float64), model) for p in (model.vertices, places.points)
-    )
+    triangles = model.triangles.astype(np.int64)
+    own_areas = vertex_areas(model.vertices.astype(np.float64), triangles)
+    areas = vertex_areas(places.points, triangles)
     parts = []
     for number, name in enumerate(PARTS):
         in_part = model.part == number
@@ -199,13 +199,6 @@ def judge(
     return FitQuality(
         model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent), uncertain_mm
     )
-
-
-def _areas(points: F64, model: PerceptualModel) -> F64:
-    """Area (V,) of each vertex: a third of its triangles."""
-    triangles = model.triangles.astype(np.int64)
-    thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
-    return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)
 
 
 def lost_part(qualities: Sequence[FitQuality]) -> PartQuality | None:

@@ -21,7 +21,7 @@ from .canonical_pose import matrices, posed
 from .joints import dominant, skeletons_of
 from .layers import Layer, leaving_out
 from .surface import TargetSurface, vertex_normals
-from .target import RigMapping, TargetAvatar, areas_of
+from .target import RigMapping, TargetAvatar, vertex_areas
 
 # Smallest fraction of a region's surface shown by a chosen mesh; excludes eyes and teeth
 _SHOWS: Final = 0.1
@@ -65,8 +65,7 @@ def _shown(
     places = surface.nearest(body, normals, shares, _REACH_M)
     # Votes: each canonical vertex gives its area to the mesh of its nearest place.
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
-    areas = np.repeat(areas_of(body, triangles) / 3.0, 3)
-    area = np.bincount(triangles.ravel(), areas, minlength=len(body))
+    area = vertex_areas(body, triangles)
     np.add.at(shown_areas, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
     return shown_areas
 

@@ -205,6 +205,12 @@ def areas_of(points: F64, triangles: I64) -> F64:
     return np.asarray(area(points[triangles]))
 
 
+def vertex_areas(points: F64, triangles: I64) -> F64:
+    """Area (V,) of each vertex: a third of its triangles."""
+    thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
+    return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)
+
+
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0.
 

@@ -142,17 +142,13 @@ class SkinTable:
         new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
-        self._fill(new)
-        self._is_made[new] = True
-        self.largest_cell = int(self.most_samples.max())
-
-    def _fill(self, new: I64) -> None:
-        """Fill new clusters by the native library."""
         count = native.fill(
             *(self, self.mesh, new, self._sample_count, self._spacing, self._most_share)
         )
         self._make_room(count)
         native.place_samples(self, new)
+        self._is_made[new] = True
+        self.largest_cell = int(self.most_samples.max())
 
     def _make_room(self, count: int) -> None:
         """Grow the array of samples by copying, because other threads may read the old array."""

@@ -82,10 +82,6 @@ class Digits:
         """Sort the joints of a digit from the hand to the tip."""
         return sorted(chain, key=lambda name: self._order(name)[1:])
 
-    def _is_chain(self, names: Sequence[str]) -> bool:
-        """True if each bone is above the next."""
-        return all(above in self.rig.ancestors(name) for above, name in pairwise(names))
-
     def _is_thumb_without_base(
         self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
     ) -> bool:
@@ -147,7 +143,8 @@ class Digits:
         if not all(len(own) == 1 and len(own[0]) == 1 for own in numbers):
             return bones
         outwards = self._outwards(bones)
-        return outwards if self._is_chain(outwards) else []
+        is_chain = all(above in self.rig.ancestors(name) for above, name in pairwise(outwards))
+        return outwards if is_chain else []
 
     def _toes(self, side: str) -> None:
         """Assign toe joints of a side."""
