@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""User actions: thin operators over plain functions, one file a topic.
+"""Operators: user actions, thin wrappers of plain functions, one file for each topic.
 
-Each module is registered: its classes, and what its ``register`` does.
+Registered for each module: its classes, then its function ``register``.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def _people() -> EnumItems:
 
 
 class HFX_OT_add_avatar(HfxOperator):
-    """Add the built-in avatar: a haptic body that is ready to be posed and to feel"""
+    """Add the built-in avatar, a haptic body that is posed like any armature"""
 
     leaves_mode = True
     bl_idname = "hfx.add_avatar"
@@ -63,7 +63,7 @@ class HFX_OT_add_avatar(HfxOperator):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("stands_free"):
-            # Who moved the cursor said where.
+            # A moved 3D cursor is an explicit position.
             self.stands_free = context.scene.cursor.location.length == 0.0
         return self.execute(context)
 
@@ -83,7 +83,7 @@ class HFX_OT_add_avatar(HfxOperator):
 
 
 class _FittingOperator(StepwiseOperator):
-    """Base of the operators that fit a body to an avatar."""
+    """Base of operators that fit a haptic body to an avatar."""
 
     doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
     cancelled = "Fit cancelled: nothing was changed"
@@ -94,7 +94,9 @@ class _FittingOperator(StepwiseOperator):
         body: bpy.types.Object,
         choosing: Callable[..., Generator[float, None, list[bpy.types.Object]]],
     ) -> Generator[float, None, str]:
-        """Choose the meshes of an armature and fit the body to them, with one search for bones."""
+        """Choose the meshes of an armature and fit the body to the meshes, with one search for
+        bones.
+        """
         from ..avatars import bodies, bone_table
 
         mapping_of = cache(bone_table.mapping_of)
@@ -116,8 +118,9 @@ class _FittingOperator(StepwiseOperator):
 
 
 class HFX_OT_mark_body(_FittingOperator):
-    """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
-those that cover its skin"""
+    """Make the active armature a haptic body. The selected meshes become its avatar; without a
+    selection, all skin meshes of the armature
+    """
 
     bl_idname = "hfx.mark_body"
     bl_label = "Add Haptic Body"
@@ -151,7 +154,7 @@ those that cover its skin"""
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Find the active armature, the only one selected, or the one that deforms the active mesh."""
+    """Active armature, the only selected armature, or the armature deforming the active mesh."""
     if context.object is not None and context.object.type == "ARMATURE":
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
@@ -159,7 +162,9 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
-    """Have the only body of a scene feel the effects of those that were deleted."""
+    """Assign effects of deleted bodies to the only body of the scene; no effect with several
+    bodies.
+    """
     if effects.bodies_of(context.scene) != [body]:
         return ""
     taken = effects.move_to_body(effects.effects_without_body(context.scene), body)
@@ -172,12 +177,12 @@ def _quoted(meshes: list[bpy.types.Object]) -> str:
 
 @kept_items
 def _bodies() -> EnumItems:
-    found = effects.bodies_of(bpy.context.scene)
-    return [(obj.name, obj.name, f"Felt on {obj.name}") for obj in found]
+    bodies_in_scene = effects.bodies_of(bpy.context.scene)
+    return [(obj.name, obj.name, f"Felt on {obj.name}") for obj in bodies_in_scene]
 
 
 class HFX_OT_move_to_body(OnBodyOperator):
-    """Have effects felt on another body: what is painted stays where it is on the body"""
+    """Assign effects to another body; painted areas keep their place on the body"""
 
     leaves_mode = False
     bl_idname = "hfx.move_to_body"
@@ -199,20 +204,21 @@ class HFX_OT_move_to_body(OnBodyOperator):
         body = next(each for each in every if each.name == self.body)
         if self.which == "ACTIVE":
             active = active_effect(context)
-            found = [active] if active is not None else []
-            found += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
+            moved = [active] if active is not None else []
+            moved += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
         elif self.which == "GONE":
-            found = effects.effects_without_body(context.scene)
+            moved = effects.effects_without_body(context.scene)
         else:
-            found = effects.effects_of(context.scene)
-        if any(painting.canvas_of(effect) is not None for effect in found):
+            moved = effects.effects_of(context.scene)
+        if any(painting.canvas_of(effect) is not None for effect in moved):
             raise InputError("Finish painting first.")
-        return f"Moved {effects.move_to_body(found, body)} effects to '{body.name}'"
+        return f"Moved {effects.move_to_body(moved, body)} effects to '{body.name}'"
 
 
 class HFX_OT_fit_body(_FittingOperator):
-    """Fit the active haptic body to its avatar again, with the bones of the table; its id and \
-what is painted on it stay"""
+    """Fit the active haptic body to its avatar again, using the bone table. Its id and painted
+    areas are kept
+    """
 
     bl_idname = "hfx.fit_body"
     bl_label = "Fit Again"
@@ -239,8 +245,7 @@ what is painted on it stay"""
 
 
 class HFX_OT_show_model(HfxOperator):
-    """Show the perceptual model on its avatar, each body part in a colour of its own, or remove \
-it again"""
+    """Show or hide the perceptual model on its avatar, with a colour for each body part"""
 
     leaves_mode = True
     bl_idname = "hfx.show_model"

@@ -28,7 +28,7 @@ class _BonesOperator(HfxOperator):
 
 
 class HFX_OT_find_bones(_BonesOperator):
-    """Find the bone for each joint; rows that you corrected are kept"""
+    """Find the bone of each joint; rows edited by you are kept"""
 
     bl_idname = "hfx.find_bones"
     bl_label = "Find Bones"
@@ -55,8 +55,8 @@ def _fill(operator: HfxOperator, armature: bpy.types.Object, *, keep_corrections
     except InputError as error:
         operator.report({"WARNING"}, str(error))
         return ""
-    found = sum(1 for row in armature.hfx.bone_map if row.found)
-    return f"{found} bones found ({armature.hfx.bone_map_convention})"
+    count = sum(1 for row in armature.hfx.bone_map if row.found)
+    return f"{count} bones found ({armature.hfx.bone_map_convention})"
 
 
 class _FileOperator(_BonesOperator, FileOperator):
@@ -67,7 +67,7 @@ class _FileOperator(_BonesOperator, FileOperator):
 
 
 class HFX_OT_save_bones(_FileOperator):
-    """Save the mapping of bones to joints, for other avatars with the same bones"""
+    """Save the bone table for other avatars with the same bone names"""
 
     bl_idname = "hfx.save_bones"
     bl_label = "Save Bone Mapping"

@@ -32,15 +32,15 @@ _RECORD_ITEMS = (
     ("velocities", "Velocities", "Velocity of each vertex", 2),
     ("depth", "Depth", "Depth of each vertex inside a volume", 4),
 )
-_LINE = 36  # letters that fit into the file browser's sidebar
-_NAMED = 3  # files that the message names
+_LINE = 36  # letters in a line of the file browser's sidebar
+_NAMED = 3  # number of files named in the report
 _POPUP_LINE, _LINES = 90, 4  # letters, and lines, of a sentence
-_WARNINGS, _EFFECTS = 8, 12  # that the popup shows
+_WARNINGS, _EFFECTS = 8, 12  # limits of the popup
 
 
 @dataclass(frozen=True)
 class LastExport:
-    """Files of the last export of this session, for the panel."""
+    """Result of the last export in this session, for the panel."""
 
     text: str
     count: int
@@ -51,12 +51,12 @@ class LastExport:
 
     @property
     def warned(self) -> str:
-        """End of a sentence that tells how many warnings there are."""
+        """End of a sentence with the number of warnings; empty without warnings."""
         count = len(self.warnings)
         return "" if not count else ", 1 warning" if count == 1 else f", {count} warnings"
 
 
-last_written: list[LastExport] = []  # one, or none yet
+last_written: list[LastExport] = []  # at most one entry
 
 
 def _box_of(flags: str, name: str) -> str:
@@ -65,7 +65,7 @@ def _box_of(flags: str, name: str) -> str:
 
 
 def _check_box(flags: str, name: str, label: str, tip: str) -> BoolProperty:
-    """Check box for an item: a plain click on a set of flags takes all others away."""
+    """Check box of one item: clicking an enum flag itself would clear all other items."""
 
     def is_chosen(self: HFX_OT_export) -> bool:
         return name in getattr(self, flags)
@@ -132,12 +132,12 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             column.prop(self, _box_of("record", name))
 
     def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
-        """Check boxes; below those that nothing can be written in, the reason."""
+        """Draw check boxes of formats; disabled formats are followed by the reason."""
         from ..devices.configurations.device_facts import facts_of
         from ..formats.writing import why_nothing
 
-        found = [each for each in context.scene.hfx.devices if each.is_exported]
-        facts = [facts_of(each.name).device for each in found]
+        exported = [each for each in context.scene.hfx.devices if each.is_exported]
+        facts = [facts_of(each.name).device for each in exported]
         devices = [device for device in facts if device is not None]
         reasons = {name: why_nothing(name, devices) for name in names}
         column = self.layout.column(align=True)
@@ -163,7 +163,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         # In the order of the list, whatever order a set has.
         formats = tuple(id for id in EXPORTED if id in self.formats)
         formats = formats_without(missing, formats, devices)
-        if self._is_invoked:  # what is greyed out is not meant, though it may be ticked
+        if self._is_invoked:  # disabled formats count as cleared
             formats = tuple(name for name in formats if not why_nothing(name, devices))
         if not devices:
             of_devices = {id for id in formats if FORMATS[id].is_of_device}
@@ -194,13 +194,13 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
         track = next((each for each in report.files if each.suffix == self.filename_ext), None)
-        if track is not None:  # devices can play it
+        if track is not None:  # the source of live devices
             context.scene.hfx.live_track = str(track)
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
-        found = swarms.listed_effects(context.scene)
-        strips = (strip for effect in found for _, strip in clips.strips_of(effect))
+        listed = swarms.listed_effects(context.scene)
+        strips = (strip for effect in listed for _, strip in clips.strips_of(effect))
         written = LastExport(
             text,
             len(names),
@@ -216,7 +216,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
 
 def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw a check box for each device of the scene, and the way to add one."""
+    """Draw a check box for each device of the scene, and the menu that adds a device."""
     from ..devices.configurations.device_facts import facts_of
 
     column = layout.column(align=True)
@@ -226,9 +226,7 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
 
 
 def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    """Draw the warnings of the last export, when each effect is felt, what was written, and
-    buttons that extend the scene and open the folder.
-    """
+    """Draw the last export: warnings, times of each effect, files, and buttons with cures."""
     layout = menu.layout
     for written in last_written:
         for warning in shortened(written.warnings, _WARNINGS):

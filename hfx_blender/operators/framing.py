@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""View of the 3D viewport on what was just added or is painted, and the view before it; room for
-clips in the timeline.
-"""
+"""Views of the 3D viewport: framing of objects, saved and restored views; height of timelines."""
 
 from __future__ import annotations
 
@@ -15,30 +13,30 @@ from ..blender.events import call_soon
 from ..playback.timeline import timeline_clips
 
 _VIEW = ("view_location", "view_rotation", "view_distance", "view_perspective")
-_BESIDE = 9  # pixels from an edge, farther than its width
+_BESIDE = 9  # distance from an edge, pixels
 _DRAWN_S = 0.05
 
 _joining: partial[None] | None = None
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
-    """3D viewport in which the user works: that of the context, or the window's largest."""
+    """3D viewport of the context, or else the largest of the window; None without any."""
     area = context.area
     if area is not None and area.type == "VIEW_3D":
         return area
     if context.screen is None:
         return None
-    found = [each for each in context.screen.areas if each.type == "VIEW_3D"]
-    return max(found, key=lambda each: each.width * each.height, default=None)
+    viewports = [each for each in context.screen.areas if each.type == "VIEW_3D"]
+    return max(viewports, key=lambda each: each.width * each.height, default=None)
 
 
 def region_at(area: bpy.types.Area, x: float, y: float) -> bpy.types.Region:
-    """Region of a 3D viewport that shows a pixel of the window; its view is its ``data``.
+    """Region of a 3D viewport at a window pixel; its view is its ``data``.
 
-    Beside them it is the one that can be turned, Blender's last of quad view.
+    Outside of all regions: the last region of quad view, the user perspective.
     """
-    found = views(area)
-    return next((each for each in found if holds(each, x, y)), found[-1])
+    candidates = views(area)
+    return next((each for each in candidates if holds(each, x, y)), candidates[-1])
 
 
 def holds(region: bpy.types.Region, x: float, y: float) -> bool:
@@ -47,12 +45,12 @@ def holds(region: bpy.types.Region, x: float, y: float) -> bool:
 
 
 def views(area: bpy.types.Area) -> list[bpy.types.Region]:
-    """Regions of an editor that show its content: four in quad view."""
+    """Content regions of an editor: four in quad view."""
     return [each for each in area.regions if each.type == "WINDOW"]
 
 
 def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
-    """Show objects as large as the viewport, from where it looks already."""
+    """Zoom the view to objects, keeping its direction."""
     area = None if bpy.app.background else viewport(context)
     if area is None:
         return
@@ -72,7 +70,7 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
 
 
 def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
-    """Let a local view in which the user works show objects, too."""
+    """Add objects to the local view of the viewport, if enabled."""
     area = viewport(context)
     if area is not None and area.spaces.active.local_view is not None:
         for obj in objects:
@@ -80,14 +78,14 @@ def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]
 
 
 def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
-    """Execute an operator that a person called, and make room for the clips that it adds."""
+    """Execute an operator for a user, and enlarge the timeline for the added clips."""
     done: set[str] = operator.execute(context)
     make_room_for_clips(context)
     return done
 
 
 def make_room_for_clips(context: bpy.types.Context) -> None:
-    """Make a timeline that is too low for clips to be read higher, where no NLA editor has them."""
+    """Enlarge a timeline too low for its clips, unless an NLA editor is open."""
     global _joining
     is_busy = _joining is not None and bpy.app.timers.is_registered(_joining)
     if bpy.app.background or is_busy or not compat.CAN_JOIN_AREAS:
@@ -116,19 +114,21 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
 
 
 def _join(window: bpy.types.Window, x: int, y: int) -> None:
-    """Join the areas on both sides of an edge, once Blender knows how large they are."""
+    """Join the areas on both sides of an edge; run by a timer, after Blender has updated their
+    sizes.
+    """
     with bpy.context.temp_override(window=window):
         bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))
 
 
 def state(area: bpy.types.Area) -> list[dict[str, object]]:
     """Views of a 3D viewport, to be restored: several in quad view."""
-    found = [{name: getattr(each.data, name) for name in _VIEW} for each in views(area)]
-    return [{n: v.copy() if hasattr(v, "copy") else v for n, v in each.items()} for each in found]
+    saved = [{name: getattr(each.data, name) for name in _VIEW} for each in views(area)]
+    return [{n: v.copy() if hasattr(v, "copy") else v for n, v in each.items()} for each in saved]
 
 
 def restore(area: bpy.types.Area, before: list[dict[str, object]]) -> None:
-    """Show the views that :func:`state` took, the last one if quad view was left meanwhile."""
+    """Restore the views of :func:`state`; only the last if quad view was left since."""
     for region, values in zip(reversed(views(area)), reversed(before), strict=False):
         for name, value in values.items():
             setattr(region.data, name, value)

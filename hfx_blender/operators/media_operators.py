@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Media to go with haptics: a sound that plays in step, a video or a 360 degree picture."""
+"""Media for haptics: sound in sync with playback, videos, 360 degree pictures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;" + ";".join(f"*{each}" for each in _P
 
 
 class HFX_OT_add_sound(HfxOperator, ImportHelper):
-    """Put a sound on the timeline at the current frame; playback is synchronized with it"""
+    """Add a sound at the current frame, and sync playback to audio"""
 
     bl_idname = "hfx.add_sound"
     bl_label = "Sound"
@@ -32,9 +32,9 @@ class HFX_OT_add_sound(HfxOperator, ImportHelper):
 
 
 class HFX_OT_add_video(HfxOperator, ImportHelper):
-    """Show a video or a picture behind the scene, or around it if it is a 360 degree one.
+    """Show a video or a picture behind the scene; 360 degree pictures surround the scene.
 
-    A video plays at its own rate from the current frame on, with its sound
+    A video plays at its own rate from the current frame, with its sound
     """
 
     bl_idname = "hfx.add_video"
@@ -77,5 +77,5 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
                     area.spaces.active.shading.type = "MATERIAL"
                     area.spaces.active.shading.use_scene_world = True
             return f"'{path.name}' is the world; seen in Material Preview and in renders"
-        made = media.add_screen(scene, path, start)
-        return f"'{made.name}' stands behind the body"
+        screen = media.add_screen(scene, path, start)
+        return f"'{screen.name}' stands behind the body"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base class of the operators: faults of the user become reports, never tracebacks."""
+"""Base classes of the operators, and lookups of the active effect and body."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _PACKAGES = {
     "sounddevice",
     "websockets",
 }
-"""Packages that the extension brings as wheels; its small zip brings the pure ones."""
+"""Packages bundled as wheels; the small zip has only those in pure Python."""
 
 
 Requirement = tuple[Callable[[bpy.types.Context], object], str]
-"""Condition of an operator, and what the user has to do where it is not met."""
+"""Condition of an operator, and the instruction for the user if it is false."""
 
 IN_OBJECT_MODE: Requirement = (lambda context: context.mode == "OBJECT", "Go to Object Mode first")
 ON_MESH: Requirement = (
@@ -42,24 +42,22 @@ ON_MESH: Requirement = (
 
 
 class HfxOperator(bpy.types.Operator):
-    """Base of the operators: runs ``work`` and turns :class:`HfxError` into an error report."""
+    """Base of the operators: runs :meth:`work` and turns :class:`HfxError` into an error report."""
 
     bl_options = {"REGISTER", "UNDO"}
     requires: ClassVar[tuple[Requirement, ...]] = ()
     leaves_mode: ClassVar[bool] = False
-    """Go to Object Mode first: what is added becomes the active object."""
+    """True for operators that start in Object Mode, as new objects become active."""
 
     def __init_subclass__(cls, **options: object) -> None:
-        """Make the tooltip: paragraphs of the docstring become its sentences, without line
-        breaks.
-        """
+        """Set the tooltip: paragraphs of the docstring joined as sentences, without line breaks."""
         super().__init_subclass__(**options)
         if cls.__doc__ and "bl_description" not in cls.__dict__:
             paragraphs = (" ".join(each.split()) for each in cls.__doc__.split("\n\n"))
             cls.bl_description = ". ".join(each.rstrip(".") for each in paragraphs if each)
 
     def work(self, context: bpy.types.Context) -> str:
-        """Do the operator's work, and return its report ("" for none)."""
+        """Run the operator; returns its report, or "" without a report."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -71,7 +69,10 @@ class HfxOperator(bpy.types.Operator):
         return self.work(context)
 
     def reported(self, work: Callable[[], str | None]) -> set[str]:
-        """Call a function and report its result, if any, or the reason of its failure."""
+        """Call a function and report its result; errors become error reports.
+
+        Returns the operator's result, ``{"FINISHED"}`` or ``{"CANCELLED"}``.
+        """
         source = bpy.data.filepath
         try:
             with inputs_kept([Path(source)] if source else []):
@@ -104,16 +105,18 @@ class HfxOperator(bpy.types.Operator):
         return all(cls.needs(test(context), what) for test, what in cls.requires)
 
     @classmethod
-    def needs(cls, found: object, what: str) -> bool:
-        """Test a condition for ``poll``; if it fails, the tooltip tells the user what is needed."""
-        if found:
+    def needs(cls, condition: object, what: str) -> bool:
+        """Return ``condition`` as a bool for ``poll``; if False, ``what`` becomes the tooltip's
+        hint.
+        """
+        if condition:
             return True
         cls.poll_message_set(what)
         return False
 
 
 class OnBodyOperator(HfxOperator):
-    """Base of the operators that add something to a haptic body."""
+    """Base of operators that add an object to a haptic body."""
 
     leaves_mode = True
     requires = (
@@ -125,7 +128,7 @@ class OnBodyOperator(HfxOperator):
 
 
 class FileOperator(HfxOperator):
-    """Base of the operators that ask for a file."""
+    """Base of operators with a file selector."""
 
     filepath: StringProperty(name="File", subtype="FILE_PATH")
 
@@ -135,16 +138,16 @@ class FileOperator(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def first_path(self, context: bpy.types.Context) -> str:
-        """Path that the file selector begins with; empty: Blender's choice."""
+        """Initial path of the file selector; empty for Blender's default."""
         return ""
 
     def path(self) -> Path:
-        """The chosen file.
+        """Chosen file as an absolute path.
 
         Raises
         ------
         InputError
-            None was chosen.
+            No file was chosen.
         """
         if not self.filepath:
             raise InputError("Choose a file.")
@@ -152,12 +155,12 @@ class FileOperator(HfxOperator):
 
 
 class KeyBindings:
-    """Keys of operators in one of Blender's keymaps, as long as the extension is on.
+    """Keys of operators in one of Blender's keymaps, while the extension is enabled.
 
     Parameters
     ----------
     keymap : str
-        Its name; of any editor.
+        Name of the keymap; valid in all editors.
     entries : (operator id, key, modifiers)
     """
 
@@ -168,7 +171,7 @@ class KeyBindings:
 
     def register(self) -> None:
         keyconfig = bpy.context.window_manager.keyconfigs.addon
-        if keyconfig is None:  # in the background there are no keys
+        if keyconfig is None:  # no key configuration in background mode
             return
         keymap = keyconfig.keymaps.new(name=self._keymap, space_type="EMPTY")
         for operator, key, modifiers in self._entries:
@@ -185,23 +188,23 @@ EnumItems = list[tuple[str, str, str]]
 
 
 def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
-    """Items of a dynamic enum, whose strings Blender does not keep alive by itself."""
-    kept: EnumItems = []
+    """Items function of a dynamic enum; keeps the strings alive, as Blender requires."""
+    cached: EnumItems = []
 
     def items(_self: object, _context: object) -> EnumItems:
-        kept[:] = entries()
-        return kept
+        cached[:] = entries()
+        return cached
 
     return items
 
 
 def to_object_mode(context: bpy.types.Context) -> None:
-    """Leave the mode of the active object.
+    """Set the active object to Object Mode; no effect without an active object.
 
     Raises
     ------
     InputError
-        An area is being painted on it.
+        The active object is being painted.
     """
     active = context.object
     if active is None or active.mode == "OBJECT":
@@ -212,24 +215,26 @@ def to_object_mode(context: bpy.types.Context) -> None:
 
 
 def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
-    """Select the objects that the view layer has and nothing else, the first as the active one."""
-    for other in context.selected_objects:
-        other.select_set(False)
-    found = [obj for obj in objects if is_in_view_layer(context, obj)]
-    framing.show_locally(context, found)
-    for obj in found:
+    """Deselect all objects, then select those in the view layer; the first becomes active."""
+    for selected in context.selected_objects:
+        selected.select_set(False)
+    visible = [obj for obj in objects if is_in_view_layer(context, obj)]
+    framing.show_locally(context, visible)
+    for obj in visible:
         obj.select_set(True)
-    if found and found[0] == objects[0]:
-        context.view_layer.objects.active = found[0]
+    if visible and visible[0] == objects[0]:
+        context.view_layer.objects.active = visible[0]
 
 
 def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
-    """Test that an object can be selected or hidden: it is not in excluded collections only."""
+    """Test for an object that can be selected or hidden: not only in excluded collections."""
     return any(each == obj for each in context.view_layer.objects)
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object, if it is a haptic effect, or the only volume that it emits."""
+    """Active object if it is an effect, or the only volume emitted by the active object; else
+    None.
+    """
     obj = context.object
     if obj is None or obj.hfx.role == "EFFECT":
         return obj
@@ -238,7 +243,7 @@ def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def painted_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active painted effect, also while the mesh that it is painted on is active."""
+    """Active painted effect, also while its canvas mesh is active; None without any."""
     obj = context.object
     if obj is None:
         return None
@@ -247,7 +252,7 @@ def painted_effect(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def active_armature(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active armature, or the one that deforms the active mesh."""
+    """Active armature, or the armature deforming the active mesh; None without any."""
     obj = context.object
     if obj is None:
         return None
@@ -257,24 +262,25 @@ def active_armature(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def active_body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active haptic body, or the one that the active mesh shows."""
+    """Active haptic body, or the body shown by the active mesh; None without any."""
     armature = active_armature(context)
     return armature if armature is not None and armature.hfx.role == "BODY" else None
 
 
 def target_body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Body of a new effect: the active one, that of the active effect, or the only one, if any.
+    """Body for a new effect: active body, body of the active effect, or only body; None without a
+    body.
 
     Raises
     ------
     InputError
-        There are several, and neither is active.
+        Several bodies, and none is active.
     """
-    found = effects.bodies_of(context.scene)
+    bodies = effects.bodies_of(context.scene)
     effect = active_effect(context)
     for body in (active_body(context), effect.hfx.body if effect is not None else None):
-        if body in found:
+        if body in bodies:
             return body
-    if len(found) > 1:
+    if len(bodies) > 1:
         raise InputError("Several haptic bodies: select the one that shall feel it.")
-    return found[0] if found else None
+    return bodies[0] if bodies else None

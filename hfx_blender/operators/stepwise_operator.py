@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base classes of the operators whose work takes long, exports among them: progress in the window,
-and Esc ends it.
-"""
+"""Base classes of operators with long work: progress in the status bar, Esc cancels."""
 
 from __future__ import annotations
 
@@ -18,15 +16,15 @@ from .shared import HfxOperator
 if TYPE_CHECKING:
     from ..export.report import ExportReport
 
-_AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
+_AT_ONCE_S = 0.2  # work between two redraws
 _PAUSE_S = 0.01
 
 
 class StepwiseOperator(HfxOperator):
-    """Base of operators that work in steps (:mod:`...stepwise`).
+    """Base of operators whose work is a generator of steps (:mod:`...stepwise`).
 
-    A script gets all of them at once. In a window they are done between redraws: the status bar
-    shows the share that is done, and other actions are blocked, as the scene must not change.
+    A script runs all steps at once. In a window, steps run between redraws; the status bar shows
+    progress, and other input is blocked, as the scene must not change.
     """
 
     doing: ClassVar[str]
@@ -37,14 +35,16 @@ class StepwiseOperator(HfxOperator):
     cancelled: ClassVar[str]
     """Report after Esc."""
 
-    # Without annotations, which Blender would take for properties.
+    # No annotations: Blender would register these as properties.
     _is_invoked = False
     _steps = None
     _timer = None
     _share = 0.0
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
-        """Check the input, and return the steps; their result is the report."""
+        """Check the input and return the generator; it yields progress (0..1) and returns the
+        report.
+        """
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> str:
@@ -85,7 +85,7 @@ class StepwiseOperator(HfxOperator):
         return went_on
 
     def _go_on(self) -> str:
-        """Do some more steps; returns the final report at the end."""
+        """Run steps for :data:`_AT_ONCE_S`; returns the report at the end, "" before."""
         assert self._steps is not None
         pause = time.monotonic() + _AT_ONCE_S
         try:
@@ -108,7 +108,7 @@ class StepwiseOperator(HfxOperator):
         context.workspace.status_text_set(draw)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the work, with a result or without."""
+        """End the work, also before its end: close the generator, remove timer and status text."""
         self._is_invoked = False  # Blender's redo of the same operator is no new press of a button
         if self._steps is not None:
             self._steps.close()
@@ -120,7 +120,7 @@ class StepwiseOperator(HfxOperator):
 
 
 class StepwiseExport(StepwiseOperator):
-    """Base of the operators that export: in one go for a script, step by step in a window."""
+    """Base of export operators: at once for a script, stepwise in a window."""
 
     bl_options = {"REGISTER"}
     doing, doing_icon = "Exporting Haptics", "EXPORT"
@@ -128,11 +128,11 @@ class StepwiseExport(StepwiseOperator):
     requires = ((lambda context: has_effects(context.scene), "Add a haptic effect first"),)
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
-        """Begin the export; the steps yield the share that is done, and return the report."""
+        """Start the export; the generator yields progress (0..1) and returns the export report."""
         raise NotImplementedError
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
-        """Tell what was written."""
+        """Text of the operator's report after an export."""
         raise NotImplementedError
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:

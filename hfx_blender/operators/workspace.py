@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A workspace for haptics: the viewport with the HFX tab, clips in the NLA editor below it."""
+"""HFX workspace: viewport with the HFX tab, NLA editor for clips, timeline; the start-up file."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def _has_window(context: bpy.types.Context) -> bool:
 
 
 class HFX_OT_workspace(HfxOperator):
-    """Go to the HFX workspace: viewport with the HFX tab open, clips in the NLA editor below, \
-timeline. It is made when it is not there yet"""
+    """Go to the HFX workspace: viewport with the HFX tab, NLA editor for clips, timeline. The
+    workspace is added if missing
+    """
 
     bl_idname = "hfx.workspace"
     bl_label = "HFX Workspace"
@@ -36,15 +37,15 @@ timeline. It is made when it is not there yet"""
     requires = ((_has_window, "There is no window"),)
 
     def work(self, context: bpy.types.Context) -> str:
-        found = bpy.data.workspaces.get(NAME)
-        if found is not None:
-            context.window.workspace = found
+        workspace = bpy.data.workspaces.get(NAME)
+        if workspace is not None:
+            context.window.workspace = workspace
             return ""
         before = set(bpy.data.workspaces)
         bpy.ops.workspace.duplicate()
         (made,) = set(bpy.data.workspaces) - before
         made.name = NAME
-        # Blender shows it only after this operator; its areas can be changed from then on.
+        # Blender shows the workspace after this operator: arrange its areas by a timer.
         _arrange_soon(context.window, made)
         return ""
 
@@ -69,10 +70,10 @@ whether to save the present file"""
 
 
 def ask_and_load_empty_file() -> None:
-    """Load Blender's start-up file as *File > New > General* does: it asks what becomes of changes.
+    """Load Blender's start-up file as *File > New > General* does, with the question about unsaved
+    changes.
 
-    Blender does not tell of the answer *Cancel*. Whoever begins another file after it does so from
-    a menu: drawing that menu ends the wait for this one.
+    Blender gives no sign of *Cancel*. The next drawing of the menu of new files ends the wait.
     """
     load_empty_file("INVOKE_DEFAULT")
 
@@ -85,9 +86,9 @@ def load_empty_file(how: str = "EXEC_DEFAULT") -> None:
 
 @bpy.app.handlers.persistent
 def replace_cube_by_avatar(_file: str) -> None:
-    """Put the avatar in place of the cube of the file that Blender starts with.
+    """Replace the cube of Blender's start-up file by the avatar.
 
-    Blender takes the first undo step after this handler: undo cannot lead back to the cube.
+    Blender pushes the first undo step after this handler: undo does not restore the cube.
     """
     remove_handlers(_AWAITED)
     if bpy.data.filepath:  # another file was opened instead
@@ -110,7 +111,7 @@ def _go_to_workspace() -> None:
 
 
 def _frame_avatar() -> float | None:
-    """Frame the avatar from the front, in the workspace that is shown by then."""
+    """Frame the avatar from the front, in the active workspace."""
     window = bpy.context.window_manager.windows[0]
     if window.workspace.name != NAME:
         return _AGAIN_S
@@ -137,7 +138,7 @@ def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> N
 
 
 def _arrange(window: bpy.types.Window) -> None:
-    """Arrange a screen: a viewport with our tab, and an NLA editor below it."""
+    """Arrange a screen: viewport with the HFX tab above an NLA editor."""
     areas = window.screen.areas
     viewports = [area for area in areas if area.type == "VIEW_3D"]
     viewport = max(viewports or areas, key=lambda area: area.width * area.height)
@@ -159,14 +160,14 @@ def _arrange(window: bpy.types.Window) -> None:
 
 
 def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
-    """Show all clips, once the editor knows how large it is."""
+    """Frame all clips by a timer, after Blender has sized the editor."""
 
     def frame_clips() -> None:
         try:
             region = next(region for region in editor.regions if region.type == "WINDOW")
             with bpy.context.temp_override(window=window, area=editor, region=region):
                 bpy.ops.nla.view_all()
-        except (ReferenceError, StopIteration, RuntimeError):  # closed meanwhile
+        except (ReferenceError, StopIteration, RuntimeError):  # the user has closed the area
             return
 
     call_soon(frame_clips, _DRAWN_S)
@@ -192,7 +193,7 @@ def _show_tab(viewport: bpy.types.Area) -> None:
 
 def draw_new_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     end_wait(self, context)
-    # Blender's own entries leave EXEC_DEFAULT behind, with which nothing is asked.
+    # Blender's own menu entries leave EXEC_DEFAULT set, which would skip the question.
     self.layout.operator_context = "INVOKE_DEFAULT"
     self.layout.operator(HFX_OT_new_file.bl_idname, icon="VIEW_PAN")  # a hand
 

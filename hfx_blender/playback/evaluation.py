@@ -16,17 +16,18 @@ if TYPE_CHECKING:
 
 
 class Evaluation:
-    """Evaluation of one scene: cached until something moves, described anew if that changes.
+    """Cached evaluation of the open scene.
 
     Attributes
     ----------
     scene : LiveScene or None
-        None: nothing can be felt, :attr:`fault` says why.
+        None before a description, and while :attr:`fault` names an error.
     fault : str
+        Error of the last description; empty without an error.
     generation : int
-        Another one after each description.
+        Rises with each description.
     before_describing : callable
-        Called before work that may take long: models may have to be loaded.
+        Called before a description, which may load body models.
     """
 
     def __init__(self) -> None:
@@ -39,17 +40,19 @@ class Evaluation:
         self._runs: list[SampleRun] | None = None
 
     def invalidate(self) -> None:
-        """Invalidate the samples: something moved, in time or otherwise."""
+        """Discard the cached samples, keep the description."""
         self._runs = None
 
     def forget(self) -> None:
-        """Drop everything: the scene may have become another one."""
+        """Discard samples and description; raise :attr:`generation`."""
         self.invalidate()
         self.scene, self._key, self.fault = None, (), ""
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene anew if it has changed; never from within an update."""
+        """Describe the scene unless its signature is unchanged; never call this during a depsgraph
+        update.
+        """
         from ..reading.description.scene_tolerance import live_tolerance
         from ..reading.live.live_scene import LiveScene, signature_of
 
@@ -71,14 +74,16 @@ class Evaluation:
             self.fault = str(error)
 
     def runs(self) -> list[SampleRun]:
-        """Current samples: at most one for each effect and body.
+        """Samples of the current frame: at most one run of one sample for each effect and body.
+
+        Empty without a description.
 
         Raises
         ------
         InputError
-            Something of the scene cannot be felt any more.
+            An effect or a body has a fault.
         ReferenceError
-            Something of it was deleted.
+            An object of the description was deleted.
         """
         if self.scene is None:
             return []

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """User interface: menus, panels and gizmos.
 
-Each module is registered: its classes, and what its ``register`` does. Panels are ordered by
-``bl_order``.
+Registered for each module: its classes, then its function ``register``. ``bl_order`` sorts the
+panels.
 """
 
 from __future__ import annotations

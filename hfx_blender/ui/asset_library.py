@@ -33,12 +33,12 @@ def register() -> None:
     if folder is None:
         return
     libraries = bpy.context.preferences.filepaths.asset_libraries
-    for old in _ours():  # of another version, or kept by a Blender that ended badly
+    for old in _ours():  # left by another version, or after a crash
         libraries.remove(old)
-    found = libraries.new(name=NAME, directory=str(folder))
-    found.import_method = "APPEND"
+    library = libraries.new(name=NAME, directory=str(folder))
+    library.import_method = "APPEND"
 
 
 def unregister() -> None:
-    for each in _ours():
-        bpy.context.preferences.filepaths.asset_libraries.remove(each)
+    for library in _ours():
+        bpy.context.preferences.filepaths.asset_libraries.remove(library)

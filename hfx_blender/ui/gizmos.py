@@ -29,7 +29,7 @@ _COLOURS = ((0.9, 0.25, 0.3), (0.45, 0.75, 0.15), (0.2, 0.5, 0.95))
 
 
 def offset(effect: bpy.types.Object, axis: int) -> float:
-    """Distance of the volume's boundary from its middle along a local axis, world units."""
+    """Distance of the volume's boundary from its centre along a local axis, world units."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     value = getattr(effect.hfx, name)
     length = value if component < 0 else value[component]
@@ -37,7 +37,7 @@ def offset(effect: bpy.types.Object, axis: int) -> float:
 
 
 def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
-    """Move the boundary to a distance from the middle, and key that if Auto Keying is on."""
+    """Set the boundary's distance from the centre; Auto Keying adds a keyframe."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     length = max(distance, 0.0) / (share * _scale(effect, axis))
     if component < 0:
@@ -49,7 +49,9 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
     path = f"hfx.{name}"
     from ..authoring.paths import spot_placing
 
-    if spot_placing.is_auto_keyed(bpy.context, effect, path):  # Blender keys its own handles only
+    if spot_placing.is_auto_keyed(
+        bpy.context, effect, path
+    ):  # Blender auto-keys its own gizmos only
         effect.keyframe_insert(path, index=component)
 
 
@@ -58,14 +60,14 @@ def _scale(effect: bpy.types.Object, axis: int) -> float:
 
 
 def shown_offset(axis: int) -> float:
-    """Offset of a handle of the active volume; 0 where it has none."""
-    # Blender asks hidden handles, too: a sphere has one, and a deleted volume none.
+    """Offset of a gizmo of the active volume; 0 without such a gizmo."""
+    # Blender also queries hidden gizmos: Y of a sphere, all of a deleted volume.
     effect = active_effect(bpy.context)
     return offset(effect, axis) if effect is not None and _has(effect, axis) else 0.0
 
 
 def drag_offset(axis: int, distance: float) -> None:
-    """Move a handle of the active volume."""
+    """Set the offset of a gizmo of the active volume; no effect without such a gizmo."""
     effect = active_effect(bpy.context)
     if effect is not None and _has(effect, axis):
         set_offset(effect, axis, distance)
@@ -124,7 +126,7 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
 
 
 def along(world: Matrix, axis: int) -> Matrix:
-    """A rigid matrix at an object's origin whose Z axis is one of the object's axes."""
+    """Rigid matrix at an object's origin, with Z along one of the object's axes."""
     direction = Vector(world.col[axis].to_3d())
     if direction.length < 1e-9:
         direction = Vector((0.0, 0.0, 1.0))
@@ -141,7 +143,7 @@ _SHOWN_BIG = (1.0, 1.0, 1.0)
 
 
 class HFX_GGT_spot(bpy.types.GizmoGroup):
-    """Slide the active point over the skin, and size its disc"""
+    """Slide the active point over the skin, and resize its disc"""
 
     bl_idname = "HFX_GGT_spot"
     bl_label = "Point on the Skin"
@@ -190,7 +192,7 @@ class HFX_GGT_spot(bpy.types.GizmoGroup):
 
 
 def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matrix | None:
-    """Place of a point on its posed body, the skin's normal along Z; None if it has no place."""
+    """Matrix of a point on the posed body, Z along the skin's normal; None without a position."""
     import numpy as np
 
     from ..engine.areas.spot import places_on
@@ -209,8 +211,8 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
     return Matrix.Translation(points[0].tolist()) @ turn
 
 
-def pixel_size(context: bpy.types.Context, place: Vector) -> float:
-    """Width of a viewport's pixel at a place of the world."""
+def pixel_size(context: bpy.types.Context, point: Vector) -> float:
+    """Width of a viewport's pixel at a point of the world."""
     view = context.region_data.perspective_matrix
-    depth = abs((view @ place.to_4d()).w)
+    depth = abs((view @ point.to_4d()).w)
     return 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)

@@ -14,7 +14,7 @@ from ..operators.shared import active_armature, active_effect
 
 
 def draw_first(context: bpy.types.Context, layout: bpy.types.UILayout) -> bool:
-    """Draw the button of the next step as long as the scene has no effect; returns if it did."""
+    """Draw the button of the next step until the scene has an effect; returns True if drawn."""
     scene = context.scene
     if not effects.bodies_of(scene):
         if active_armature(context) is not None:

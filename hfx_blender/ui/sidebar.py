@@ -9,7 +9,7 @@ import bpy
 
 
 class HfxPanel:
-    """Base of the panels, with their location."""
+    """Base of the panels in the HFX tab."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -23,8 +23,8 @@ def draw_text(
     icon: str = "NONE",
     beside: int = 0,
 ) -> None:
-    """A sentence over as many lines as the sidebar's width, less some letters, makes necessary."""
-    # Without a window there is neither a region nor a scale.
+    """Draw a sentence wrapped to the sidebar's width, less ``beside`` letters."""
+    # Background mode has no region and no interface scale.
     width = 0 if context.region is None else context.region.width
     letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - beside
     column = layout.column(align=True)

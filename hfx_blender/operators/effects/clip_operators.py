@@ -47,7 +47,7 @@ def _seconds(time: str, default: float, least: float) -> FloatProperty:
 
 
 def _shown(time: str, **limits: float) -> FloatProperty:
-    """Property that shows and sets another one, in frames or in seconds, in the scene's unit."""
+    """Property that converts a frame property to the scene's time unit, frames or seconds."""
 
     def frames() -> float:
         scene = bpy.context.scene
@@ -130,7 +130,7 @@ class HFX_OT_add_clip(_ClipOperator):
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
-    """Add a heartbeat of whole beats to the effect; fades shape the whole of it, not each beat"""
+    """Add a heartbeat clip of whole beats; fades apply to the clip, not to each beat"""
 
     bl_idname = "hfx.add_heartbeat"
     bl_label = "Add Heartbeat"
@@ -153,14 +153,14 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
 
 def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
-    """Buttons that add a clip or a heartbeat, their labels after a prefix."""
+    """Draw the buttons that add a clip and a heartbeat, with a prefix before their labels."""
     for operator, icon in ((HFX_OT_add_clip, "NLA"), (HFX_OT_add_heartbeat, "HEART")):
         text = operator.bl_label.replace("Add", prefix) if prefix else operator.bl_label
         layout.operator(operator.bl_idname, text=text, icon=icon)
 
 
 class HFX_OT_extend_scene(HfxOperator):
-    """Move the scene's last frame, or its first one, so that clips which lie outside are felt"""
+    """Extend the scene's frame range to include all clips"""
 
     bl_idname = "hfx.extend_scene"
     bl_label = "Extend the Scene"
@@ -177,11 +177,11 @@ class HFX_OT_extend_scene(HfxOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         scene, active = context.scene, active_effect(context)
-        found = swarms.listed_effects(scene)
+        listed = swarms.listed_effects(scene)
         if self.which == "ACTIVE":
-            found = [active] if active is not None else []
+            listed = [active] if active is not None else []
         before = scene.frame_start, scene.frame_end
-        is_done = clips.extend_scene(scene, found)
+        is_done = clips.extend_scene(scene, listed)
         if not is_done and before == (scene.frame_start, scene.frame_end):
             raise InputError("A scene begins at frame 0 or later. Move the clip.")
         return f"The scene has the frames {scene.frame_start} to {scene.frame_end}"

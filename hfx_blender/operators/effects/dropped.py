@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Turns sensations dropped out of the Asset Browser into effects, in one undo step."""
+"""Replaces sensations dropped from the Asset Browser by effects, in one undo step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..shared import HfxOperator, select_only
 
 
 class HFX_OT_place_dropped(HfxOperator):
-    """Turn sensations that were dropped out of the Asset Browser into effects"""
+    """Replace sensations dropped from the Asset Browser by effects"""
 
     bl_idname = "hfx.place_dropped"
     bl_label = "Place Sensation"
@@ -26,20 +26,20 @@ class HFX_OT_place_dropped(HfxOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        made, faults = [], []
+        objects, faults = [], []
         if context.object is not None and context.object.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         for dropped in effect_assets.dropped_objects(context.scene):
             try:
-                made += effect_assets.replace_dropped(context.scene, dropped)
+                objects += effect_assets.replace_dropped(context.scene, dropped)
             except HfxError as error:
                 faults.append(str(error))
         if faults:
-            # Not as an error: the dropped object is gone, which has to be an undo step.
+            # No error report: removing the dropped object needs an undo step.
             self.report({"WARNING"}, printable("; ".join(faults)))
             return ""
-        select_only(context, *made)
-        return f"Added {len(made)} effects: {', '.join(effect.name for effect in made)}"
+        select_only(context, *objects)
+        return f"Added {len(objects)} effects: {', '.join(effect.name for effect in objects)}"
 
 
 @persistent

@@ -16,10 +16,7 @@ _NAME_TIP = "Name in the outliner; empty: named after its kind"
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
-    """Switch a viewport's wires to the colours of their objects, which show the modality.
-
-    Wires of the theme, Blender's default, are black; a choice of the user's own is kept.
-    """
+    """Show wires in object colours, which encode the modality, if a viewport has theme colours."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D":
         if space.shading.wireframe_color_type == "THEME":
@@ -27,7 +24,7 @@ def _show_wire_colours(context: bpy.types.Context) -> None:
 
 
 class HFX_OT_add_volume(HfxOperator):
-    """Add a haptic volume: whoever is inside it feels it"""
+    """Add a haptic volume. Bodies inside it feel the effect"""
 
     leaves_mode = True
     bl_idname = "hfx.add_volume"
@@ -95,7 +92,7 @@ class HFX_OT_add_volume(HfxOperator):
 
 
 class HFX_OT_volume_from_mesh(HfxOperator):
-    """Add a haptic volume with exactly the shape of the active mesh, moving along with it"""
+    """Add a haptic volume with the shape of the active mesh, parented to the mesh"""
 
     leaves_mode = True
     bl_idname = "hfx.volume_from_mesh"
@@ -117,7 +114,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
 
 
 class HFX_OT_add_painted(OnBodyOperator):
-    """Add an effect that is painted on a haptic body; paint its area next"""
+    """Add an effect with a painted area on a haptic body"""
 
     bl_idname = "hfx.add_painted"
     bl_label = "Painted Effect"

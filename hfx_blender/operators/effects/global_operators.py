@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tools for many effects at once, and effect types that make other effects."""
+"""Operators on many effects at once, and compound effects such as rain."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class _ManyEffects(HfxOperator):
     requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        found = swarms.listed_effects(context.scene)
+        listed = swarms.listed_effects(context.scene)
         if self.scope == "SELECTED":
-            found = [effect for effect in found if swarms.is_selected(context.scene, effect)]
+            listed = [effect for effect in listed if swarms.is_selected(context.scene, effect)]
         elif self.scope == "COLLECTION":
             own = set(context.object.users_collection) if context.object else set()
-            found = [effect for effect in found if own & set(effect.users_collection)]
-        if not found:
+            listed = [effect for effect in listed if own & set(effect.users_collection)]
+        if not listed:
             raise InputError("This scope has no effects; select some, or choose another scope.")
-        return found
+        return listed
 
 
 class HFX_OT_scale_strength(_ManyEffects):
@@ -98,7 +98,7 @@ class HFX_OT_modulate(_ManyEffects):
 
 
 class HFX_OT_add_rain(OnBodyOperator):
-    """Make it rain on the body: adds the drops, or replaces those of the same name"""
+    """Add rain on the body, or replace the rain of the same name"""
 
     bl_idname = "hfx.add_rain"
     bl_label = "Rain"
@@ -144,7 +144,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.effects import rain
 
-        made = rain.add_rain(
+        rain_objects = rain.add_rain(
             context.scene,
             target_body(context),
             name=self.name or "Rain",
@@ -155,5 +155,5 @@ class HFX_OT_add_rain(OnBodyOperator):
             strength_m_s2=self.strength,
             seed=self.seed,
         )
-        select_only(context, *made)
+        select_only(context, *rain_objects)
         return f"{round(self.drops_per_second * self.duration)} drops"

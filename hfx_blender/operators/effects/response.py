@@ -13,7 +13,7 @@ from ..shared import HfxOperator, active_effect
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object, if it is a haptic volume."""
+    """Active object if it is a haptic volume; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 
@@ -45,7 +45,7 @@ class HFX_OT_add_response_filter(_OnVolume):
 
 
 class HFX_OT_remove_response_filter(_OnFilter):
-    """Remove the selected filter, with its animation"""
+    """Remove the active filter and its animation"""
 
     bl_idname = "hfx.remove_response_filter"
     bl_label = "Remove Filter"
@@ -78,7 +78,7 @@ class HFX_OT_move_response_filter(_OnFilter):
 
 
 class HFX_OT_bake_response(_OnVolume):
-    """Write what the response yields at each frame of the scene as keyframes"""
+    """Bake the contact response to keyframes, one on each frame of the scene"""
 
     bl_idname = "hfx.bake_response"
     bl_label = "Bake Response to Keyframes"

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
     from ...authoring.effects.effect_file import Sensation
 
-# Reading and making sensations is imported where it is done: Blender's start would wait for it.
+# Modules of sensations are imported within functions, to keep Blender's start short.
 
 
 def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
-    """Origin of the places of volumes: their body's place, or the cursor."""
+    """Origin of the volumes of a sensation: location of the body, or the 3D cursor."""
     return body.matrix_world.translation if body is not None else context.scene.cursor.location
 
 
@@ -45,26 +45,26 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
     body = target_body(context)
     from ...authoring.effects import effect_exchange, swarms
 
-    made = effect_exchange.place_sensation(
+    objects = effect_exchange.place_sensation(
         context.scene,
         sensation,
         body=body,
         frame=float(context.scene.frame_current),
         origin=_origin(context, body),
     )
-    seen = [obj for effect in made for obj in swarms.objects_showing(context.scene, effect)]
+    seen = [obj for effect in objects for obj in swarms.objects_showing(context.scene, effect)]
     select_only(context, *seen)
-    return made
+    return objects
 
 
 def _selected(context: bpy.types.Context, title: str) -> Sensation:
-    """Sensation of the selected effects, and of those that selected emitters emit."""
+    """Sensation made of the selected effects and of volumes emitted by selected objects."""
     from ...authoring.effects import effect_exchange, swarms
 
     selected = context.selected_objects
-    found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
-    found.update(each for obj in selected for each in swarms.volumes_of(obj))
-    chosen = sorted(found, key=lambda obj: obj.name)
+    selection = {obj for obj in selected if obj.hfx.role == "EFFECT"}
+    selection.update(each for obj in selected for each in swarms.volumes_of(obj))
+    chosen = sorted(selection, key=lambda obj: obj.name)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
     body = bodies[0] if bodies else target_body(context)
     origin = _origin(context, body)
@@ -86,15 +86,19 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
 
 @kept_items
 def sensation_items() -> EnumItems:
-    """Ready sensations, and those in the user's own folder, which may change at any time."""
+    """Enum items: built-in sensations, then files in the user's folder, read anew after a
+    change.
+    """
     from ...authoring.effects import effect_exchange
 
-    found = {**effect_exchange.library(), **effect_exchange.own_library()}
-    return _sensations(tuple((name, path, path.stat().st_mtime) for name, path in found.items()))
+    sensations = {**effect_exchange.library(), **effect_exchange.own_library()}
+    return _sensations(
+        tuple((name, path, path.stat().st_mtime) for name, path in sensations.items())
+    )
 
 
 class HFX_OT_add_from_library(HfxOperator):
-    """Add a ready sensation at the current frame, on the body and around it"""
+    """Add a sensation from the library at the current frame"""
 
     bl_idname = "hfx.add_from_library"
     bl_label = "Sensation"
@@ -134,8 +138,9 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
 
 
 class HFX_OT_save_effects(HfxOperator, ExportHelper):
-    """Save the selected effects, and what selected emitters emit, to a file of their own. \
-Those in your folder of effects are in Add > Haptic > Sensation"""
+    """Save the selected effects to a file. Files in your folder of effects are listed in Add >
+    Haptic > Sensation
+    """
 
     bl_idname = "hfx.save_effects"
     bl_label = "Save Effects"
@@ -177,25 +182,24 @@ class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.effects import hjif_import
 
-        made, left_out, notes = hjif_import.import_hjif(
+        objects, left_out, notes = hjif_import.import_hjif(
             context.scene,
             Path(self.filepath),
             target_body(context),
             float(context.scene.frame_current),
         )
-        for each in [*notes, *(f"left out {each}" for each in left_out)]:
-            self.report({"WARNING"}, printable(each[:1].upper() + each[1:]))
-        if not made:
+        for note in [*notes, *(f"left out {note}" for note in left_out)]:
+            self.report({"WARNING"}, printable(note[:1].upper() + note[1:]))
+        if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
-        return f"Added {len(made)} effects"
+        return f"Added {len(objects)} effects"
 
 
-copied_sensation = ""  # in the background there is no clipboard
+copied_sensation = ""  # no clipboard in background mode
 
 
 class HFX_OT_copy_effects(HfxOperator):
-    """Copy the selected effects with their clips to the clipboard, for another body, time \
-or file"""
+    """Copy the selected effects with their clips to the clipboard"""
 
     bl_idname = "hfx.copy_effects"
     bl_label = "Copy Effects"
@@ -212,7 +216,7 @@ or file"""
 
 
 class HFX_OT_paste_effects(HfxOperator):
-    """Paste copied effects at the current frame: on the active body, or the only one"""
+    """Paste copied effects at the current frame, on the active body or the only body"""
 
     bl_idname = "hfx.paste_effects"
     bl_label = "Paste Effects"
@@ -223,5 +227,5 @@ class HFX_OT_paste_effects(HfxOperator):
         text = copied_sensation if bpy.app.background else context.window_manager.clipboard
         if not text.lstrip().startswith("{"):
             raise InputError("There are no effects to paste: copy some first.")
-        made = _place(context, replace(effect_file.from_text(text), name=""))
-        return f"Pasted {len(made)} effects"
+        objects = _place(context, replace(effect_file.from_text(text), name=""))
+        return f"Pasted {len(objects)} effects"

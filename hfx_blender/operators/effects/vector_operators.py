@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations: an effect with a curve for each actuator of one device."""
+"""Vector sensations: effects with an F-curve for each actuator of one device."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ _MODALITIES = (
 
 
 class HFX_OT_add_vector_sensation(OnBodyOperator):
-    """Add an effect that drives each actuator of one device by a curve of its own. Other devices \
-play nothing of it"""
+    """Add an effect with a curve for each actuator of one device. Other devices ignore the
+    effect
+    """
 
     bl_idname = "hfx.add_vector_sensation"
     bl_label = "Vector Sensation"
@@ -97,8 +98,8 @@ class HFX_OT_key_actuators(HfxOperator):
         effect = active_effect(context)
         if effect.library is not None:
             raise InputError(f"'{effect.name}' is linked from another file.")
-        for k, each in enumerate(effect.hfx.drive):
+        for k, actuator in enumerate(effect.hfx.drive):
             if self.value >= 0.0:
-                each.value = self.value
+                actuator.value = self.value
             effect.keyframe_insert(f"hfx.drive[{k}].value", frame=context.scene.frame_current)
         return ""

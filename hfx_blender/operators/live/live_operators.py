@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connecting devices, playing, and stopping them all."""
+"""Operators of live devices: add, connect, play, stop, approve scripts."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _OfDevice(_LiveOperator):
 
 
 def title_of(name: str) -> str:
-    """Name of a device as the panel shows it."""
+    """Title of a device in the panel."""
     from ...devices.configurations.device_facts import facts_of
 
     return facts_of(name).title
@@ -56,10 +56,10 @@ def _known() -> EnumItems:
     from ...devices.configurations.device_facts import ROOM, facts_of
     from ...engine.body.parts import GROUPS
 
-    found = [facts_of(name) for name in list_devices(resources.user_devices())]
+    all_facts = [facts_of(name) for name in list_devices(resources.user_devices())]
     items: EnumItems = []
     for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
-        part = [each for each in found if each.group == group]
+        part = [each for each in all_facts if each.group == group]
         items += [("", group or "Other", "")] if part else []
         items += [(each.id, each.label, each.fault or each.summary) for each in part]
     return items
@@ -88,7 +88,7 @@ class HFX_OT_live_add(HfxOperator):
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):
-    """Make a device of a node map of VRChat haptics, or of a Unitouch layout, and add it"""
+    """Create a device from a VRChat node map or a Unitouch layout, and add it to the scene"""
 
     bl_idname = "hfx.live_import"
     bl_label = "Import Node Map or Layout"
@@ -101,14 +101,14 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
         from ...devices.configurations.imported_layouts import import_layout
 
         path = Path(self.filepath)
-        made = import_layout(path, self.name or path.stem.lower().replace(" ", "_"))
-        if made.stem not in context.scene.hfx.devices:
-            context.scene.hfx.devices.add().name = made.stem
-        return f"{made.stem} imported"
+        imported = import_layout(path, self.name or path.stem.lower().replace(" ", "_"))
+        if imported.stem not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = imported.stem
+        return f"{imported.stem} imported"
 
 
 class HFX_OT_live_remove(HfxOperator):
-    """Remove a device from this scene, and disconnect it"""
+    """Disconnect a device and remove it from the scene"""
 
     bl_idname = "hfx.live_remove"
     bl_label = "Remove Device"
@@ -125,7 +125,7 @@ class HFX_OT_live_remove(HfxOperator):
 
 
 class HFX_OT_live_connect(_OfDevice):
-    """Connect a device, and let it play what is felt"""
+    """Connect a device and play the effects on it"""
 
     bl_idname = "hfx.live_connect"
     bl_label = "Connect"
@@ -221,13 +221,13 @@ class HFX_OT_live_stop_all(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        # Nothing is asked and nothing checked first; it works in every mode.
+        # No question and no check: a stop works in every mode.
         live.stop_all()
         return {"FINISHED"}
 
 
 class HFX_OT_live_pulse(_OfDevice):
-    """Play one actuator for a moment, softly"""
+    """Play a short, weak pulse on one actuator"""
 
     bl_idname = "hfx.live_pulse"
     bl_label = "Test Pulse"
@@ -245,7 +245,7 @@ class HFX_OT_live_pulse(_OfDevice):
 
 
 class HFX_OT_live_approve(_OfDevice):
-    """Allow the script of a device, in its present state"""
+    """Approve the current script of a device"""
 
     bl_idname = "hfx.live_approve"
     bl_label = "Approve Device Script"
@@ -266,32 +266,32 @@ class HFX_OT_live_approve(_OfDevice):
         column.label(text="Read it first. If a byte of it changes, it must be approved again.")
 
     def _show(self) -> None:
-        found = self._found()
-        self.fingerprint, self.script = found.fingerprint, str(found.path)
+        script = self._found()
+        self.fingerprint, self.script = script.fingerprint, str(script.path)
 
     def _found(self) -> DeviceScript:
         from ...devices.live import approval
 
-        found = approval.script_of(self.name, resources.user_devices())
-        if found is None:
+        script = approval.script_of(self.name, resources.user_devices())
+        if script is None:
             raise InputError(f"Device '{title_of(self.name)}' has no script.")
-        return found
+        return script
 
     def work(self, _context: bpy.types.Context) -> str:
         from ...devices.live import approval
 
-        found = self._found()
-        if self.fingerprint and found.fingerprint != self.fingerprint:
-            raise InputError(f"{found.path}: has just changed; read it again.")
-        approval.approve(found)
+        script = self._found()
+        if self.fingerprint and script.fingerprint != self.fingerprint:
+            raise InputError(f"{script.path}: has just changed; read it again.")
+        approval.approve(script)
         live.unapproved.discard(self.name)
-        if not approval.is_shipped(found.path):
-            live.approved[self.name] = found.fingerprint
-        return f"{found.path.name} approved"
+        if not approval.is_shipped(script.path):
+            live.approved[self.name] = script.fingerprint
+        return f"{script.path.name} approved"
 
 
 class HFX_OT_live_revoke(_OfDevice):
-    """Withdraw the approval of a device's script, and stop it where it plays"""
+    """Revoke the approval of a device's script, and stop it if running"""
 
     bl_idname = "hfx.live_revoke"
     bl_label = "Withdraw Approval"
@@ -301,18 +301,18 @@ class HFX_OT_live_revoke(_OfDevice):
     def work(self, _context: bpy.types.Context) -> str:
         from ...devices.live import approval
 
-        if self.fingerprint:  # of the list in the preferences: its files may be gone
+        if self.fingerprint:  # from the preferences, also without the script's files
             live.withdraw({self.fingerprint})
             approval.revoke_fingerprint(self.fingerprint)
             return "Approval withdrawn"
         running = live.approved.get(self.name)  # the files may have changed since
         live.withdraw(set() if running is None else {running})
-        found = approval.script_of(self.name, resources.user_devices())
-        if found is not None:
-            approval.revoke(found)
+        script = approval.script_of(self.name, resources.user_devices())
+        if script is not None:
+            approval.revoke(script)
         if running is not None and running in approval.approved():
             approval.revoke_fingerprint(running)
-        if found is None and running is None:
+        if script is None and running is None:
             raise InputError(f"Device '{title_of(self.name)}' has no script.")
         return f"{title_of(self.name)}: approval withdrawn"
 

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class DeviceSearch:
-    """Devices that were found by the newest search.
+    """Result of the last search for devices.
 
     Attributes
     ----------
     found : list of Found
     items : list of tuple
-        Of the enum of these; Blender does not keep the strings of an enum itself.
+        Enum items of ``found``; Blender needs these strings kept alive.
     """
 
     def __init__(self) -> None:
@@ -36,10 +36,10 @@ class DeviceSearch:
         self.items: EnumItems = []
 
     def run(self) -> list[str]:
-        """Look for devices; returns the names of all serial ports."""
+        """Search for devices; returns the names of all serial ports."""
         from ...devices.live.discovery import found_at
 
-        # Faulty configurations are reported when they are added.
+        # Adding a device reports errors of its configuration.
         ports, self.found, _ = found_at(resources.user_devices())
         self.items = [
             (
@@ -60,7 +60,7 @@ def _choices(_self: object, _context: object) -> EnumItems:
 
 
 class HFX_OT_live_find(HfxOperator):
-    """Look for devices: serial ports by their USB ids, programs on this computer and network"""
+    """Search for devices: serial ports by USB id, programs on this computer and in the network"""
 
     bl_idname = "hfx.live_find"
     bl_label = "Find Devices"
@@ -85,18 +85,18 @@ class HFX_OT_live_find(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         if not self.which.isdecimal() or int(self.which) >= len(search.found):
             raise InputError("Press Find Devices first, and choose one.")
-        found = search.found[int(self.which)]
-        settings = live_settings.load().get(found.device, live_settings.LiveSettings())
-        settings = replace(settings, kind="DEVICE", port=found.port, unit=found.unit)
-        if found.device not in context.scene.hfx.devices:
-            context.scene.hfx.devices.add().name = found.device
-        live.connect(found.device, settings)
-        live_settings.store(found.device, settings)
-        return f"{title_of(found.device)}: {found.description}"
+        device = search.found[int(self.which)]
+        settings = live_settings.load().get(device.device, live_settings.LiveSettings())
+        settings = replace(settings, kind="DEVICE", port=device.port, unit=device.unit)
+        if device.device not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = device.device
+        live.connect(device.device, settings)
+        live_settings.store(device.device, settings)
+        return f"{title_of(device.device)}: {device.description}"
 
 
 class HFX_OT_live_offset(HfxOperator):
-    """Delay a device, so that touch is in time with sound and picture; the delay is stored"""
+    """Delay the values of a device to match sound and picture; the delay is saved"""
 
     bl_idname = "hfx.live_offset"
     bl_label = "Offset"

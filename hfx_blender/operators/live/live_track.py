@@ -28,8 +28,8 @@ _recorded: list[Path] = []
 
 
 class HFX_OT_record_track(StepwiseExport):
-    """Record what is felt on the whole timeline, and let connected devices play it with the
-    timeline: no scene is evaluated for it any more
+    """Record the whole timeline for connected devices. They then play the recording in sync with
+    the timeline, without evaluating the scene
 
     The track is kept until Blender quits; export it to keep it
     """
@@ -67,37 +67,37 @@ class HFX_OT_record_track(StepwiseExport):
 
 
 class HFX_OT_hide_meshes(HfxOperator):
-    """Hide meshes and other shapes that are neither a body nor an effect, so that Blender plays
-    faster; Alt H shows hidden objects again
+    """Hide meshes and other shapes without a haptic role, for faster playback. Alt H shows hidden
+    objects
     """
 
     bl_idname = "hfx.hide_meshes"
     bl_label = "Hide Other Meshes"
 
     def work(self, context: bpy.types.Context) -> str:
-        kept = _needed(context.scene)
+        needed = _needed(context.scene)
         count = 0
         for obj in context.visible_objects:
             is_shape = obj.type in ("MESH", "CURVE", "CURVES", "SURFACE", "META", "FONT", "VOLUME")
             is_shape |= obj.type in ("POINTCLOUD", "GREASEPENCIL", "GPENCIL")
-            if is_shape and obj not in kept and is_in_view_layer(context, obj):
+            if is_shape and obj not in needed and is_in_view_layer(context, obj):
                 obj.hide_set(True)
                 count += 1
         return f"{count} hidden; Alt H shows them again"
 
 
 def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """Objects that show bodies, are effects or emit them."""
-    found = swarms.listed_effects(scene)
-    kept = {obj for effect in found for obj in swarms.objects_showing(scene, effect)}
+    """Bodies and their avatars, effects and their emitters."""
+    listed = swarms.listed_effects(scene)
+    needed = {obj for effect in listed for obj in swarms.objects_showing(scene, effect)}
     for body in effects.bodies_of(scene):
-        kept |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
-        kept |= set(body.children_recursive)
-    return kept
+        needed |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
+        needed |= set(body.children_recursive)
+    return needed
 
 
 class HFX_OT_update_values(HfxOperator):
-    """Compute the values of effects and actuators over the timeline, stepping through its frames"""
+    """Compute the values of effects and actuators on all frames of the timeline"""
 
     bl_idname = "hfx.update_values"
     bl_label = "Update Values"

@@ -43,11 +43,11 @@ class _AreaOperator(HfxOperator):
         return f"'{effect.name}' covers {count} vertices"
 
 
-def _blend(effect: bpy.types.Object, found: F64, how: str) -> int:
-    """Combine an area (V,) with that of an effect; returns the number of its vertices."""
+def _blend(effect: bpy.types.Object, weights: F64, how: str) -> int:
+    """Combine weights (V,) with the area of an effect; returns the number of its vertices."""
     from ...engine.body import areas
 
-    blended = areas.blended(painting.weights_of(effect), found, how)
+    blended = areas.blended(painting.weights_of(effect), weights, how)
     return painting.set_weights(effect, blended)
 
 
@@ -154,12 +154,12 @@ class HFX_OT_area_from_image(_AreaOperator):
         if picture is None:
             names = ", ".join(f"'{image.name}'" for image in bpy.data.images) or "none"
             raise InputError(f"There is no image '{self.image}'; this file has: {names}.")
-        found = picture_areas.weights_of_image(effect, picture, self.channel, self.uv_map)
-        return self.covers(effect, _blend(effect, found, self.blend))
+        weights = picture_areas.weights_of_image(effect, picture, self.channel, self.uv_map)
+        return self.covers(effect, _blend(effect, weights, self.blend))
 
 
 class HFX_OT_area_from_selection(_AreaOperator):
-    """Paint what is selected: on the mesh that is painted on, or else on the avatar's meshes"""
+    """Set the area from the selected vertices of the painted mesh or of the avatar's meshes"""
 
     bl_idname = "hfx.area_from_selection"
     bl_label = "Area from Selection"
@@ -173,16 +173,16 @@ class HFX_OT_area_from_selection(_AreaOperator):
 
         effect = painted_effect(context)
         if painting.canvas_of(effect) is not None:
-            found = painting.selected_vertices(effect).astype(np.float64)
+            weights = painting.selected_vertices(effect).astype(np.float64)
         else:
-            found = picture_areas.weights_of_selection(effect)
-        if not found.any():
+            weights = picture_areas.weights_of_selection(effect)
+        if not weights.any():
             raise InputError("No vertices are selected. Select some in Edit Mode first.")
-        return self.covers(effect, _blend(effect, found, self.blend))
+        return self.covers(effect, _blend(effect, weights, self.blend))
 
 
 class HFX_OT_area_copy(_AreaOperator):
-    """Copy the area of the active effect to the other selected painted effects, of any modality"""
+    """Copy the area of the active effect to the other selected painted effects of any modality"""
 
     bl_idname = "hfx.area_copy"
     bl_label = "Copy Area to Selected"
@@ -208,7 +208,7 @@ class HFX_OT_area_copy(_AreaOperator):
 
 
 class HFX_OT_area_keep(_AreaOperator):
-    """Keep the painted area, carried over to the modality that was chosen since"""
+    """Transfer the painted area to the modality of the effect"""
 
     bl_idname = "hfx.area_keep"
     bl_label = "Keep Painted Area"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Painting the area of an effect on its perceptual model."""
+"""Weight Paint of an effect's area on its perceptual model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _PaintedOperator(HfxOperator):
 
 
 class HFX_OT_paint_begin(_PaintedOperator):
-    """Paint the area of the effect on its perceptual model, with Weight Paint"""
+    """Paint the area of the effect on its perceptual model, in Weight Paint"""
 
     bl_idname = "hfx.paint_begin"
     bl_label = "Paint"
@@ -48,7 +48,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
 
 
 class HFX_OT_paint_end(HfxOperator):
-    """Take over what was painted and show the avatar again"""
+    """Apply the painted weights and show the avatar again"""
 
     bl_idname = "hfx.paint_end"
     bl_label = "Finish Painting"
@@ -73,19 +73,19 @@ _SAVED = "saved:"  # begins an item of the list of parts
 @kept_items
 def _parts() -> EnumItems:
     """Body parts in columns by groups, and the user's own areas."""
-    found = [("all", "Whole Body", "All of the skin")]
+    items = [("all", "Whole Body", "All of the skin")]
     for group in dict.fromkeys(region.group for region in REGIONS):
-        found.append(("", group, ""))
-        found += [
+        items.append(("", group, ""))
+        items += [
             (region.id, region.label, f"All of it: {region.label.lower()}")
             for region in REGIONS
             if region.group == group
         ]
     names = painting.saved_names()
     if names:
-        found.append(("", "My Areas", ""))
-        found += [(_SAVED + name, name, "Saved by you") for name in names]
-    return found
+        items.append(("", "My Areas", ""))
+        items += [(_SAVED + name, name, "Saved by you") for name in names]
+    return items
 
 
 class HFX_OT_fill_part(_PaintedOperator):
@@ -129,20 +129,20 @@ class HFX_OT_set_area(_PaintedOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         try:
-            found = {int(vertex): float(w) for vertex, w in json.loads(self.area).items()}
+            stored = {int(vertex): float(w) for vertex, w in json.loads(self.area).items()}
         except (ValueError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(f"Area: expected a JSON object of weights by vertex ({error}).") from (
                 error
             )
         effect = painted_effect(context)
-        effects.set_area(effect, list(found), list(found.values()))
-        return f"'{effect.name}' covers {len(found)} vertices"
+        effects.set_area(effect, list(stored), list(stored.values()))
+        return f"'{effect.name}' covers {len(stored)} vertices"
 
 
 class HFX_OT_save_area(_PaintedOperator):
-    """Keep the painted area under a name of your own: Fill Body Part then lists it in every file
+    """Save the painted area under a name. Fill Body Part lists saved areas in every file
 
-    An empty area takes the name from the list
+    An empty area removes the name from the list
     """
 
     bl_idname = "hfx.save_area"

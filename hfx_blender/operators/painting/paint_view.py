@@ -42,7 +42,7 @@ _before: dict[int, tuple[list[dict[str, object]], float]] = {}
 
 
 def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Hide everything else that can be seen."""
+    """Hide all visible objects except the painted mesh, and store them in it."""
     others = [obj for obj in context.view_layer.objects if obj != canvas and obj.visible_get()]
     for obj in others:
         obj.hide_set(True)
@@ -50,31 +50,31 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 
 
 def hidden_by(canvas: bpy.types.Object) -> set[str]:
-    """Full names of the objects that are hidden while a mesh is painted on."""
-    # Earlier versions kept names, or marked the avatar's meshes.
+    """Full names of the objects hidden during painting."""
+    # Earlier versions stored names, or marked the avatar's meshes.
     marked = {obj.name_full for obj in bpy.data.objects if obj.get(_HIDDEN) is True}
-    kept = canvas.get(_HIDDEN, ())
-    if isinstance(kept, IDPropertyGroup):
-        kept = [obj.name_full for obj in kept.values() if obj is not None]
-    return marked.union(kept)
+    stored = canvas.get(_HIDDEN, ())
+    if isinstance(stored, IDPropertyGroup):
+        stored = [obj.name_full for obj in stored.values() if obj is not None]
+    return marked.union(stored)
 
 
 def layers_of(canvas: bpy.types.Object) -> list[bpy.types.ViewLayer]:
-    """View layers with a mesh that is painted on: several if the scene was copied meanwhile."""
+    """View layers with the painted mesh: several after copying the scene."""
     layers = [layer for scene in bpy.data.scenes for layer in scene.view_layers]
     return [layer for layer in layers if canvas.name in layer.objects]
 
 
 def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
-    """Show objects that were hidden to paint, by their full names."""
+    """Show objects hidden during painting, by full name."""
     for obj in [each for each in bpy.data.objects if each.name_full in hidden]:
         for layer in layers:
-            with suppress(RuntimeError):  # it is not in this one
+            with suppress(RuntimeError):  # not in this view layer
                 obj.hide_set(False, view_layer=layer)
 
 
 def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Frame the mesh that is painted on."""
+    """Save the view and frame the painted mesh."""
     area = framing.viewport(context)
     if area is None:
         return
@@ -85,8 +85,8 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 
 
 def leave() -> None:
-    """Restore the view before painting, however painting ended."""
-    for screen in bpy.data.screens:  # of other workspaces, too
+    """Restore the views from before painting."""
+    for screen in bpy.data.screens:  # includes other workspaces
         for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)
             if view is not None and area.type == "VIEW_3D":
@@ -96,22 +96,24 @@ def leave() -> None:
 
 
 def forget() -> None:
-    """Drop the views before painting: they are of another file."""
+    """Discard the saved views, after another file was opened."""
     _before.clear()
 
 
 class SceneBrush:
-    """Brush whose size on the skin stays when the view changes.
+    """Brush with a constant radius on the skin.
 
-    Weight Paint's brushes have sizes in pixels only. Whoever changes these chooses another size
+    Weight Paint measures brushes in pixels. A radius changed by the user is converted to a new
+    radius
     on the skin.
 
     Parameters
     ----------
     radius : float
-        On the skin, Blender's units.
+        Radius on the skin, Blender's units.
     least : float
-        Smallest radius that reaches a vertex wherever the brush is, at the median spacing.
+        Lower limit of the radius, the median distance of vertices: smaller brushes miss all
+        vertices.
     """
 
     def __init__(self, radius: float, least: float) -> None:
@@ -129,14 +131,14 @@ class SceneBrush:
         if self._pixels and abs(pixels - self._pixels) > 1:  # the user's choice
             self.radius = pixels / scale
         radius = max(self.radius, self.least)
-        wanted = round(min(max(radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
-        if wanted != pixels:
-            compat.set_brush_radius(context, wanted)
+        fitted = round(min(max(radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
+        if fitted != pixels:
+            compat.set_brush_radius(context, fitted)
         self._pixels = compat.brush_radius(context)
 
 
 def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
-    """Brush for a mesh that is painted on, from the spacing of its vertices."""
+    """Brush for a painted mesh, sized by the distances of its vertices."""
     spacing = painting.spacing(canvas, effect)
     return SceneBrush(painting.brush_radius(canvas, effect), spacing)
 
@@ -144,7 +146,7 @@ def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
 def _pixels_per_unit(
     context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
 ) -> float | None:
-    """Pixels in the 3D viewport of one of Blender's units at the middle of a mesh."""
+    """Pixels of one Blender unit at the middle of a mesh; None outside of the viewport."""
     area = framing.viewport(context)
     if area is None:
         return None
@@ -166,7 +168,7 @@ def _pixels_per_unit(
 
 
 class HFX_OT_paint_status(bpy.types.Operator):
-    """Name the body part under the mouse in the status bar, as long as something is painted"""
+    """Show the body part under the mouse in the status bar while painting"""
 
     bl_idname = "hfx.paint_status"
     bl_label = "Name Body Parts"
@@ -175,7 +177,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
     _is_running: ClassVar = False
     _shown = ""
     _brush: SceneBrush
-    _hidden: set[str]  # names of what is shown again if the mesh is deleted
+    _hidden: set[str]  # full names, to show objects after the mesh was deleted
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         canvas = painting.canvas_in(context)
@@ -194,8 +196,8 @@ class HFX_OT_paint_status(bpy.types.Operator):
             show([context.view_layer], self._hidden)
             return self._ended(context)
         if canvas != context.object or canvas.mode == "OBJECT":  # left by Blender's own ways
-            with suppress(RuntimeError):  # the mesh was edited: which Finish Painting tells
-                bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # a step of its own to undo
+            with suppress(RuntimeError):  # an edited mesh: Finish Painting reports this
+                bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # True: an undo step
             return self._ended(context)
         if event.type == "MOUSEMOVE":
             vertex = _vertex_under(context, canvas, event.mouse_x, event.mouse_y)
@@ -218,7 +220,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
 
 
 def _resume() -> None:
-    """Follow the mouse again: a file that was saved while painting, or an undo of its end."""
+    """Start the modal operator in a file saved while painting, and after an undo."""
     canvas = painting.canvas_in(bpy.context)
     if canvas is None or HFX_OT_paint_status._is_running or canvas.mode == "OBJECT":
         return
@@ -236,14 +238,14 @@ def _after_undo(*_: object) -> None:
 @persistent
 def _after_loading(*_: object) -> None:
     forget()
-    HFX_OT_paint_status._is_running = False  # loading ends what follows the mouse
+    HFX_OT_paint_status._is_running = False  # opening a file ends modal operators
     call_soon(_resume)
 
 
 def _vertex_under(
     context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
 ) -> int | None:
-    """Vertex of the mesh that is painted on, under the mouse; None beside the body."""
+    """Vertex of the painted mesh under the mouse; None outside of the body."""
     for area in context.screen.areas:
         if area.type != "VIEW_3D":
             continue
@@ -263,7 +265,7 @@ def _vertex_under(
 
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:
-    """ "Calves (left)" for a vertex of a mesh that is painted on."""
+    """Body part of a vertex, such as "Calves (left)"; empty for an unknown vertex."""
     from ...engine.body.model import load_model
     from ...engine.body.regions import region_at
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drawing the path of a point on the skin with the mouse, on the avatar as it stands."""
+"""Draws the path of a point on the skin with the mouse, on the posed avatar."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _HINTS = {
 
 
 class HfxPathPoint(bpy.types.PropertyGroup):
-    """Place of a path that is being drawn."""
+    """Point of a path during drawing."""
 
     place: FloatVectorProperty(
         name="Place", description="Metres, rest space of the canonical body", precision=4
@@ -60,7 +60,7 @@ class HfxPathPoint(bpy.types.PropertyGroup):
 
 
 class HFX_OT_draw_path(HfxOperator):
-    """Draw the path of a point on the skin, on the avatar as it stands"""
+    """Draw the path of a point on the skin, on the posed avatar"""
 
     bl_idname = "hfx.draw_path"
     bl_label = "Draw Path"
@@ -160,10 +160,10 @@ class HFX_OT_draw_path(HfxOperator):
         ends = {"RET", "NUMPAD_ENTER", "RIGHTMOUSE"}
         if event.type in ends and event.value == "PRESS" and len(self.stroke):
             return self._finish(context)
-        return {"PASS_THROUGH"}  # the view may be turned meanwhile
+        return {"PASS_THROUGH"}  # the user may turn the view between clicks
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Blender ends it, with a file that is loaded for instance."""
+        """Restore the view after Blender has ended the operator, as opening a file does."""
         self._end(context)
 
     def _held(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -181,14 +181,16 @@ class HFX_OT_draw_path(HfxOperator):
         return {"RUNNING_MODAL"} if self._is_held else {"PASS_THROUGH"}
 
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
-        """Test that the mouse is over the view, and not over a panel that lies on it."""
+        """Test for a mouse position on the viewport, outside of toolbar and sidebar."""
         others = [each for each in context.area.regions if each.type != "WINDOW"]
         at = event.mouse_x, event.mouse_y
         region = framing.region_at(context.area, *at)
         return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        """Add the place under the mouse; beside the body the last one stays."""
+        """Add the point under the mouse; outside of the body, repeat the last point while
+        recording.
+        """
         import numpy as np
 
         # The operator may have been started from a button, in a panel's region.
@@ -196,18 +198,18 @@ class HFX_OT_draw_path(HfxOperator):
         at = (event.mouse_x - region.x, event.mouse_y - region.y)
         origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
         ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
-        place = self._picker.hit(origin, ray)
-        if place is None and self.mode == "RECORD" and len(self.stroke):
-            place = np.array(self.stroke[-1].place)
-        if place is None:
+        hit = self._picker.hit(origin, ray)
+        if hit is None and self.mode == "RECORD" and len(self.stroke):
+            hit = np.array(self.stroke[-1].place)
+        if hit is None:
             return
         if self.mode == "FREEHAND" and len(self.stroke):
-            if np.linalg.norm(place - np.array(self.stroke[-1].place)) < _CLOSEST_M:
+            if np.linalg.norm(hit - np.array(self.stroke[-1].place)) < _CLOSEST_M:
                 return
         if not len(self.stroke):
             self._began_s = time.monotonic()
         point = self.stroke.add()
-        point.place = place.tolist()
+        point.place = hit.tolist()
         point.time = time.monotonic() - self._began_s
         self._show(context)
 
@@ -220,7 +222,7 @@ class HFX_OT_draw_path(HfxOperator):
         context.area.tag_redraw()
 
     def _path_through(self, places: np.ndarray) -> np.ndarray | None:
-        """Path that would be drawn now; None for straight lines from place to place."""
+        """Smooth path through the points drawn so far; None for straight segments."""
         if self.mode not in ("STRAIGHT", "CURVE") or len(places) < 2:
             return None
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the skin: add one, and give it a path; its motion along it; the path library."""
+"""Operators of points on the skin: adding, paths, motion along the path, path library."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INTERPOLATIONS = (
 
 
 def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active effect, if it is a point on the skin."""
+    """Active effect if it is a point on the skin; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
@@ -56,7 +56,7 @@ class _OfSpot(HfxOperator):
 
 
 class PathOperator(HfxOperator):
-    """Base of the operators of a point on the skin that is somewhere."""
+    """Base of operators that need a point on the skin with a position."""
 
     requires = (
         ON_SPOT,
@@ -68,9 +68,9 @@ class PathOperator(HfxOperator):
 
 
 class HFX_OT_add_spot(OnBodyOperator):
-    """Add a point on the skin: a disc that is felt where it is, and that may move along a path.
+    """Add a point on the skin: a disc that can move along a path.
 
-    It is put at the 3D cursor if that is on the body, else in the middle of the back
+    Its position is the 3D cursor if near the body, otherwise the middle of the back
     """
 
     bl_idname = "hfx.add_spot"
@@ -104,8 +104,8 @@ class HFX_OT_add_spot(OnBodyOperator):
         (body,) = effects.bodies_of(context.scene)
         picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
         reach = _ON_SKIN_M / metres_of(context.scene)
-        found = picker.nearest(context.scene.cursor.location, reach)
-        self.place = _MIDDLE_OF_BACK if found is None else found.tolist()
+        nearest = picker.nearest(context.scene.cursor.location, reach)
+        self.place = _MIDDLE_OF_BACK if nearest is None else nearest.tolist()
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -159,7 +159,7 @@ class HFX_OT_mirror_path(PathOperator):
 
 
 class HFX_OT_move_along_path(PathOperator):
-    """Animate the position from the beginning of the path to its end, from the current frame on"""
+    """Keyframe the position from the start to the end of the path, from the current frame"""
 
     bl_idname = "hfx.move_along_path"
     bl_label = "Move along Path"
@@ -226,7 +226,7 @@ class HFX_OT_path_from_library(_OfSpot):
 
 
 class HFX_OT_load_path(_OfSpot, ImportHelper):
-    """Give the point the path of a file, and its motion if the file has one"""
+    """Load a path file, with its motion if included"""
 
     bl_idname = "hfx.load_path"
     bl_label = "Load Path"
@@ -241,7 +241,7 @@ class HFX_OT_load_path(_OfSpot, ImportHelper):
 
 
 class HFX_OT_save_path(PathOperator, ExportHelper):
-    """Save the path to a file of its own, with the motion along it"""
+    """Save the path and the motion along it to a file"""
 
     bl_idname = "hfx.save_path"
     bl_label = "Save Path"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Overlay of paths on the posed avatar, with their points."""
+"""Overlay of paths and their points on the posed avatar."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _draw_handle: object | None = None
 
 
 def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
-    """Show the path that is being drawn with the mouse on a body; None hides it.
+    """Show a path during drawing on a body; None as body hides it.
 
     Parameters
     ----------
     places : (n, 3) float64
-        That were clicked.
+        Clicked points, canonical body, metres.
     path : (m, 3) float64, optional
-        Through them; straight from one to the next by default.
+        Path through the points; straight segments by default.
     """
     global pending_clicks
     pending_clicks = (body, places, places if path is None else path)
@@ -47,14 +47,14 @@ def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = 
 def lines_of(
     effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph, unit_m: float
 ) -> tuple[F32, F32] | None:
-    """Lines of a point's path (n, 3), and of its disc's rim (m, 3), at present.
+    """Line of a point's path (n, 3) and rim of its disc (m, 3) at the current frame.
 
-    World space, Blender's units. None for a point without a place.
+    World space, Blender's units. None for a point without a position.
 
     Raises
     ------
     InputError
-        Its path is broken, or the body models do not fit its body.
+        The stored path is damaged, or the body models do not fit the body.
     """
     import numpy as np
 
@@ -90,18 +90,18 @@ def _on_body(
 def _ring(
     body: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
-    place: F64,
+    centre: F64,
     radius_m: float,
     unit_m: float,
 ) -> F32:
-    """The rim of a disc, laid on the skin of the canonical body and moved with it."""
+    """Rim of a disc, projected to the canonical skin and posed with the body."""
     import numpy as np
 
-    around = skin_picking.Anchors.of(place)
+    around = skin_picking.Anchors.of(centre)
     normal = around.weights[0] @ _normals()[around.corners[0]]
     axes = np.linalg.svd(normal[None])[2][1:]
     angle = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
-    rim = place + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
+    rim = centre + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
     points, normals = skin_picking.Anchors.of(rim).posed_on(body, depsgraph)
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 

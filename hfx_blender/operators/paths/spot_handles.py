@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that slide a point over the skin, size its disc, and key its place, with the mouse."""
+"""Modal operators of a point on the skin: slide, resize, keyframe."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ _SHORTCUTS = {"G", "S", "I"}
 
 
 def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """Test a key for Blender's own operator: something beside the point is selected."""
+    """Test for a key of Blender's own operators: objects other than the point are selected."""
     effect = active_spot(context)
     others = any(other != effect for other in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
 
 
-def _on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
-    """Position of a canonical place on the effect's body now, world space."""
-    anchors = skin_picking.Anchors.of(place[None])
+def _on_body(context: bpy.types.Context, effect: bpy.types.Object, anchor: F64) -> Vector:
+    """Position of a canonical anchor on the effect's body now, world space."""
+    anchors = skin_picking.Anchors.of(anchor[None])
     return Vector(
         anchors.posed_on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist()
     )
 
 
 class _HeldSpotOperator(PathOperator):
-    """Base of the operators that follow the mouse; subclasses define the change."""
+    """Base of modal operators that follow the mouse; subclasses define the change."""
 
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
@@ -100,7 +100,7 @@ class _HeldSpotOperator(PathOperator):
         return {"PASS_THROUGH"} if event.type in _NAVIGATION else {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Blender ends it, with a file that is loaded for instance."""
+        """Restore the point after Blender has ended the operator, as opening a file does."""
         effect = active_spot(context)
         if effect is not None:
             self._take_back(effect)
@@ -123,14 +123,14 @@ class _HeldSpotOperator(PathOperator):
         context.area.header_text_set(heading)
         context.workspace.status_text_set(keys)
 
-    def _window_place(self, context: bpy.types.Context, place: F64) -> Vector | None:
-        """Place of a canonical point in the window's pixels; None if it is behind the viewer."""
+    def _window_place(self, context: bpy.types.Context, anchor: F64) -> Vector | None:
+        """Window pixel of a canonical point; None behind the viewer."""
         region = self._region
-        world = _on_body(context, active_spot(context), place)
+        world = _on_body(context, active_spot(context), anchor)
         seen = view3d_utils.location_3d_to_region_2d(region, region.data, world)
         return None if seen is None else seen + Vector((region.x, region.y))
 
-    # What each does
+    # Methods of subclasses
 
     def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None: ...
 
@@ -144,14 +144,14 @@ class _HeldSpotOperator(PathOperator):
         return False
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
-        """Texts of the header and of the other keys."""
+        """Header text, and the end of the status bar's text."""
         raise NotImplementedError
 
 
 class HFX_OT_slide_spot(_HeldSpotOperator):
     """Slide the point over the skin to the mouse, at the current frame.
 
-    With Auto Keying its place is keyed there, and it moves along the skin from key to key
+    Auto Keying adds a keyframe; the point moves along the skin between keyframes
     """
 
     bl_idname = "hfx.slide_spot"
@@ -176,15 +176,15 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
-        place = np.array(self.place, np.float64)
+        anchor = np.array(self.place, np.float64)
         if not self.properties.is_property_set("place"):
-            place = spot_placing.place_of(effect)
+            anchor = spot_placing.place_of(effect)
         is_keyed = spot_placing.is_auto_keyed(context, effect, paths.POSITION)
         if self.along_path:
-            share = spot_placing.share_nearest(paths.own_path(effect), place)
+            share = spot_placing.share_nearest(paths.own_path(effect), anchor)
             spot_placing.place_along(effect, share, is_keyed)
         else:
-            spot_placing.place_at(context.scene, effect, place, is_keyed)
+            spot_placing.place_at(context.scene, effect, anchor, is_keyed)
         _stand(context, effect)
         return ""
 
@@ -206,45 +206,47 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         self.place = spot_placing.place_of(effect).tolist()
         seen = self._window_place(context, spot_placing.place_of(effect))
         if seen is not None:
-            self._at = seen  # a handle grabbed beside the point keeps its distance to the mouse
+            self._at = seen  # keep the offset between mouse and point
 
     def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
-        place = self._under_mouse(context)
-        if place is not None:
-            self.place = place.tolist()
+        anchor = self._under_mouse(context)
+        if anchor is not None:
+            self.place = anchor.tolist()
             self._show(context, effect)
 
     def _under_mouse(self, context: bpy.types.Context) -> F64 | None:
-        """The place on the skin under the mouse; beside the body, the nearest of its outline."""
+        """Canonical point on the skin under the mouse; outside of the body, the nearest on its
+        outline.
+        """
         import numpy as np
 
         region = self._region
         at = self._at - Vector((region.x, region.y))
         origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
         ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
-        place = self._picker.hit(origin, ray)
-        if place is not None:
-            return place
+        hit = self._picker.hit(origin, ray)
+        if hit is not None:
+            return hit
         here = _on_body(context, active_spot(context), np.array(self.place, np.float64))
         beside = origin + ray * max((here - origin).dot(ray), 0.0)
         return self._picker.nearest(beside, float("inf"))
 
     def _show(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
-        """Show the temporary state: the point alone, and the path that it has."""
+        """Show the uncommitted position, and the point's path."""
         import numpy as np
 
         from ...authoring.paths import spot_placing
 
-        place = np.array(self.place, np.float64)
+        anchor = np.array(self.place, np.float64)
         if self.along_path:
             effect[paths.PATH] = self._own.ravel().tolist()
-            effect.hfx.path_position = spot_placing.share_nearest(self._own, place)
+            effect.hfx.path_position = spot_placing.share_nearest(self._own, anchor)
         else:
-            effect[paths.PATH] = place.tolist()
+            effect[paths.PATH] = anchor.tolist()
         _stand(context, effect)
         effect.update_tag()
         if len(self._own) > 1:
-            path_overlay.show_pending(effect.hfx.body, place[None], self._own)
+            path_overlay.show_pending(effect.hfx.body, anchor[None], self._own)
 
     def _take_back(self, effect: bpy.types.Object) -> None:
         effect[paths.PATH] = self._before["path"]
@@ -272,14 +274,14 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
             keyed = f"   Keyed at frame {context.scene.frame_current}"
         elif paths.motion_of(effect) is not None:
             keyed = "   Not keyed: press I afterwards, or switch Auto Keying on"
-        other = ""
+        suffix = ""
         if len(self._own) > 1:
-            other = "     G: " + ("freely on the skin" if self.along_path else "along its path")
-        return f"{where}   X {x:.1f} cm  Y {y:.1f} cm  Z {z:.1f} cm{keyed}", other
+            suffix = "     G: " + ("freely on the skin" if self.along_path else "along its path")
+        return f"{where}   X {x:.1f} cm  Y {y:.1f} cm  Z {z:.1f} cm{keyed}", suffix
 
 
 class HFX_OT_resize_spot(_HeldSpotOperator):
-    """Change the radius of the point's disc with the mouse; Auto Keying keys it"""
+    """Change the radius of the point's disc with the mouse; Auto Keying adds a keyframe"""
 
     bl_idname = "hfx.resize_spot"
     bl_label = "Resize Disc"
@@ -331,7 +333,9 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
 
 
 class HFX_OT_key_spot(PathOperator):
-    """Key the place where the point is now; it moves along the skin from key to key"""
+    """Insert a keyframe of the point's position; the point moves along the skin between
+    keyframes
+    """
 
     bl_idname = "hfx.key_spot"
     bl_label = "Insert Place Key"
@@ -348,12 +352,12 @@ class HFX_OT_key_spot(PathOperator):
 
 
 def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Move the object, which only stands for the effect, to the point."""
+    """Move the effect's object to the position of its point."""
     from ...authoring.paths import spot_placing
 
-    place = spot_placing.place_of(effect)
-    if place is not None and effect.hfx.body is not None and effect.parent is None:
-        effect.location = _on_body(context, effect, place)
+    anchor = spot_placing.place_of(effect)
+    if anchor is not None and effect.hfx.body is not None and effect.parent is None:
+        effect.location = _on_body(context, effect, anchor)
 
 
 _classes = (HFX_OT_slide_spot, HFX_OT_resize_spot, HFX_OT_key_spot)

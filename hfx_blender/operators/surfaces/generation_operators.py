@@ -33,42 +33,42 @@ _folders: list[str] = []
 
 
 def _job(context: bpy.types.Context) -> dict[str, Any]:
-    """Job of the panel's settings, as the worker takes it.
+    """Request for the generation process, from the panel's settings.
 
     Raises
     ------
     InputError
-        No words, or no picture that Blender reads.
+        No text, or no picture readable by Blender.
     """
-    wanted = context.window_manager.hfx_generation
+    settings = context.window_manager.hfx_generation
     folder = str(blender_session.new_temporary_folder("hfx_generated_"))
     _folders.append(folder)
     job = {
         "version": __version__,
         "folder": folder,
         "back_end": "library",
-        "use_steps": wanted.use_steps,
-        "variations": wanted.variations,
-        "words": wanted.words,
-        "negative": wanted.negative,
-        "seed": wanted.seed,
-        "texels": wanted.resolution,
+        "use_steps": settings.use_steps,
+        "variations": settings.variations,
+        "words": settings.words,
+        "negative": settings.negative,
+        "seed": settings.seed,
+        "texels": settings.resolution,
     }
-    if wanted.source == "WORDS":
-        if not wanted.words.strip():
+    if settings.source == "WORDS":
+        if not settings.words.strip():
             raise InputError("Say in words what the material is: 'worn blue denim'.")
         return job
-    if not wanted.picture:
+    if not settings.picture:
         raise InputError("Choose a picture of a material.")
-    return {**job, **_of_picture(wanted, Path(folder))}
+    return {**job, **_of_picture(settings, Path(folder))}
 
 
-def _of_picture(wanted: Any, folder: Path) -> dict[str, Any]:
+def _of_picture(settings: Any, folder: Path) -> dict[str, Any]:
     import numpy as np
 
     from ...authoring.surfaces import image_values
 
-    path = bpy.path.abspath(wanted.picture)
+    path = bpy.path.abspath(settings.picture)
     image = image_values.load(path)
     try:
         pixels = folder / "pixels.npy"
@@ -80,29 +80,29 @@ def _of_picture(wanted: Any, folder: Path) -> dict[str, Any]:
         "variations": 1,
         "picture": os.path.abspath(path),
         "pixels": str(pixels),
-        "size_mm": list(wanted.size_mm),
-        "height_mm": wanted.height_mm,
-        "tiles": wanted.tiles,
+        "size_mm": list(settings.size_mm),
+        "height_mm": settings.height_mm,
+        "tiles": settings.tiles,
     }
 
 
-def _forget(kept: str = "") -> None:
-    """Remove the folders of earlier results; what is in use was packed into the .blend."""
-    for folder in [each for each in _folders if each != kept]:
+def _forget(except_folder: str = "") -> None:
+    """Remove the folders of earlier results; used results are packed into the .blend file."""
+    for folder in [each for each in _folders if each != except_folder]:
         shutil.rmtree(folder, ignore_errors=True)
         _folders.remove(folder)
 
 
 class HFX_OT_generate_surface(HfxOperator):
-    """Make materials from the words or the picture, and give the first to the active object.
+    """Generate materials from text or a picture, and assign the first to the active object.
 
-    It works in a process of its own; Blender can be used meanwhile
+    A separate process generates; Blender stays usable
     """
 
     bl_idname = "hfx.generate_surface"
     bl_label = "Make Material"
 
-    # Without annotations, which Blender would take for properties.
+    # No annotations: Blender would register these as properties.
     _timer = None
     _target = ""
     requires = ((lambda context: running is None, "A material is being made"),)
@@ -116,7 +116,7 @@ class HFX_OT_generate_surface(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
-        """Make them in one go, for a script."""
+        """Generate all variations before returning, for scripts."""
         self._begin(context)
         assert running is not None
         running.wait()
@@ -126,7 +126,7 @@ class HFX_OT_generate_surface(HfxOperator):
         global running
         from ...generation.generation_process import GenerationProcess
 
-        if importlib.util.find_spec("scipy") is None:  # the child would end for want of it
+        if importlib.util.find_spec("scipy") is None:  # the process needs its folder until then
             raise ModuleNotFoundError(name="scipy")
         try:
             running = GenerationProcess(_job(context))
@@ -158,7 +158,7 @@ class HFX_OT_generate_surface(HfxOperator):
         global running
         assert running is not None
         done, running = running, None
-        done.cancel()  # it has ended: only its streams are closed
+        done.cancel()  # the process has ended: closes its pipes only
         if done.fault:
             raise InputError(done.fault)
         results[:] = done.records
@@ -190,7 +190,7 @@ class HFX_OT_cancel_generation(HfxOperator):
 
 
 class HFX_OT_use_generated(HfxOperator):
-    """Give this material and its haptic surface to the active object"""
+    """Assign this material and its haptic surface to the active object"""
 
     bl_idname = "hfx.use_generated"
     bl_label = "Use"
@@ -210,7 +210,7 @@ class HFX_OT_use_generated(HfxOperator):
 
 
 def stop() -> None:
-    """End a generation that is under way."""
+    """Cancel a running generation."""
     global running
     if running is not None:
         running.cancel()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stroke a surface with the mouse: see it, hear it, feel it on a device, export it."""
+"""Operators of the stroke pad: stroke a surface with the mouse, export the stroke."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ last_take: Take | None = None
 
 
 class HFX_OT_stroke_pad(HfxOperator):
-    """Stroke the active surface with the mouse: see, hear and feel what a finger would"""
+    """Stroke the active surface with the mouse: see, hear and feel its texture"""
 
     bl_idname = "hfx.stroke_pad"
     bl_label = "Stroke Pad"
@@ -60,11 +60,11 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
-        self._place = place = PadPlace(self._region.width, self._region.height)
+        self._place = rectangle = PadPlace(self._region.width, self._region.height)
         self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
         self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)
-        arguments = (self._pad, settings.intensity_image, place, self._region)
+        arguments = (self._pad, settings.intensity_image, rectangle, self._region)
         self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
         self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
@@ -116,7 +116,9 @@ class HFX_OT_stroke_pad(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def _is_shown(self, context: bpy.types.Context) -> bool:
-        """Test that no file browser or other workspace is in the place of the pad."""
+        """Test for the pad's viewport: False after a change of workspace, or under a file
+        browser.
+        """
         return context.window is not None and context.window.screen == self._screen
 
     def _feel(self) -> None:

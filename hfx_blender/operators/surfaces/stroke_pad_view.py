@@ -59,35 +59,35 @@ class PadPlace:
 
 
 def draw(
-    pad: StrokePad, image: bpy.types.Image | None, place: PadPlace, region: bpy.types.Region
+    pad: StrokePad, image: bpy.types.Image | None, rectangle: PadPlace, region: bpy.types.Region
 ) -> None:
-    """Draw the pad, when its region is drawn; other viewports of the screen are asked, too."""
+    """Draw the pad in its region; no effect in other viewports."""
     if bpy.context.region != region:
         return
     gpu.state.blend_set("ALPHA")
-    left, bottom, side = place.left, place.bottom, place.side
+    left, bottom, side = rectangle.left, rectangle.bottom, rectangle.side
     width = side + PLOT_PX[0] + 40
     _box(left - 12, bottom - 54, width, side + 110, _BACK)
     if image is not None and pad.texture.map is not None:
-        _tiles(image, pad, place)
+        _tiles(image, pad, rectangle)
     _frame(left, bottom, side, side)
     if len(pad.trail_m) > 1:
         gpu.state.line_width_set(2.0)
-        _lines(place.pixels(pad, pad.trail_m), _WAY)
+        _lines(rectangle.pixels(pad, pad.trail_m), _WAY)
         gpu.state.line_width_set(1.0)
-    _texts(pad, place)
+    _texts(pad, rectangle)
     _plots(pad, left + side + 16, bottom)
     gpu.state.blend_set("NONE")
 
 
-def _texts(pad: StrokePad, place: PadPlace) -> None:
+def _texts(pad: StrokePad, rectangle: PadPlace) -> None:
     target, now = pad.target_m_s, pad.now
-    top = place.bottom + place.side
+    top = rectangle.bottom + rectangle.side
     kind = pad.texture.renderer.name
     renderer = next(label for name, label, _ in RENDERERS if name == kind)
-    _text(place.left, top + 34, f"{pad.name}   ({renderer})", 15)
+    _text(rectangle.left, top + 34, f"{pad.name}   ({renderer})", 15)
     _text(
-        place.left,
+        rectangle.left,
         top + 12,
         "drag: stroke    1, 2: 2 or 10 cm/s    R: renderer    E: export    Esc: close",
         11,
@@ -95,12 +95,12 @@ def _texts(pad: StrokePad, place: PadPlace) -> None:
     share = now.speed_m_s / target
     is_near = 0.8 <= share <= 1.25
     speed = f"{now.speed_m_s * 100:.1f} cm/s of {target * 100:.0f} cm/s (200 px/s)"
-    bar = place.bottom - 18
-    _box(place.left, bar, place.side, 8, _GRID)
-    length = place.side * min(share / 2.0, 1.0)
-    _box(place.left, bar, length, 8, _GOOD if is_near else _OFF)
-    _box(place.left + place.side / 2 - 1, bar - 3, 2, 14, (1.0, 1.0, 1.0, 0.9))
-    _text(place.left, bar - 20, pad.fault or speed, 12)
+    bar = rectangle.bottom - 18
+    _box(rectangle.left, bar, rectangle.side, 8, _GRID)
+    length = rectangle.side * min(share / 2.0, 1.0)
+    _box(rectangle.left, bar, length, 8, _GOOD if is_near else _OFF)
+    _box(rectangle.left + rectangle.side / 2 - 1, bar - 3, 2, 14, (1.0, 1.0, 1.0, 0.9))
+    _text(rectangle.left, bar - 20, pad.fault or speed, 12)
 
 
 def _plots(pad: StrokePad, left: float, bottom: float) -> None:
@@ -143,13 +143,13 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
             _lines(points, _LINE)
 
 
-def _tiles(image: bpy.types.Image, pad: StrokePad, place: PadPlace) -> None:
-    """Draw the map as often as it fits onto the pad; clipped at its edges."""
+def _tiles(image: bpy.types.Image, pad: StrokePad, rectangle: PadPlace) -> None:
+    """Draw the map repeatedly over the pad, clipped at the edges."""
     import numpy as np
 
     assert pad.texture.map is not None
     size = np.array(pad.texture.map.size_m) / pad.metres_per_pixel
-    count = np.ceil(place.side / size).astype(int)
+    count = np.ceil(rectangle.side / size).astype(int)
     if not pad.texture.map.tiles:
         count = np.minimum(count, 1)
     if int(count.prod()) > _MOST_TILES:
@@ -158,8 +158,8 @@ def _tiles(image: bpy.types.Image, pad: StrokePad, place: PadPlace) -> None:
     for column in range(int(count[0])):
         for row in range(int(count[1])):
             low = np.array([column, row]) * size
-            share = np.minimum((place.side - low) / size, 1.0)
-            x0, y0 = low + np.array([place.left, place.bottom])
+            share = np.minimum((rectangle.side - low) / size, 1.0)
+            x0, y0 = low + np.array([rectangle.left, rectangle.bottom])
             x1, y1 = np.array([x0, y0]) + size * share
             corners += [(x0, y0), (x1, y0), (x1, y1), (x0, y0), (x1, y1), (x0, y1)]
             u, v = share
@@ -167,7 +167,7 @@ def _tiles(image: bpy.types.Image, pad: StrokePad, place: PadPlace) -> None:
     shader = gpu.shader.from_builtin("IMAGE_COLOR")
     batch = batch_for_shader(shader, "TRIS", {"pos": corners, "texCoord": uvs})
     shader.bind()
-    bright = 1.0 / max(pad.brightest, 1e-3)  # a weak map is shown as clearly as a strong one
+    bright = 1.0 / max(pad.brightest, 1e-3)  # scale brightness to the map's maximum
     shader.uniform_float("color", (bright, bright, bright, 1.0))
     shader.uniform_sampler("image", gpu.texture.from_image(image))
     batch.draw(shader)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces: add, bake, load, import and export their maps, calibrate."""
+"""Operators of haptic surfaces: maps, images, scans, relief from a picture, calibration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object, if it has a haptic surface."""
+    """Active object if it has a haptic surface; otherwise None."""
     return context.object if surfaces.is_surface(context.object) else None
 
 
@@ -41,7 +41,7 @@ class SurfaceOperator(HfxOperator):
 
 
 class HFX_OT_add_surface(HfxOperator):
-    """Add a haptic surface to the active object, and make its maps"""
+    """Add a haptic surface to the active object, and bake its maps"""
 
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
@@ -64,7 +64,7 @@ class HFX_OT_add_surface(HfxOperator):
         try:
             return _made(self, obj)
         except InputError as error:
-            # The surface stays, so that the fault can be corrected.
+            # The surface is kept: the user can correct the error.
             self.report({"WARNING"}, str(error))
             return ""
 
@@ -81,7 +81,7 @@ class HFX_OT_remove_surface(SurfaceOperator):
 
 
 class HFX_OT_bake_surface(SurfaceOperator):
-    """Make the maps again, from the material, image or scan as it is now"""
+    """Bake the maps again from the current material, image or scan"""
 
     bl_idname = "hfx.bake_surface"
     bl_label = "Make Maps"
@@ -165,15 +165,15 @@ class HFX_OT_export_texture(SurfaceFileOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...formats.pictures import texture_map
 
-        path, made = self.path(), surfaces.map_of(context.object)
+        path, texture = self.path(), surfaces.map_of(context.object)
         stem = path.with_name(path.name.removesuffix(texture_map.SUFFIX))
         bits = 8 if self.bits == "8" else 16
-        written = texture_map.write(made, stem, bits, context.object.name)
+        written = texture_map.write(texture, stem, bits, context.object.name)
         return f"Wrote {', '.join(each.name for each in written.files)}"
 
 
 class HFX_OT_import_texture(SurfaceFileOperator):
-    """Take a haptic map from its JSON as the surface"""
+    """Use a haptic map, given by its JSON file, as the surface"""
 
     bl_idname = "hfx.import_texture"
     bl_label = "Import Map"
@@ -232,7 +232,7 @@ class HFX_OT_estimate_relief(HfxOperator):
         name="Tiles", description="The picture goes on at its opposite edge", default=True
     )
 
-    # Without annotations, which Blender would take for properties.
+    # No annotations: Blender would register these as properties.
     _is_invoked = False
     estimation = None
     _timer = None
@@ -242,8 +242,8 @@ class HFX_OT_estimate_relief(HfxOperator):
     def poll(cls, context: bpy.types.Context) -> bool:
         from ...authoring.surfaces import relief_estimation
 
-        found = relief_estimation.picture_of(context.object)
-        return cls.needs(found, "Select a mesh whose material has a picture as its base colour")
+        picture = relief_estimation.picture_of(context.object)
+        return cls.needs(picture, "Select a mesh whose material has a picture as its base colour")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         from ...authoring.surfaces import surface_uv
@@ -253,7 +253,7 @@ class HFX_OT_estimate_relief(HfxOperator):
             try:
                 self.size_mm = surface_uv.tile_mm(context.object)
             except InputError:
-                pass  # there is no UV map yet: the user says it
+                pass  # no UV map: the user enters the size
         return context.window_manager.invoke_props_dialog(self)  # type: ignore[no-any-return]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -284,7 +284,7 @@ class HFX_OT_estimate_relief(HfxOperator):
         return ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Wait for the result; other actions go on."""
+        """Wait for the result; other input passes through."""
         assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)

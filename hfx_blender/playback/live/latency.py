@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Latency compensation: late actuators begin now what is felt when they answer.
+"""Latency compensation: slow actuators get the samples of the frame in which they answer.
 
-Samples of that later time are taken from the record of values over the timeline, or from the
-track that is played. Without playback nobody knows what comes: all actuators play the present.
+These samples come from the record of values over the timeline, or from the played track. Without
+playback all actuators get the samples of the current frame.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Playback:
-    """Playback of the open scene: which frame is shown some time from now."""
+    """Direction of playback in the open scene, and the frames shown after a delay."""
 
     def __init__(self) -> None:
         self._frame: float | None = None
@@ -32,9 +32,9 @@ class Playback:
     def frames_after(
         self, scene: bpy.types.Scene, delays_ms: Iterable[float], *, is_playing: bool
     ) -> dict[float, float]:
-        """Frames that are shown after some milliseconds, by these; empty unless it plays.
+        """Map delays in milliseconds to the frames shown after them; empty without playback.
 
-        To be called once a frame: Blender does not tell the direction of playback.
+        Call this once a frame: the direction of playback is inferred from successive frames.
         """
         first, last = played_range(scene)
         frame = scene.frame_current_final
@@ -45,13 +45,13 @@ class Playback:
         return {ms: self._wrapped(then, frame, first, last) for ms, then in frames.items()}
 
     def _infer_direction(self, frame: float, length: int, is_playing: bool) -> None:
-        """One frame that goes the other way is a jump, two are another direction."""
+        """Update the direction: one opposite frame is a jump, two are a reversal."""
         before, self._frame = self._frame, frame
         if not is_playing or before is None:
             self._step, self._is_doubtful = 1, False
             return
         moved = frame - before
-        if abs(moved) > length / 2:  # it began again at the other end
+        if abs(moved) > length / 2:  # playback wrapped around
             moved = -moved
         is_contrary = moved * self._step < 0
         if is_contrary and self._is_doubtful:
@@ -60,9 +60,7 @@ class Playback:
             self._is_doubtful = is_contrary and not self._is_doubtful
 
     def _wrapped(self, then: float, now: float, first: int, last: int) -> float:
-        """Wrap a frame as playback does: after the last comes the first; in reverse, the
-        opposite.
-        """
+        """Wrap a frame at the ends of the played range, in the current direction."""
         length = last + 1 - first
         if self._step > 0 and then >= last + 1 and now <= last:
             return first + (then - last - 1) % length
@@ -72,7 +70,7 @@ class Playback:
 
 
 def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
-    """First and last frame that is played."""
+    """First and last played frame, both inclusive: the preview range if enabled."""
     if scene.use_preview_range:
         return scene.frame_preview_start, scene.frame_preview_end
     return scene.frame_start, scene.frame_end
@@ -81,12 +79,16 @@ def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
 def recorded_runs(
     frames: Mapping[float, float], streams: Sequence[Stream]
 ) -> dict[float, list[SampleRun]]:
-    """Samples of the record at some frames, by the keys of these; none where it does not hold.
+    """Recorded samples at the given frames, by the same keys.
+
+    Keys without a valid record, or outside of the recorded frames, are missing.
 
     Parameters
     ----------
+    frames : mapping
+        Key -> frame of the scene.
     streams : sequence of Stream
-        Of the live scene, in whose slots instances are put.
+        Streams of the live scene; instances are renumbered to these.
     """
     record = recorder.valid
     if record is None:
@@ -97,12 +99,14 @@ def recorded_runs(
 
 
 def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRun]:
-    """Runs as of the live scene: its instances have numbers of slots, a record's their own."""
+    """Rename streams of instances to those of the live scene; runs without a live stream are
+    dropped.
+    """
     known = set(streams)
     if all(run.stream in known for run in runs):
         return runs
     numbers: dict[tuple[str, str], count[int]] = {}
-    found = []
+    moved = []
     for run in runs:
         stream = run.stream
         if stream not in known:
@@ -110,12 +114,14 @@ def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRu
             number = next(numbers.setdefault((source, stream.body_id), count()))
             stream = replace(stream, effect_id=f"{source}:~{number}")
         if stream in known:
-            found.append(replace(run, stream=stream))
-    return found
+            moved.append(replace(run, stream=stream))
+    return moved
 
 
 def uncompensated(scene: bpy.types.Scene) -> str:
-    """Sentences about where latency is not compensated, and the cure; empty if it is."""
+    """Sentences naming frames without latency compensation, and the cure; empty without such
+    frames.
+    """
     if recorder.must_step:
         return f"Latency is not compensated. {recorder.fault} Press Update Values."
     record = recorder.valid

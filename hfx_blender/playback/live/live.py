@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: sends the current samples to connected devices, while Blender plays, scrubs or
-drags.
+"""Connected devices: samples of the open scene or a track, sent during playback, scrubbing,
+dragging.
 
-Processes of their own do everything slow, rendering for the devices too; here the open scene is
-evaluated once a change and handed over as it is, and a timer gives a sign of life. Nothing listens
-until a device is connected.
+Blender's main thread evaluates the scene once for each change. Rendering and ports are in processes
+of their own. Handlers and the heartbeat timer exist only while a device is connected.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class Connected:
 
 @dataclass(frozen=True)
 class Sent:
-    """Last message to the devices, which they still play."""
+    """Last message to the devices."""
 
     at_s: float  # of the monotonic clock
     time_s: float = 0.0  # of the scene
@@ -58,28 +57,28 @@ class Sent:
 
 
 class Live:
-    """Connected devices of this Blender, and the source of the samples that they play.
+    """Connected devices of this Blender, and the source of their samples.
 
     Attributes
     ----------
     handlers : LiveHandlers
-        Added while a device is connected.
+        Active while a device is connected.
     tracks : TrackSource
     slow_frames : SlowFrames
     fault : str
-        Reason why nothing is played; empty without one.
+        Error that stopped playing; empty without an error.
     unapproved : set of str
-        Devices whose scripts are to be approved first.
-    approved : dict
-        Fingerprints of the user's own scripts, by device.
+        Names of devices with a script that needs approval.
+    approved : dict of str to str
+        Device name -> fingerprint of its approved user script.
     client : LiveClient or None
-        The output process, once a device was connected.
-    connected : dict of Connected
-        By name.
+        Client of the output process; None before the first connection.
+    connected : dict of str to Connected
+        By device name.
     described : Generation or None
-        Description that the devices follow.
+        Description sent to the devices; None before one is sent.
     sent : Sent or None
-        None: the devices have faded.
+        None after the devices were faded.
     """
 
     def __init__(self) -> None:
@@ -103,17 +102,17 @@ class Live:
 
     @property
     def is_armed(self) -> bool:
-        """Test for any device that plays."""
+        """Test for a device in state "armed", which plays samples."""
         return any(each.is_armed for each in self.states.values())
 
     @property
     def is_frozen(self) -> bool:
-        """Test for a device that stopped because Blender took too long."""
+        """Test for a device stopped by a missing heartbeat of Blender."""
         return any(each.state == "frozen" for each in self.states.values())
 
     @property
     def latencies_ms(self) -> set[float]:
-        """Latencies of the connected actuators that are compensated."""
+        """Compensated latencies of all connected actuators, milliseconds."""
         return {ms for each in self.connected.values() for ms in each.latencies_ms}
 
     def state(self, name: str) -> DeviceState | None:
@@ -121,18 +120,18 @@ class Live:
 
     def device(self, name: str) -> DeviceConfig | None:
         """Configuration of a connected device."""
-        found = self.connected.get(name)
-        return None if found is None else found.device
+        connected = self.connected.get(name)
+        return None if connected is None else connected.device
 
     def connect(self, name: str, settings: live_settings.LiveSettings) -> None:
-        """Open a device and let it play.
+        """Connect a device, start the output process if needed, and arm the device.
 
         Raises
         ------
         InputError
-            There is no such device, or its script has not been approved.
+            The device is unknown, or its script is not approved.
         DeviceError
-            It is not there, or the output process cannot be started.
+            The port does not open, or the output process does not start.
         """
         from ...devices.configuration import named_in_blend
         from ...devices.live.approval import is_shipped
@@ -176,7 +175,7 @@ class Live:
                 self.close()
 
     def withdraw(self, marks: Collection[str]) -> None:
-        """Stop the devices whose scripts have these fingerprints; they need a new approval."""
+        """Disconnect devices whose script has one of these fingerprints; mark them unapproved."""
         for name, mark in list(self.approved.items()):
             if mark in marks:
                 self.disconnect(name)
@@ -184,58 +183,59 @@ class Live:
                 self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence all devices now; only :meth:`arm` plays again."""
+        """Silence all devices now; :meth:`arm` ends this state."""
         if self.client is not None:
             self.client.stop_all(reason)
 
     def arm(self) -> None:
-        """Play again, from silence."""
+        """Clear the fault and arm all devices; values ramp up from silence."""
         if self.client is not None:
             self.client.arm()
             self.fault, self.slow_frames.newest = "", None
             self.handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play one actuator for a moment, softly."""
+        """Play a short, weak test pulse on one actuator, given by index."""
         if self.client is not None:
             self.client.pulse(name, actuator)
 
     def offset_ms(self, name: str) -> float:
-        """Delay that is added to a connected device, milliseconds."""
-        found = self.connected.get(name)
-        return 0.0 if found is None else found.offset_ms
+        """User's delay of a connected device, milliseconds; 0 if the device is not connected."""
+        connected = self.connected.get(name)
+        return 0.0 if connected is None else connected.offset_ms
 
     def set_offset(self, name: str, offset_ms: float) -> None:
-        """Set the delay that is added to a connected device, milliseconds."""
-        found = self.connected.get(name)
-        if self.client is not None and found is not None:
-            found.offset_ms = offset_ms
+        """Set the user's delay of a connected device, milliseconds; otherwise no effect."""
+        connected = self.connected.get(name)
+        if self.client is not None and connected is not None:
+            connected.offset_ms = offset_ms
             self.client.set_offset(name, offset_ms)
 
     def send_vibration(
         self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
     ) -> None:
-        """Let every vibration actuator play this now, times its device's gain, within its limits.
+        """Play a vibration on all vibration actuators, scaled by the gain of each device.
 
-        For what is tried by hand, without a body. A device that a script drives is left alone.
-        What a surface drives (``drive``) is as strong as was calibrated for each device.
+        Used by the stroke pad; no body is involved. Devices with a script are skipped. With
+        ``drive``, the
+        amplitude follows the surface calibration of each device.
         """
         if self.client is None or not self.is_armed:
             return
         self.sent = replace(self.sent or Sent(0.0), at_s=time.monotonic())
         gains = self._gains(bpy.context.scene)
-        for name, each in self.connected.items():
-            if each.has_script:
+        for name, connected in self.connected.items():
+            if connected.has_script:
                 continue
             gain = gains.get(self.client.devices[name].number, 1.0)
-            own, played = each.device.surface_drive_per_m, amplitude_m_s2
+            own, played = connected.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
-            values = live_settings.vibrating(each.device, gain * played, frequency_hz)
+            values = live_settings.vibrating(connected.device, gain * played, frequency_hz)
             self.client.send(name, values)
 
     def close(self) -> None:
-        """Silence everything and end the output process."""
+        """Silence all devices, end the output process, remove handlers and timer."""
         client, self.client = self.client, None
         self.connected.clear()
         recorder.is_wanted_by_devices = False
@@ -245,17 +245,17 @@ class Live:
             client.close()
 
     def invalidate(self) -> None:
-        """Note that something moved."""
+        """Discard the cached samples of the scene."""
         evaluation.invalidate()
 
     def forget(self) -> None:
-        """Drop everything: the scene may have become another one."""
+        """Discard the scene's description and the open track."""
         evaluation.forget()
         self.tracks.forget()
         self.described = None
 
     def fail(self, text: str) -> None:
-        """Stop everything and tell the user, after a fault in this process."""
+        """Stop all devices and store an error message for the panel."""
         self.fault = text
         self.stop_all(text)
 
@@ -266,10 +266,10 @@ class Live:
     def _before_describing(self) -> None:
         self._pause()
         if self._source(bpy.context.scene) is self.tracks:
-            self.handlers.request_update()  # it is the preview's scene: the track plays on
+            self.handlers.request_update()  # the description is the preview's
 
     def _source(self, scene: bpy.types.Scene) -> Source:
-        """Source that devices are to play."""
+        """Source selected in the scene: the scene itself, or a track."""
         return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
     def _choose_schemes(self, scene: bpy.types.Scene) -> None:
@@ -280,24 +280,28 @@ class Live:
             state.scheme = "" if item is None else scheme_of(item)
 
     def follow_other(self) -> None:
-        """Follow what the user has chosen anew, the scene or a track, from silence."""
+        """Switch to the selected source; devices pause until its description is sent."""
         self._pause()
         self.described, self.fault = None, ""
         if self.client is not None:
             self.handlers.request_update()
 
     def exchange_heartbeat(self) -> bool:
-        """Send a heartbeat, and take news from the devices; returns True if there are any."""
+        """Send a heartbeat and receive device events; returns True after an event.
+
+        Continues decaying contact responses, and fades the devices :data:`HOLD_S` after the last
+        change.
+        """
         if self.client is None:
             return False
         self.client.heartbeat()
         self.slow_frames.sign()
         news = self.client.events()
         if any(each.event == "armed" for each in news):
-            self.handlers.request_update()  # it plays from now on: send it the present samples
+            self.handlers.request_update()  # newly armed devices have no samples
         scene = evaluation.scene
         if self.described == self._scene.generation and scene is not None and scene.rings:
-            evaluation.invalidate()  # nothing moved, but responses are still ringing
+            evaluation.invalidate()  # responses decay without motion
             self.update(scene.objects.scene)
         if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
             self.fade(self.sent)
@@ -305,25 +309,27 @@ class Live:
         return bool(news)
 
     def fade(self, sent: Sent) -> None:
-        """Send neutral values; a script decides by itself how to fade."""
+        """Send neutral values. Scripts get empty samples and decide on the fade."""
         from ...devices.workers.haptics import encode_haptics
 
         if self.client is None:
             return
-        for name, each in self.connected.items():
-            neutral = each.device.neutral
-            if each.has_script and name not in sent.muted:
+        for name, connected in self.connected.items():
+            neutral = connected.device.neutral
+            if connected.has_script and name not in sent.muted:
                 self.client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
             else:
                 self.client.send(name, neutral)
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe what is played anew if it has changed; never from within an update.
+        """Send the description of the selected source if it changed; never call this during a
+        depsgraph
+        update.
 
         Raises
         ------
         InputError
-            The chosen track cannot be read.
+            The selected track cannot be read.
         """
         from ...engine.rendering.room import needs_positions
 
@@ -341,18 +347,21 @@ class Live:
             source.begin(self.client)
 
     def update(self, scene: bpy.types.Scene) -> None:
-        """Send the current samples; the renderer reports devices that do not fit.
+        """Send the samples of the current frame, and those of later frames for actuators with
+        latency.
+
+        No effect while no device is armed, and until the description is sent.
 
         Raises
         ------
         InputError
-            Something of the scene cannot be felt any more, or the track is damaged.
+            An effect or body has a fault, or the track is damaged.
         """
         source = self._source(scene)
         if self.client is None or not self.is_armed or not source.is_open:
             return
         if source.generation != self.described:
-            return  # described anew just now; devices will get it soon
+            return  # the new description is sent by a timer
         is_playing = live_handlers.is_playing()
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
         with self.slow_frames.own_work():
@@ -363,19 +372,21 @@ class Live:
         self.client.show(frame)
 
     def apply_mutes(self, scene: bpy.types.Scene) -> None:
-        """The user has pressed a mute: that device is silent at once, whatever Blender does."""
+        """Send gains and mutes to the output process, which applies mutes without waiting for a
+        frame.
+        """
         if self.client is not None:
             self.client.set_gains(self._gains(scene))
             self.handlers.request_update()
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        """Gains that the user has set, by a device's number; 0 is mute."""
-        found = {}
+        """Gains other than 1, by device number; 0 for a muted device."""
+        gains = {}
         for name, state in self.states.items():
             item = scene.hfx.devices.get(name)
             if item is not None and (item.is_muted or item.gain != 1.0):
-                found[state.number] = 0.0 if item.is_muted else item.gain
-        return found
+                gains[state.number] = 0.0 if item.is_muted else item.gain
+        return gains
 
 
 live = Live()
@@ -390,7 +401,7 @@ _LISTENERS: Final = {
 
 
 def register() -> None:
-    """Listen to changes of properties that concern connected devices."""
+    """Listen to changes of properties of connected devices."""
     for event, function in _LISTENERS.items():
         events.listen(event, function)
 

@@ -21,7 +21,7 @@ BEAT_S = 0.05
 
 
 class SceneFollower(Protocol):
-    """Interface of what follows the open scene."""
+    """Interface of an object that follows the open scene; see :class:`live.Live`."""
 
     @property
     def is_armed(self) -> bool: ...
@@ -45,13 +45,13 @@ _log = logging.getLogger(__name__)
 
 
 def is_playing() -> bool:
-    """Test for a playing animation, in which the next frames are known."""
+    """Test for animation playback in the current window."""
     screen = bpy.context.screen
     return screen is not None and screen.is_animation_playing
 
 
 class LiveHandlers:
-    """Handlers and timers by which live devices follow the open scene."""
+    """Handlers and timers that connect live devices with the open scene."""
 
     def __init__(self, listener: SceneFollower) -> None:
         self._listener = listener
@@ -65,21 +65,23 @@ class LiveHandlers:
         }
 
     def listen(self) -> None:
-        """Follow the open scene, and give signs of life."""
+        """Add the handlers and the heartbeat timer."""
         add_handlers(self._handlers)
         call_soon(self.beat, BEAT_S, outlives_load=True)
 
     def stop_listening(self) -> None:
-        """Remove handlers and timers, as no device is connected any more."""
+        """Remove the handlers and timers."""
         remove_handlers(self._handlers)
         remove_timers(self.beat, self.describe)
 
     def request_update(self) -> None:
-        """Describe and send soon; not from within an update of Blender's."""
+        """Schedule :meth:`describe` for Blender's next idle moment; allowed during a depsgraph
+        update.
+        """
         call_soon(self.describe)
 
     def describe(self) -> None:
-        """Describe what is played, and send the present samples."""
+        """Send description and current samples; errors become the follower's fault."""
         if getattr(bpy.context, "scene", None) is None:  # at this moment
             self._listener.forget()
             return
@@ -87,7 +89,7 @@ class LiveHandlers:
         try:
             self._listener.describe(bpy.context)
             self._listener.update(bpy.context.scene)
-        except ReferenceError as error:  # something was deleted; the next change will describe it
+        except ReferenceError as error:  # a deleted object; the next change describes the scene
             _log.info("live: %s", error)
             self._listener.forget()
         except HfxError as error:
@@ -99,8 +101,8 @@ class LiveHandlers:
 
     @persistent
     def on_change(self, scene: bpy.types.Scene, *_: object) -> None:
-        """Send the samples of a frame, or of an edit."""
-        self._listener.invalidate()  # also while nothing plays: the next Play needs the change
+        """Send samples after a frame change or an edit."""
+        self._listener.invalidate()  # disarmed devices need fresh samples on Play
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
         if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
@@ -113,11 +115,11 @@ class LiveHandlers:
         except Exception as error:
             self._fail(error)
         if not is_playing():
-            self.request_update()  # something may have been added, painted or muted
+            self.request_update()  # the description may have changed
 
     @persistent
     def on_update(self, scene: bpy.types.Scene, *_: object) -> None:
-        """Take an edit; it is felt at once, also during playback."""
+        """Send samples after an edit; during playback, check the description as well."""
         is_edit = not stepping.is_stepping()
         self.on_change(scene)
         if is_edit and not self._is_describing and is_playing():
@@ -125,23 +127,23 @@ class LiveHandlers:
 
     @persistent
     def on_load(self, *_: object) -> None:
-        """Stop before another file is opened."""
+        """Stop all devices before a file is opened."""
         self._stop("another file was opened")
 
     @persistent
     def on_undo(self, *_: object) -> None:
-        """Stop before an undo or redo."""
+        """Stop all devices before an undo or redo."""
         self._stop("stopped by an undo or redo")
 
     def beat(self) -> float:
-        """Give a sign of life; returns the seconds until the next one."""
+        """Send a heartbeat; returns the interval in seconds. Device events redraw the panel."""
         try:
             if self._listener.exchange_heartbeat():
                 redraw("VIEW_3D")
-        except ReferenceError as error:  # something was deleted; the next change will describe it
+        except ReferenceError as error:  # a deleted object; the next change describes the scene
             _log.info("live: %s", error)
             self._listener.forget()
-        except Exception as error:  # a timer that raises is not called again
+        except Exception as error:  # Blender removes a timer after an exception
             self._fail(error)
         return BEAT_S
 
@@ -160,10 +162,10 @@ SLOW_S: Final = 0.2
 
 @dataclass(frozen=True)
 class SlowFrame:
-    """Frame for which Blender's main thread needed long."""
+    """Duration of a slow frame of Blender's main thread, seconds."""
 
     whole_s: float
-    own_s: float  # of it to evaluate what is felt
+    own_s: float  # part of whole_s: haptic evaluation
 
     def __str__(self) -> str:
         return (
@@ -173,11 +175,12 @@ class SlowFrame:
 
 
 class SlowFrames:
-    """Finds slow frames by the pauses between signs of life.
+    """Detects slow frames by the intervals between heartbeats.
 
     Attributes
     ----------
     newest : SlowFrame or None
+        Last interval above :data:`SLOW_S`; None without such an interval.
     """
 
     def __init__(self) -> None:
@@ -185,7 +188,7 @@ class SlowFrames:
         self._sign_s, self._own_s = time.monotonic(), 0.0
 
     def sign(self) -> None:
-        """Take a sign of life of Blender's main thread."""
+        """Record the time of a heartbeat."""
         now = time.monotonic()
         if now - self._sign_s > SLOW_S:
             self.newest = SlowFrame(now - self._sign_s, self._own_s)
@@ -193,7 +196,7 @@ class SlowFrames:
 
     @contextmanager
     def own_work(self) -> Iterator[None]:
-        """Context in which what is felt is evaluated."""
+        """Context that measures the duration of haptic evaluation."""
         begun = time.monotonic()
         try:
             yield

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sources of what connected devices play: the open scene, or a track in step with its frames."""
+"""Sample sources of connected devices: the open scene, or a track synchronized with its frames."""
 
 from __future__ import annotations
 
@@ -28,52 +28,53 @@ Generation = tuple[str, int]
 
 
 class Source(Protocol):
-    """Interface of a source."""
+    """Interface of a sample source."""
 
     @property
     def generation(self) -> Generation: ...
 
     @property
     def is_open(self) -> bool:
-        """Test for something that can be played."""
+        """Test for a readable scene or an open track."""
 
     @property
     def fault(self) -> str:
-        """Reason why nothing can be played, or empty."""
+        """Error of the last :meth:`open`; empty without an error."""
 
     def open(self, context: bpy.types.Context) -> None:
-        """Describe what is played anew, if it has changed; never from within an update.
+        """Describe the scene, or open the track, if changed; never call this during a depsgraph
+        update.
 
         Raises
         ------
         InputError
-            The chosen track cannot be read.
+            The selected track cannot be read.
         """
 
     def begin(self, client: LiveClient) -> None:
-        """Describe what is played to the connected devices."""
+        """Send the description to the output process."""
 
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
-        """Samples of the present frame.
+        """Samples of the current frame.
 
         Parameters
         ----------
         gains : mapping
-            As of :class:`LiveFrame`.
+            Gain by device number, as in :class:`LiveFrame`.
         later : mapping
-            Latencies of actuators, ms, to the frames that are shown when they answer.
+            Actuator latency in milliseconds -> frame shown after this time.
 
         Raises
         ------
         InputError
-            Something of the scene cannot be felt any more, or the file is damaged.
+            An effect or body has a fault, or the track is damaged.
         """
 
 
 class SceneSource:
-    """The open scene; later samples are those of its record of values over the timeline."""
+    """The open scene; later samples come from the record of values over the timeline."""
 
     def __init__(self) -> None:
         self._streams: tuple[Stream, ...] = ()
@@ -121,13 +122,14 @@ class SceneSource:
 
 
 class TrackSource:
-    """The chosen track.
+    """The track selected in the scene.
 
     Attributes
     ----------
     track : PlayedTrack or None
+        None while closed.
     chosen : set of str
-        Tracks that were chosen in this session, not only named in a file that was opened.
+        Paths selected by the user in this session. Network paths are opened only from this set.
     """
 
     fault = ""
@@ -154,8 +156,8 @@ class TrackSource:
         bodies = effects.bodies_of(scene)
         wearer = bodies[0].hfx.uid if bodies else None
         refuse_no_file(path)
-        found = path.stat()
-        key = str(path), found.st_mtime_ns, found.st_size, wearer
+        status = path.stat()
+        key = str(path), status.st_mtime_ns, status.st_size, wearer
         if self.track is None or key != self._key:
             self.forget()
             track = PlayedTrack(path)
@@ -164,12 +166,14 @@ class TrackSource:
             self.track, self._key = track, key
 
     def _path(self, scene: bpy.types.Scene) -> Path:
-        """Path of the track that a scene has chosen.
+        """Absolute path of the selected track.
 
         Raises
         ------
         InputError
-            None is chosen, or it may not be opened.
+            No track is selected, the file is no track, or the path is on another machine and was
+            not
+            selected in this session.
         """
         from ...engine.track import SUFFIX
 
@@ -184,7 +188,7 @@ class TrackSource:
         return path
 
     def forget(self) -> None:
-        """Close the track; the scene may have become another one."""
+        """Close the track and raise :attr:`generation`."""
         if self.track is not None:
             self.track.close()
         self.track, self._key = None, ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuators of the chosen devices as discs on the skin that glow with their output."""
+"""Actuators of the scene's devices as discs on the skin, glowing with their output."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ has for them."""
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Constant appearance of A actuators that share one carrier."""
+    """Constant appearance of A actuators on one mesh, or in the room."""
 
     colours: F32  # (A, 3) at full strength
     cold: F32  # (A, 3) below neutral
@@ -43,21 +43,21 @@ class Looks:
 
 @dataclass(frozen=True, eq=False)
 class Discs:
-    """Drawable actuators, A of them, in the space of their carrier.
+    """Drawable discs of A actuators, in the space of their mesh or of the room.
 
     Attributes
     ----------
     looks : Looks
-        The same object as long as they are the same.
+        The same object until the appearance changes.
     rows : (B, 2, 4) float32
-        Of each: place on the skin, and share of full strength in -1..1; normal, and a zero. There
-        are zeros behind them, up to a multiple of :data:`MOST_DISCS`.
+        For each disc: position and share of full strength in -1..1; then normal and a zero. Padded
+        with zeros to a multiple of :data:`MOST_DISCS`.
     matrix : mathutils.Matrix
-        To the world.
+        Disc space to world.
     above : float
-        How far along the normal they are drawn.
+        Offset along the normal, in disc space.
     scale : float
-        Length in the world of what is one long here.
+        World length of one unit of disc space.
     """
 
     looks: Looks
@@ -81,14 +81,17 @@ class _DeviceOnBody:
     fault: str = ""  # why it cannot be rendered
 
     def recorded(self, recorded: TimelineRecord) -> F32:
-        """Shares of full strength at each time of a record, (T, A)."""
+        """Deviation of the actuators from silence at a recorded sample, (A,) in -1..1.
+
+        0 for devices without recorded values.
+        """
         for device, raster in recorded.devices:
             if device.id == self.device.id and raster.body_id == self.body_id:
                 return self._share(raster.values[:, self.columns])
         return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Shares of full strength at present, (A,)."""
+        """Deviation of the actuators from silence for these samples, (A,) in -1..1."""
         is_felt = any(run.stream.body_id == self.body_id and len(run) for run in runs)
         if self.fault or not is_felt:
             return np.zeros(len(self.columns), np.float32)
@@ -104,12 +107,12 @@ class _DeviceOnBody:
 
 
 class ActuatorGlow:
-    """Glow of the devices of one scene on its bodies."""
+    """Glow of all devices of one scene on its bodies."""
 
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
         self._faults: list[str] = []
         self._live = live
-        self._on_bodies: list[_DeviceOnBody] = []  # one body after the other
+        self._on_bodies: list[_DeviceOnBody] = []  # actuators of the first body come first
         self._bodies: list[_BodyWithDevices] = []
         devices = devices_of(scene, self._faults)
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
@@ -127,9 +130,9 @@ class ActuatorGlow:
 
     @property
     def fault(self) -> str:
-        """Reasons why devices, or some of their values, are not shown; empty without any."""
-        found = [*self._faults, *(each.fault for each in self._on_bodies)]
-        return "; ".join(dict.fromkeys(filter(None, found)))
+        """Errors of all devices, joined by semicolons; empty without an error."""
+        faults = [*self._faults, *(each.fault for each in self._on_bodies)]
+        return "; ".join(dict.fromkeys(filter(None, faults)))
 
     def recorded(self, recorded: TimelineRecord, index: int) -> F32:
         """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
@@ -154,13 +157,13 @@ class ActuatorGlow:
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
     ) -> list[Discs]:
         """Drawable discs of all actuators at present."""
-        found = []
+        discs = []
         first = 0
-        for each in self._bodies:
-            share = strengths[first : first + len(each)]
-            first += len(each)
-            found += each.discs(self._live, skins, share, palette, unit_m)
-        return found
+        for body in self._bodies:
+            share = strengths[first : first + len(body)]
+            first += len(body)
+            discs += body.discs(self._live, skins, share, palette, unit_m)
+        return discs
 
 
 def _on_body(
@@ -179,7 +182,7 @@ def _on_body(
 
 
 class _BodyWithDevices:
-    """Body with all of the actuators that are on it."""
+    """A body with all of its actuators."""
 
     def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
         self._body = body
@@ -197,7 +200,7 @@ class _BodyWithDevices:
         at_rest = np.concatenate([each.at_rest for each in places])[self._in_room]
         self._room = _empty_rows(len(at_rest))
         self._room[: len(at_rest), 0, :3] = at_rest
-        self._room[: len(at_rest), 1, 1] = -1.0  # they look where the body looks at rest
+        self._room[: len(at_rest), 1, 1] = -1.0  # discs in the room face the body's front at rest
         self._looks: tuple[tuple[object, ...], list[Looks]] = (), []
 
     def __len__(self) -> int:
@@ -212,7 +215,7 @@ class _BodyWithDevices:
         unit_m: float,
     ) -> list[Discs]:
         """Discs of the actuators on displayed skin, and of those in the room."""
-        graph, found = live.objects.layer.depsgraph, []
+        graph, discs = live.objects.layer.depsgraph, []
         *on_skin, in_room = self._looks_of(palette, unit_m)
         for (mesh, mine, vertices), looks in zip(self._on, on_skin, strict=True):
             skin = skins.of(mesh, graph)
@@ -222,18 +225,18 @@ class _BodyWithDevices:
             rows[:count, 0, :3] = skin.positions.take(vertices, axis=0)
             rows[:count, 0, 3] = share.take(mine)
             rows[:count, 1, :3] = skin.normals.take(vertices, axis=0)
-            found.append(_placed(looks, rows, skin.world, unit_m))
+            discs.append(_placed(looks, rows, skin.world, unit_m))
         if len(self._in_room):
             rows = self._room.copy()
             rows[: len(self._in_room), 0, 3] = share.take(self._in_room)
             world = self._body.evaluated_get(graph).matrix_world.copy()
-            found.append(_placed(in_room, rows, world, unit_m))
-        return found
+            discs.append(_placed(in_room, rows, world, unit_m))
+        return discs
 
     def _looks_of(self, palette: Mapping[str, Colour], unit_m: float) -> list[Looks]:
-        """Appearances: one for the actuators on each mesh, and one for those in the room."""
+        """Appearances: one for the actuators of each mesh, one for actuators in the room."""
         known, looks = self._looks
-        key = (unit_m, *palette.values())  # a palette of one's own may change
+        key = (unit_m, *palette.values())  # users may edit their palette
         if known != key:
             named = [palette[name] for name in self._modalities]
             cold = [palette[COLD if n == "temperature" else n] for n in self._modalities]
@@ -266,7 +269,7 @@ _ROOM_M = 0.45
 
 @dataclass(frozen=True, eq=False)
 class ActuatorPlaces:
-    """Places of a device's A actuators on a body; -1 for those that stand in the room."""
+    """Mesh and vertex of a device's A actuators on a body; -1 for actuators in the room."""
 
     mesh: I64  # (A,) which of the avatar's meshes
     vertex: I64  # (A,) of that mesh
@@ -275,12 +278,12 @@ class ActuatorPlaces:
 
 
 def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
-    """Find each actuator's place on the skin that is seen.
+    """Nearest vertex of the visible avatar meshes for each actuator of a device.
 
     Raises
     ------
     InputError
-        A place does not fit the body models.
+        A configured place does not fit the body models.
     """
     count = len(device.actuators)
     avatar = load_avatar()
@@ -301,48 +304,50 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     return ActuatorPlaces(mesh, vertex, radii, rest)
 
 
-def _place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, bool]:
-    """Place on the canonical avatar, radius, and whether it stands in the room."""
-    if isinstance(place, VertexPlace):
-        each = next((s for s in place.sets if s.model_id == model_id), place.sets[0])
-        model = load_model(each.model_id)
-        chosen = model.vertices[vertices_of(VertexPlace((each,)), model)].astype(np.float64)
+def _place(vertices: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, bool]:
+    """Points on the canonical avatar (metres), radius (metres), and True for a place in the
+    room.
+    """
+    if isinstance(vertices, VertexPlace):
+        vertex_set = next((s for s in vertices.sets if s.model_id == model_id), vertices.sets[0])
+        model = load_model(vertex_set.model_id)
+        chosen = model.vertices[vertices_of(VertexPlace((vertex_set,)), model)].astype(np.float64)
         middle = chosen.mean(axis=0)
         return middle, float(np.linalg.norm(chosen - middle, axis=1).mean()), False
-    if isinstance(place, BodyPlace):
+    if isinstance(vertices, BodyPlace):
         # The avatar's vertices are closer together than any model's.
-        point = BodyPlace(place.parts, place.centre_m, 0.0, place.side)
+        point = BodyPlace(vertices.parts, vertices.centre_m, 0.0, vertices.side)
         (nearest,) = vertices_of(point, avatar)
-        return avatar.vertices[nearest].astype(np.float64), place.radius_m, False
-    chosen = avatar.vertices[on_parts(place.parts, avatar)]
+        return avatar.vertices[nearest].astype(np.float64), vertices.radius_m, False
+    chosen = avatar.vertices[on_parts(vertices.parts, avatar)]
     return chosen.mean(axis=0).astype(np.float64) - (0.0, _ROOM_M, 0.0), 2 * LARGEST_M, True
 
 
 def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
-    """Place actuators of the room beside each other, not in one place."""
+    """Move actuators of the room apart, side by side."""
     which = np.flatnonzero(in_room)
     points[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
 
 
 def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
-    """Map points from the canonical avatar to a body's own rest space, by the model's vertices near
-    them.
+    """Map points (P, 3) from the canonical avatar to a body's rest space, by nearby model
+    vertices.
     """
     model, own = load_model(model_id), stored_fits.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())
-    found = np.zeros_like(points)
+    bound = np.zeros_like(points)
     for k, point in enumerate(points):
         distances = np.linalg.norm(before - point, axis=1)
         near = np.argpartition(distances, _NEAREST)[:_NEAREST]
         share = 1.0 / np.maximum(distances[near], 1e-6)
         share /= share.sum()
-        found[k] = share @ after[near] + scale * (point - share @ before[near])
-    return found
+        bound[k] = share @ after[near] + scale * (point - share @ before[near])
+    return bound
 
 
 def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
-    """Mesh and vertex of the avatar that are nearest to points at rest."""
+    """Mesh number and vertex nearest to points (P, 3) at rest."""
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
     best = np.full(len(points), np.inf)
     for number, each in enumerate(avatar_meshes.meshes_of(body)):

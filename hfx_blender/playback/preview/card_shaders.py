@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shaders of the preview: lit skin, and discs with their glow.
+"""GLSL shaders of the preview: lit skin, and discs with a glow.
 
-Written in the part of GLSL that Blender translates for OpenGL, Vulkan and Metal.
+Only the subset of GLSL that Blender translates for OpenGL, Vulkan and Metal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _DARKEST = 0.55
 
 _HALO = 2.6  # times a disc's radius, at full strength
 _OFF = (0.06, 0.06, 0.07)
-_RIM = 0.35  # of white in the rim, so that a disc is seen on any skin
+_RIM = 0.35  # share of white in the rim, visible on any skin
 
 # A viewport's colours are stored as sRGB by the card, which then wants light; Blender sets
 # ``srgbTarget`` for that, as for its own shaders.
@@ -107,14 +107,14 @@ void main()
 
 @cache
 def skin() -> gpu.types.GPUShader:
-    """Shader for triangles with ``pos``, ``normal`` and ``colour``, in their own space.
+    """Shader for triangles with ``pos``, ``normal`` and ``colour`` in mesh space.
 
-    To be set are ``to_viewer``, a unit vector, ``above``, how far over the surface they are drawn,
-    both of that space, and ``opacity``, 0..1.
+    Uniforms: ``to_viewer``, a unit vector, and ``above``, the offset along the normal, both in mesh
+    space; ``opacity``, 0..1.
     """
     import gpu
 
-    # Together no more than the 128 bytes that every card has for them; the largest come first.
+    # At most 128 bytes of constants: the limit of every graphics card. Largest first.
     info = gpu.types.GPUShaderCreateInfo()
     info.push_constant("MAT4", "ModelViewProjectionMatrix")
     info.push_constant("VEC3", "to_viewer")
@@ -129,11 +129,11 @@ def skin() -> gpu.types.GPUShader:
 
 @cache
 def discs() -> gpu.types.GPUShader:
-    """Shader for triangles with ``corner``: cosine, sine, ring, and the index of its ``rows``.
+    """Shader for triangles with ``corner``: cosine, sine, ring, index of the disc's ``rows``.
 
-    ``full`` is its colour at full strength and, in the world, its radius; ``cold`` its colour below
-    neutral. To be set are ``above``, how far over the skin they are drawn, and ``scale``, how long
-    in the world is what is one long in their space. Rows are as in ``actuator_glow.Discs``.
+    Uniforms: ``full``, colour at full strength and world radius; ``cold``, colour below neutral;
+    ``above``, offset along the normal; ``scale``, world length of one unit of disc space. Rows as
+    in ``actuator_glow.Discs``.
     """
     import gpu
 
@@ -169,10 +169,10 @@ RINGS = 4
 
 
 def disc_geometry(count: int) -> tuple[F32, I32]:
-    """Corners (P, 4) and triangles (F, 3) of some discs.
+    """Corners (P, 4) and triangles (F, 3) of ``count`` discs.
 
-    Of a corner there are cosine and sine of where it is, its ring (0 in the middle, else
-    1..:data:`RINGS`), and which disc it belongs to.
+    A corner has cosine and sine of its angle, its ring (0 in the middle, else 1..:data:`RINGS`),
+    and the number of its disc.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
     one = np.zeros((1 + RINGS * CORNERS, 4), np.float32)
@@ -186,12 +186,12 @@ def disc_geometry(count: int) -> tuple[F32, I32]:
 
 
 def _one_disc() -> I32:
-    found = []
+    corners = []
     for k in range(CORNERS):
         here, after = 1 + k, 1 + (k + 1) % CORNERS
-        found.append((0, here, after))
+        corners.append((0, here, after))
         for ring in range(0, RINGS, 2):
             a, b = here + ring * CORNERS, after + ring * CORNERS
             c, d = a + CORNERS, b + CORNERS
-            found += [(a, c, b), (b, c, d)]
-    return np.array(found, np.int32)
+            corners += [(a, c, b), (b, c, d)]
+    return np.array(corners, np.int32)

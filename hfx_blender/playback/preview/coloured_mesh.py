@@ -21,7 +21,7 @@ _ABOVE_SKIN_M = 0.0015
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Visible part of a mesh, N vertices, and its colours."""
+    """Visible part of a mesh, N vertices, with colours."""
 
     vertices: I64  # (N,) of the mesh, ascending
     triangles: I32  # (F, 3) of the N; the same array as long as they are the same
@@ -35,22 +35,22 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Colours over a mesh in its present pose."""
+    """Colours over a mesh in its current pose."""
 
     shown: Shown
     positions: F32  # (N, 3) of its vertices, the mesh's space, Blender's units
     normals: F32  # (N, 3) unit
-    matrix: Matrix  # from there to the world
-    above: float  # how far over these positions it is drawn, in that space
+    matrix: Matrix  # mesh space to world
+    above: float  # offset along the normal, mesh space
 
 
 class ColouredMesh:
-    """A mesh of A vertices, and how perceptual models colour it.
+    """A mesh of A vertices, coloured by samples of perceptual models.
 
     Parameters
     ----------
     spreads : mapping of str to (Spread, int)
-        By model, with the number of its vertices.
+        Model id -> interpolation to the mesh, and the model's number of vertices.
     """
 
     def __init__(self, mesh: bpy.types.Object, spreads: Mapping[str, tuple[Spread, int]]) -> None:
@@ -74,7 +74,7 @@ class ColouredMesh:
         contact_effects: frozenset[str],
         palette: Mapping[str, Colour],
     ) -> Shown | None:
-        """Visible part and colours of samples; None where they do not show."""
+        """Visible part with the colours of samples; None without a visible colour."""
         coloured, colours = self._colours.of(samples, contact_effects, palette)
         if not len(coloured):
             return None
@@ -85,7 +85,7 @@ class ColouredMesh:
         return Shown(self._drawn, self._indices, bytes_)
 
     def layer(self, skin: DisplayedSkin, shown: Shown, unit_m: float) -> Layer:
-        """Place the visible part on the skin as it stands now."""
+        """Position the visible part on the posed skin."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale
         if len(skin.positions) > skin.size:  # a modifier has rounded the straight edges
@@ -99,7 +99,7 @@ class ColouredMesh:
         )
 
     def _choose(self, coloured: I64) -> None:
-        """The triangles of some vertices, and all of their vertices."""
+        """Triangles with a coloured vertex, and all vertices of these triangles."""
         entries, _ = self._around.of(coloured)
         self._is_chosen[self._triangle_of.take(entries)] = True
         chosen = self._is_chosen.nonzero()[0]
@@ -114,10 +114,10 @@ class ColouredMesh:
 
 
 def _sagitta(mesh: bpy.types.Object, triangles: I32) -> float:
-    """Height of a round surface over nearly all of a mesh's triangles, as if it were round.
+    """Largest height of a curved surface over 99 % of a mesh's flat triangles, from their normals.
 
-    Of an arc that turns by t over a chord c it is c/2 tan(t/4), and in the middle of a triangle
-    4/3 of that.
+    An arc of angle t over a chord c has the height c/2 tan(t/4); the middle of a triangle 4/3 of
+    it.
     """
     if not len(triangles):
         return 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drawing into the 3D viewport that Blender draws at this moment; never called in background."""
+"""Draws into the current 3D viewport, from a draw handler; never in background mode."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def draw_discs(parts: Sequence[Discs]) -> None:
 
 @contextmanager
 def _over_skin(blend: str) -> Iterator[None]:
-    """Context in which surfaces are drawn over the skin that they lie on."""
+    """Context with a depth test for surfaces just above the skin."""
     import gpu
 
     writes = gpu.state.depth_mask_get()
@@ -97,7 +97,7 @@ def _over_skin(blend: str) -> Iterator[None]:
 
 
 class _OnCard:
-    """Cache of what was sent to the graphics card, by the object that it was made of."""
+    """Cache of objects on the graphics card, by the source object."""
 
     def __init__(self, send: Callable[[Any], Any], most: int) -> None:
         self._send, self._most = send, most
@@ -134,26 +134,26 @@ def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
 
 
 def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
-    """Vertex buffer of a single attribute: copied in one piece, not vertex by vertex."""
+    """Vertex buffer of one attribute, filled in one copy."""
     import gpu
 
     layout = gpu.types.GPUVertFormat()
     kinds = ("U8", "INT_TO_FLOAT_UNIT") if values.dtype == np.uint8 else ("F32", "FLOAT")
     layout.attr_add(id=name, comp_type=kinds[0], len=values.shape[1], fetch_mode=kinds[1])
-    found = gpu.types.GPUVertBuf(layout, len(values))
-    found.attr_fill(name, values)
-    return found
+    buffer = gpu.types.GPUVertBuf(layout, len(values))
+    buffer.attr_fill(name, values)
+    return buffer
 
 
 def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
-    """Discs with their colours, as many at a time as the shader takes, and room for their rows."""
+    """Batches of at most :data:`MOST_DISCS` discs, with a uniform buffer each."""
     import gpu
 
     from . import card_shaders
     from .actuator_glow import MOST_DISCS
 
     nothing = np.zeros((MOST_DISCS, 2, 4), np.float32)
-    found = []
+    batches = []
     for first in range(0, len(looks.radii), MOST_DISCS):
         part = slice(first, first + MOST_DISCS)
         corners, triangles = card_shaders.disc_geometry(len(looks.radii[part]))
@@ -166,8 +166,8 @@ def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types
         )
         batch.vertbuf_add(_column("full", full[which]))
         batch.vertbuf_add(_column("cold", looks.cold[part][which]))
-        found.append((first, batch, gpu.types.GPUUniformBuf(nothing)))
-    return found
+        batches.append((first, batch, gpu.types.GPUUniformBuf(nothing)))
+    return batches
 
 
 # Moving data is sent once a frame, even for several viewports.
@@ -177,12 +177,12 @@ _discs = _OnCard(_disc_batches, 32)
 
 def forget() -> None:
     """Free the memory on the graphics card."""
-    for kept in (_skins, _indices, _discs):
-        kept.forget()
+    for cache in (_skins, _indices, _discs):
+        cache.forget()
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
-    """Left and right end of the region that no toolbar or sidebar covers, pixels."""
+    """Left and right end of the part of a region without toolbar and sidebar, pixels."""
     left, right = 0.0, float(region.width)
     for other in area.regions:
         if other.width <= 1 or other.type not in ("TOOLS", "UI"):
@@ -202,7 +202,7 @@ class ChartDrawing:
         self._batches: list[object] = []
 
     def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
-        """Draw it at the lower end of a viewport, with the playhead at a frame."""
+        """Draw the chart at the lower end of a viewport, with the playhead at a frame."""
         import blf
         import gpu
         from gpu_extras.batch import batch_for_shader
@@ -250,12 +250,12 @@ class ChartView:
         self._charts: dict[tuple[object, ...], ChartDrawing] = {}
 
     def draw(self, context: bpy.types.Context, recorder: TimelineRecorder) -> None:
-        """Draw the newest record into the region that is being drawn."""
+        """Draw the newest record into the current region."""
         area, region, scene = context.area, context.region, context.scene
         if not context.space_data.overlay.show_overlays:
             return
         if region != next(each for each in area.regions if each.type == "WINDOW"):
-            return  # one chart is enough in quad view: beside the sidebar
+            return  # quad view: draw one chart only, next to the sidebar
         left, right = free_part(area, region)
         if right - left < 120.0:
             return

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preview: colours of samples on avatars, glow of the chosen devices' actuators, and a chart of
-both over the whole timeline.
+"""Viewport preview: colours of samples on avatars, glowing actuators, and a chart over time.
 
-Nothing is stored in the user's meshes: all is laid over them while the viewport is drawn, and is
-worked out only if something moved since it was.
+The user's meshes are not changed: colours are drawn over them. Colours are computed only after a
+change.
 """
 
 from __future__ import annotations
@@ -30,37 +29,39 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _PLAYING_S, _RECORDED_S = 0.25, 1.0
-"""Intervals of looking for changes of the scene's description during playback, without and with a
-record, seconds: scripts and drivers change it without notice. A record knows what drivers change.
+"""Intervals between checks of the scene during playback, without and with a record, seconds.
+
+Scripts
+and drivers change the scene without an update; a record includes the motion of drivers.
 """
 
 _SHORT_S, _REST = 0.01, 10.0
-"""Duration of a look for changes after which it rests, seconds, and rest as a multiple of it."""
+"""Duration above which checks pause, seconds; pause as a multiple of the duration."""
 
 _PIECE_S = 0.004
 """Time slice for preparing the preview between two events of Blender, seconds."""
 
 
 class ViewportPreview:
-    """Preview in the viewports: follows the open scene, and is drawn over them.
+    """Preview of the open scene in all 3D viewports.
 
     Attributes
     ----------
     is_drawn : bool
-        Nothing has moved since the last drawing.
+        True from a drawing until the next change.
     is_describing : bool
-        The scene is being read: what Blender reports meanwhile is no edit.
+        True while the scene is read; depsgraph updates then are no edits.
     cannot_draw : bool
-        Drawing has failed; it is tried again in another file, or after an undo.
+        True after an exception while drawing, until another file or an undo.
     on_scene_checked : list of callable
-        Called after each look for changes of the scene.
+        Called after each :meth:`check_scene`.
     """
 
     def __init__(self) -> None:
         self.is_drawn = self.is_describing = self.cannot_draw = False
         self.on_scene_checked: list[Callable[[], None]] = []
         self._described_s = 0.0
-        self._looked_s = self._looked_for_s = 0.0  # end and duration of the last look
+        self._checked_s = self._check_duration_s = 0.0  # end and duration of the last check
         self._content: Preview | None = None
         self._chart: ChartView | None = None
         self._draw_handles: list[object] = []
@@ -74,7 +75,7 @@ class ViewportPreview:
 
     @property
     def content(self) -> Preview:
-        """Colours and actuators; created on first use, so that Blender's start does not wait."""
+        """Colours and actuators, created on first use to keep Blender's start short."""
         if self._content is None:
             from .preview_layers import Preview
 
@@ -83,13 +84,13 @@ class ViewportPreview:
 
     @property
     def is_on(self) -> bool:
-        """Test for anything that needs the scene's description, or its record."""
+        """Test for a visible preview, or for devices with latency compensation."""
         manager = bpy.context.window_manager
         is_shown = manager.hfx_preview or manager.hfx_show_actuators or manager.hfx_show_values
         return bool(is_shown or recorder.is_wanted_by_devices)
 
     def listen(self) -> None:
-        """Follow the open scene by Blender's handlers."""
+        """Add the handlers."""
         add_handlers(self._handlers)
 
     def stop_listening(self) -> None:
@@ -100,25 +101,25 @@ class ViewportPreview:
         )
 
     def begin_drawing(self) -> None:
-        """Draw over all 3D viewports from now on."""
+        """Add the draw handlers of all 3D viewports."""
         add = bpy.types.SpaceView3D.draw_handler_add
         self._draw_handles.append(add(self._draw, (), "WINDOW", "POST_VIEW"))
         self._draw_handles.append(add(self._draw_chart, (), "WINDOW", "POST_PIXEL"))
 
     def end_drawing(self) -> None:
-        """Draw no more."""
+        """Remove the draw handlers."""
         for handle in self._draw_handles:
             bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
         self._draw_handles.clear()
 
     def invalidate(self) -> None:
-        """Note that something moved; colours are computed at the next drawing."""
+        """Discard colours and glow; the next drawing computes them."""
         self.is_drawn = False
         if self._content is not None:
             self._content.invalidate()
 
     def forget(self) -> None:
-        """Discard everything: another file, or an undo."""
+        """Discard all cached data of the scene and allow drawing after an error."""
         self.cannot_draw = False
         if self._content is not None:
             self._content.forget()
@@ -126,7 +127,7 @@ class ViewportPreview:
         self._chart = None
 
     def switched(self) -> None:
-        """Show or hide what the user has switched on or off."""
+        """Apply a change of the preview's switches."""
         self.invalidate()
         if self.is_on:
             call_soon(self.check_scene)
@@ -135,33 +136,36 @@ class ViewportPreview:
         self.redraw()
 
     def schedule_check(self) -> None:
-        """Look for changes as soon as Blender is idle: after each drawing and each operator of
-        ours.
+        """Schedule :meth:`check_scene` for Blender's next idle moment.
 
-        Whatever changes what is felt is noticed this way, also what Blender reports to nobody.
+        Called after each drawing and each haptic operator: finds changes without a depsgraph
+        update.
         """
         if not stepping.is_stepping():
             call_soon(self.check_scene)
 
     def check_scene(self) -> None:
-        """Have Blender evaluate what changed without its notice, and describe the scene anew if
-        its description changed.
+        """Tag effects and bodies changed without a depsgraph update, and describe the scene.
+
+        No effect without a scene, while stepping, and during a render.
         """
         if getattr(bpy.context, "scene", None) is None:  # at this moment
             return
         if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
             return  # nothing may be tagged; the next drawing looks again
         begun = time.perf_counter()
-        unreported.tag(bpy.context.scene, bpy.context.view_layer)  # Blender evaluates it next
-        self._looked_s = time.perf_counter()
-        self._looked_for_s = self._looked_s - begun
+        unreported.tag(
+            bpy.context.scene, bpy.context.view_layer
+        )  # Blender evaluates tagged objects after this timer
+        self._checked_s = time.perf_counter()
+        self._check_duration_s = self._checked_s - begun
         for function in self.on_scene_checked:
             function()
         if self.is_on:
             self.describe()
 
     def describe(self) -> None:
-        """Look for changes of the scene's description."""
+        """Describe the scene if its signature changed; invalidate and redraw on a change."""
         content = self.content
         self.is_describing = True
         try:
@@ -183,11 +187,11 @@ class ViewportPreview:
             self.redraw()
 
     def redraw(self) -> None:
-        """Have all 3D viewports drawn again, their sidebars too, and the clips in timelines."""
+        """Redraw all 3D viewports with their sidebars, and all timelines."""
         events.redraw("VIEW_3D", "DOPESHEET_EDITOR")
 
     def draw_over(self, scene: bpy.types.Scene) -> None:
-        """Draw colours and actuators into the viewport that is being drawn."""
+        """Draw colours and actuators into the current viewport."""
         from . import drawing
 
         manager, settings = bpy.context.window_manager, scene.hfx
@@ -201,23 +205,25 @@ class ViewportPreview:
 
     @persistent
     def on_frame(self, _scene: bpy.types.Scene, *_: object) -> None:
-        """Note that the frame changed; almost all work is left to the next drawing."""
+        """Invalidate after a frame change; check the scene at most every 0.25 s (1 s with a
+        record).
+        """
         if self.is_describing or stepping.is_stepping():
             return
         self.invalidate()
         since_s = time.monotonic() - self._described_s
         if since_s < _PLAYING_S or (since_s < _RECORDED_S and recorder.valid is not None):
             return
-        if self.is_on:  # not from here: describing evaluates the view layer, which calls this again
+        if self.is_on:  # by a timer: describing evaluates the view layer, which calls this handler
             call_soon(self.check_scene)
 
     @persistent
     def on_update(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        """Note an edit."""
+        """Invalidate after an edit, and schedule checks and recording."""
         if stepping.is_stepping():
             return
         if self.is_describing:
-            # Reading changes nothing, but has Blender evaluate what was changed just before it.
+            # Reading evaluates pending edits: an update here is an edit from just before.
             if scene == bpy.context.scene and recorder.has_relevant_update(depsgraph):
                 self.invalidate()
                 call_soon(self._reread)
@@ -232,37 +238,39 @@ class ViewportPreview:
 
     @persistent
     def on_load(self, *_: object) -> None:
-        """Begin anew with another file, or after an undo."""
+        """Discard all data after an undo, a redo or the opening of a file."""
         self.forget()
         if self.is_on:
             call_soon(self.check_scene)
             call_soon(self._record)
 
-    def _look_after_drawing(self) -> None:
-        """Look for changes, in scenes of very many effects for a tenth of the time at most."""
-        rest_s = _REST * self._looked_for_s if self._looked_for_s > _SHORT_S else 0.0
-        left_s = self._looked_s + rest_s - time.perf_counter()
+    def _check_after_drawing(self) -> None:
+        """Schedule a check, at most a tenth of the time in scenes with slow checks."""
+        rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
+        left_s = self._checked_s + rest_s - time.perf_counter()
         if left_s > 0.0:
             call_soon(self.schedule_check, left_s)
         else:
             self.schedule_check()
 
     def _reread(self) -> None:
-        """Note a change that was evaluated while the scene was read."""
+        """Handle an edit that Blender evaluated while the scene was read."""
         recorder.invalidate()
         self.schedule_check()
         self.redraw()
 
     def _record(self) -> float | None:
-        """Record a piece of the values over time; called until they are complete."""
+        """Timer: record a piece of the values over time; returns the pause in seconds, None at the
+        end.
+        """
         if not self.is_on or not recorder.has_work:
             return None
         if is_held(bpy.context):
             return QUIET_S
-        self.is_describing = True  # reading the scene is no change of it
+        self.is_describing = True  # updates while reading are no edits
         try:
             pause = recorder.work(bpy.context.scene)
-        except Exception:  # a timer that raises shows its traceback and is not called again
+        except Exception:  # Blender prints the traceback and removes the timer otherwise
             _log.exception("values over time")
             return None
         finally:
@@ -275,7 +283,7 @@ class ViewportPreview:
         return None
 
     def _prepare(self) -> float | None:
-        """Prepare the preview of one more frame of the record; called until all are complete."""
+        """Timer: compute preview colours of recorded frames; returns the pause, None at the end."""
         record, scene = recorder.valid, bpy.context.scene
         if record is None or not bpy.context.window_manager.hfx_preview:
             return None
@@ -289,15 +297,15 @@ class ViewportPreview:
         return 0.02 + 2.0 * (time.perf_counter() - begun)
 
     def _draw(self) -> None:
-        if not bpy.context.screen.is_animation_playing:  # which looks at intervals
-            self._look_after_drawing()
+        if not bpy.context.screen.is_animation_playing:  # playback checks at intervals, in on_frame
+            self._check_after_drawing()
         self.is_drawn = True
         space = bpy.context.space_data
         if space is None or not space.overlay.show_overlays or self.cannot_draw:
             return
         try:
             self.draw_over(bpy.context.scene)
-        except Exception as error:  # it would be raised again at every redraw
+        except Exception as error:  # every redraw would raise it again
             self.cannot_draw = True
             self.content.fault = f"The graphics driver cannot draw the preview: {error}"
             _log.exception("preview")
@@ -340,7 +348,7 @@ def register() -> None:
             name=label, description=description, default=is_on, update=_switched
         )
         setattr(bpy.types.WindowManager, name, switch)
-    if bpy.app.background:  # nothing is drawn there, and exports step through time
+    if bpy.app.background:  # no drawing there, and exports step through time
         return
     preview.listen()
     preview.begin_drawing()

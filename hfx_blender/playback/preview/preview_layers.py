@@ -28,21 +28,21 @@ Meshes = Sequence[tuple[ColouredMesh, Shown]]
 
 
 class PreviewFrameCache:
-    """Cache of the visible parts at times of one record, in one palette."""
+    """Cache of the visible parts at the samples of one record, for one palette."""
 
     def __init__(self) -> None:
         self._of: TimelineRecord | None = None
-        self._colours: tuple[Colour, ...] = ()  # a palette of one's own may change
+        self._colours: tuple[Colour, ...] = ()  # users may edit their palette
         self._known: dict[int, Meshes] = {}  # by the record's samples
         self._bytes = 0
-        self._asked = 0  # frames that have been looked at before they are drawn
+        self._asked = 0  # number of frames searched already
 
     def forget(self) -> None:
-        """Empty the cache: meshes may be other ones."""
+        """Empty the cache, for another file or edited meshes."""
         self.__init__()  # type: ignore[misc]
 
     def at(self, recorded: TimelineRecord, palette: str, index: int) -> Meshes | None:
-        """Get the visible parts at a sample of a record; None where they are not cached."""
+        """Visible parts at a sample of a record; None if not cached."""
         colours = tuple(PALETTES[palette].values())
         if self._of is not recorded or self._colours != colours:
             self.forget()
@@ -50,7 +50,7 @@ class PreviewFrameCache:
         return self._known.get(index)
 
     def keep(self, index: int, meshes: Meshes) -> None:
-        """Store the visible parts at a sample of the record that was queried last."""
+        """Store the visible parts at a sample of the record of the last query."""
         if self.is_full:
             return
         self._known[index] = meshes
@@ -62,7 +62,7 @@ class PreviewFrameCache:
         return self._bytes > MOST_BYTES
 
     def missing(self, recorded: TimelineRecord, palette: str, first: int, last: int) -> int | None:
-        """Find the next sample of a frame range that is not cached; None at the end."""
+        """Next sample of a frame range without a cache entry; None if all are cached."""
         self.at(recorded, palette, 0)
         while first + self._asked <= last and not self.is_full:
             index = recorded.index(first + self._asked)
@@ -76,12 +76,12 @@ _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 
 
 class Preview:
-    """Preview of one scene, cached until something changes."""
+    """Colours and actuators of one scene, cached until a change."""
 
     def __init__(self) -> None:
         self._scene: LiveScene | None = None
         self._glow: ActuatorGlow | None = None
-        self.key: tuple[object, ...] = ()  # another one after each description
+        self.key: tuple[object, ...] = ()  # changes with each description
         self._spreads: dict[tuple[str, str], Spread] = {}
         self._meshes: dict[str, ColouredMesh] = {}
         self._kept = PreviewFrameCache()
@@ -89,13 +89,13 @@ class Preview:
         self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None
         self._discs: list[Discs] | None = None
-        self._colours: tuple[object, ...] = ()  # of what was computed last
+        self._colours: tuple[object, ...] = ()  # palette of the cached layers
         self.fault = ""
         self.notes: list[str] = []  # differences of the glow from the real output
 
     @property
     def is_slow(self) -> bool:
-        """Test for volumes in the scene that are evaluated without the compiled library."""
+        """Test for haptic volumes evaluated without the compiled library."""
         return self._scene is not None and bool(self._scene.engine.notes)
 
     def forget(self) -> None:
@@ -104,13 +104,15 @@ class Preview:
         evaluation.forget()
 
     def invalidate(self) -> None:
-        """Note that something moved; all is computed at the next drawing."""
+        """Discard colours, discs, skins and samples; keep the description."""
         self._layers = self._discs = None
         self._skins.invalidate()
         evaluation.invalidate()
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene anew if it has changed; never while Blender draws."""
+        """Describe the scene unless its signature is unchanged; never call this while Blender
+        draws.
+        """
         scene = context.scene
         devices = tuple((device.name, device.scheme) for device in scene.hfx.devices)
         evaluation.describe(context)
@@ -134,16 +136,16 @@ class Preview:
     def layers(
         self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Layer]:
-        """Colours to be drawn now.
+        """Colour layers of the current frame; empty without visible colours, and after an error.
 
         Parameters
         ----------
         palette : str
             Key of ``colouring.PALETTES``.
         recorded : TimelineRecord, optional
-            A record that still holds: what is felt at ``frame`` is taken from it.
+            Valid record; its samples at ``frame`` are used instead of an evaluation.
         frame : float
-            The scene's present frame.
+            Current frame of the scene.
         """
         self._take_colours(palette)
         if self._layers is None:
@@ -156,13 +158,15 @@ class Preview:
         return self._layers
 
     def prepare(self, palette: str, recorded: TimelineRecord, first: int, last: int) -> bool:
-        """Compute one more frame of a record; returns False if all are known."""
+        """Compute one more frame of a record; returns False if all are cached, and after an
+        error.
+        """
         index = self._kept.missing(recorded, palette, first, last)
         if self._scene is None or index is None:
             return False
         try:
             self._recorded(self._scene, palette, recorded, index)
-        except (HfxError, ReferenceError):  # which is told when it is drawn
+        except (HfxError, ReferenceError):  # drawing reports the error
             return False
         return True
 
@@ -189,7 +193,7 @@ class Preview:
             return []
 
     def _take_colours(self, palette: str) -> None:
-        """Discard what was computed if a palette, which may be the user's own, is another now."""
+        """Discard colours after a change of the palette, or of its user-defined colours."""
         colours = tuple(PALETTES[palette].items())
         if colours != self._colours:
             self._colours, self._layers, self._discs = colours, None, None
@@ -207,17 +211,17 @@ class Preview:
             shown = self._recorded(live, palette, recorded, index)
         if shown is None:
             shown = self._shown(live, palette, self._runs(live))
-        found = []
+        layers = []
         for coloured, part in shown:
             skin = self._skins.of(coloured.mesh, live.objects.layer.depsgraph)
             if skin is not None and skin.size == coloured.size:
-                found.append(coloured.layer(skin, part, live.objects.unit_m))
-        return found
+                layers.append(coloured.layer(skin, part, live.objects.unit_m))
+        return layers
 
     def _recorded(
         self, live: LiveScene, palette: str, recorded: TimelineRecord, index: int
     ) -> Meshes | None:
-        """Visible parts at a sample of a record; None where they are not known."""
+        """Visible parts at a recorded sample; None where the record has no samples."""
         known = self._kept.at(recorded, palette, index)
         runs = recorded.runs(index) if known is None else None
         if runs is not None:
@@ -227,22 +231,22 @@ class Preview:
 
     def _shown(self, live: LiveScene, palette: str, runs: list[SampleRun]) -> Meshes:
         samples = [sample for run in runs for sample in run]
-        found = []
+        visible = []
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
             mine = [sample for sample in samples if sample.stream.body_id == described.id]
             for mesh in avatar_meshes.meshes_of(body) if mine else ():
                 if mesh.visible_get():
                     coloured = self._coloured_mesh(body, mesh, mine)
                     shown = coloured.shown(mine, self._contact, PALETTES[palette])
-                    found += [] if shown is None else [(coloured, shown)]
-        return found
+                    visible += [] if shown is None else [(coloured, shown)]
+        return visible
 
     def _coloured_mesh(
         self, body: bpy.types.Object, mesh: bpy.types.Object, samples: list[Sample]
     ) -> ColouredMesh:
         models = {sample.stream.model_id for sample in samples}
         known = self._meshes.get(mesh.name_full)
-        if known is not None and known.size != len(mesh.data.vertices):  # it was edited
+        if known is not None and known.size != len(mesh.data.vertices):  # the mesh was edited
             known = None
             self._spreads = {k: each for k, each in self._spreads.items() if k[0] != mesh.name_full}
         if known is None or not known.models.issuperset(models):
@@ -270,15 +274,17 @@ def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Sp
 
 
 def spread_between(points: F64, model: PerceptualModel) -> Spread:
-    """Interpolation from a model's vertices to points (A, 3) in its space, by the nearest few."""
+    """Interpolation from a model's vertices to points (A, 3) in model space, by the nearest few
+    vertices.
+    """
     from mathutils.kdtree import KDTree
 
     tree = KDTree(len(model))
     for index, vertex in enumerate(model.vertices.tolist()):
         tree.insert(vertex, index)
     tree.balance()
-    found = [tree.find_n(point, _CLOSEST) for point in points.tolist()]
+    nearest = [tree.find_n(point, _CLOSEST) for point in points.tolist()]
     return Spread.of_neighbours(
-        np.array([[index for _, index, _ in each] for each in found]),
-        np.array([[distance for _, _, distance in each] for each in found]),
+        np.array([[index for _, index, _ in each] for each in nearest]),
+        np.array([[distance for _, _, distance in each] for each in nearest]),
     )

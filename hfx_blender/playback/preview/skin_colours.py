@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of haptic samples on one mesh, restricted to the vertices where they show.
+"""Colours of haptic samples on the vertices of one mesh, and the mesh as displayed.
 
-The same colours as ``engine.colouring`` gives, worked out at those vertices alone.
+Equal to the colours of ``engine.colouring``, but computed at coloured vertices only.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ class Incidence:
     Parameters
     ----------
     table : (...) of int
-        Vertices.
+        Vertex indices.
     vertex_count : int
         V.
 
     Attributes
     ----------
     places : (E,) int64
-        Into the flattened table, those of the first vertex first. What belongs to the table's
-        entries is put into this order once, for :meth:`of` to choose from.
+        Indices into the flattened table, sorted by vertex. Data of the table's entries is reordered
+        by
+        these once, then selected by :meth:`of`.
     """
 
     def __init__(self, table: Numbers, vertex_count: int) -> None:
@@ -48,9 +49,9 @@ class Incidence:
         counts = self._first[1:].take(vertices) - begin
         begin -= counts.cumsum()
         begin += counts
-        found = np.repeat(begin, counts)
-        found += np.arange(len(found))
-        return found, counts
+        entries = np.repeat(begin, counts)
+        entries += np.arange(len(entries))
+        return entries, counts
 
 
 class _Spreading:
@@ -64,9 +65,9 @@ class _Spreading:
     def of(self, sample: Sample, is_contact: bool) -> tuple[I64, F64]:
         """Spread a sample over the mesh: vertices (E,), perhaps repeated, and the share of each."""
         entries, counts = self._where.of(sample.vertices)
-        felt = np.repeat(strengths(sample, is_contact), counts)
-        felt *= self._shares.take(entries)
-        return self._coloured.take(entries), felt
+        strength = np.repeat(strengths(sample, is_contact), counts)
+        strength *= self._shares.take(entries)
+        return self._coloured.take(entries), strength
 
 
 class SkinColours:
@@ -77,13 +78,13 @@ class SkinColours:
     vertex_count : int
         A.
     spreads : mapping of str to (Spread, int)
-        By model, with the number of its vertices.
+        Model id -> interpolation to the mesh, and the model's number of vertices.
     """
 
     def __init__(self, vertex_count: int, spreads: Mapping[str, tuple[Spread, int]]) -> None:
         self._spreading = {model: _Spreading(*each) for model, each in spreads.items()}
         self._is_shown = np.zeros(vertex_count, np.bool_)
-        self._place = np.zeros(vertex_count, np.int64)  # among those that are shown
+        self._place = np.zeros(vertex_count, np.int64)  # row of a coloured vertex
 
     def of(
         self,
@@ -91,29 +92,29 @@ class SkinColours:
         contact_effects: frozenset[str],
         palette: Mapping[str, Colour],
     ) -> tuple[I64, F64]:
-        """Vertices (N,) that show anything, and their colours and opacities (N, 4)."""
-        felt: dict[str, list[tuple[I64, F64]]] = {}
+        """Coloured vertices (N,), ascending, with colours and opacities (N, 4)."""
+        parts_by_colour: dict[str, list[tuple[I64, F64]]] = {}
         for sample in samples:
             if not len(sample.vertices):
                 continue
             is_contact = sample.stream.effect_id in contact_effects
             here = self._spreading[sample.stream.model_id].of(sample, is_contact)
-            felt.setdefault(colour_name(sample, is_contact), []).append(here)
-        shown = self._shown(felt)
+            parts_by_colour.setdefault(colour_name(sample, is_contact), []).append(here)
+        shown = self._shown(parts_by_colour)
         if not len(shown):
             return shown, np.zeros((0, 4))
         self._place[shown] = np.arange(len(shown))
         shares = {}
-        for name, parts in felt.items():
+        for name, parts in parts_by_colour.items():
             vertices, values = (np.concatenate(each) for each in zip(*parts, strict=True))
-            # Vertices without sensation have places, too: any shown one, with nothing added.
+            # Entries of weight 0 may point to any row: nothing is added there.
             share = np.bincount(self._place.take(vertices), values, len(shown))[: len(shown)]
             shares[name] = np.sqrt(np.minimum(share, 1.0))
         return shown, overlay(shares, palette)
 
-    def _shown(self, felt: Mapping[str, list[tuple[I64, F64]]]) -> I64:
+    def _shown(self, parts_by_colour: Mapping[str, list[tuple[I64, F64]]]) -> I64:
         flags = self._is_shown
-        for parts in felt.values():
+        for parts in parts_by_colour.values():
             for vertices, values in parts:
                 flags[vertices[values > 0.0]] = True
         shown = np.flatnonzero(flags)
@@ -126,16 +127,16 @@ _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "
 
 
 class DisplayedSkin:
-    """Skin of one mesh at this moment.
+    """Evaluated mesh at the current frame.
 
     Attributes
     ----------
     size : int
-        How many vertices it has before modifiers add any.
+        Number of vertices before modifiers add more.
     positions, normals : (V, 3) float32
-        In the mesh's own space, Blender's units; the first ``size`` are those of the mesh.
+        Mesh space, Blender's units; the first ``size`` are the mesh's own vertices.
     world : mathutils.Matrix
-        From there to the world.
+        Mesh space to world.
     """
 
     def __init__(self, evaluated: bpy.types.Object, size: int) -> None:
@@ -150,13 +151,13 @@ class DisplayedSkin:
 
 
 class DisplayedSkins:
-    """Skins by mesh, cached until something moves."""
+    """Displayed skins by mesh, cached until a change."""
 
     def __init__(self) -> None:
         self._known: dict[str, DisplayedSkin] = {}
 
     def invalidate(self) -> None:
-        """Invalidate the skins: something moved."""
+        """Empty the cache."""
         self._known.clear()
 
     def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> DisplayedSkin | None:
@@ -168,14 +169,19 @@ class DisplayedSkins:
             size = len(mesh.data.vertices)
             evaluated = mesh.evaluated_get(graph)
             if len(evaluated.data.vertices) != size and not _only_adds(mesh, evaluated):
-                evaluated = mesh  # the cage, which at least is coloured
+                evaluated = mesh  # fall back to the mesh before modifiers
             self._known[key] = DisplayedSkin(evaluated, size)
         return self._known[key]
 
 
 def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
-    made = {each.type for each in mesh.modifiers if each.show_viewport and each.type != "ARMATURE"}
-    return len(evaluated.data.vertices) > len(mesh.data.vertices) and made <= _VERTICES_STAY_FIRST
+    modifier_types = {
+        each.type for each in mesh.modifiers if each.show_viewport and each.type != "ARMATURE"
+    }
+    return (
+        len(evaluated.data.vertices) > len(mesh.data.vertices)
+        and modifier_types <= _VERTICES_STAY_FIRST
+    )
 
 
 def triangles_of(mesh: bpy.types.Object) -> npt.NDArray[np.int32]:

@@ -25,7 +25,7 @@ _DIRECTION_RAD = np.radians(20.0)  # along the threads nothing would change
 
 @cache
 def fabric(name: str) -> HeightField:
-    """Make one of the three reference fabrics, smooth to rough."""
+    """Sample of reference fabric 0, 1 or 2, smooth to rough."""
     return woven(reference_fabrics()[name], _SIZE_M, _TEXELS)
 
 
@@ -37,14 +37,14 @@ def felt(name: str, speed_m_s: float, drive_per_m: float) -> StrokeSignal:
 
 
 class ReferenceStroke:
-    """Stroke that plays as sound and on the connected devices; a new one replaces it.
+    """Stroke played as sound and on connected devices; a new stroke replaces the current one.
 
     Attributes
     ----------
     signal : StrokeSignal or None
-        None: nothing plays.
+        None while silent.
     step : int
-        The next of its steps.
+        Index of the next time step.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pad on which a surface is stroked with the mouse: momentary values, and those of the stroke.
+"""Stroke pad: a surface stroked by the mouse, with its vibration and friction sound.
 
-Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
+No drawing and no window here; :mod:`..ui.stroke_pad_view` draws the pad.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class StrokeState:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """Finished stroke with its signal."""
+    """Finished stroke and its signal."""
 
     name: str  # of the surface
     texture: SurfaceTexture
@@ -64,7 +64,7 @@ class StrokePad:
     Parameters
     ----------
     name : str
-        Of the surface, for messages.
+        Name of the surface, for messages.
     """
 
     def __init__(self, name: str, texture: SurfaceTexture) -> None:
@@ -77,7 +77,7 @@ class StrokePad:
         self.take: Take | None = None
         self.fault = ""
         self._begin_s = 0.0
-        # Since the stroke's begin: a clock that has run for hours is too coarse for a step.
+        # Relative to the stroke's start: differences of large clock values lose precision.
         self._times: list[float] = []
         self._points: list[tuple[float, float]] = []
         self._rendered_s = self._felt_s = 0.0
@@ -92,7 +92,7 @@ class StrokePad:
 
     @property
     def drive(self) -> SurfaceDrive | None:
-        """Drive for devices with a c_v of their own."""
+        """Surface drive for devices with a calibration (c_v) of their own."""
         return SurfaceDrive.of(self.texture)
 
     @property
@@ -112,14 +112,13 @@ class StrokePad:
         self._rendered_s, self.fault, self.history = 0.0, "", []
 
     def move(self, time_s: float, point_m: tuple[float, float]) -> None:
-        """Move the pointer; times that do not rise are left out."""
+        """Move the pointer; a time not after the last is ignored."""
         self.move_through([point_m], time_s)
 
     def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
-        """Move the pointer through places since the last call; it is at the last one now.
+        """Move the pointer through points since the last call, at equal intervals.
 
-        A window that was busy tells of a whole bunch at once. A pointer is asked at an even
-        rate, so they are spread evenly over the time that passed.
+        A busy window delivers several mouse events at once, without their times.
         """
         now = time_s - self._begin_s
         if not self._times or now <= self._times[-1]:
@@ -155,7 +154,7 @@ class StrokePad:
         return signal
 
     def release(self, time_s: float) -> Take | None:
-        """Finish the stroke and return it; None if it was too short."""
+        """End the stroke and return it; None for a stroke below the shortest duration."""
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
         self.cancel()
@@ -173,7 +172,7 @@ class StrokePad:
         self._times, self._points, self.trail_m, self.now = [], [], [], StrokeState()
 
     def recent(self, seconds: float) -> list[tuple[float, StrokeState]]:
-        """Last seconds of the present or the last stroke, with their times."""
+        """Times and values of the last seconds of the current or the last stroke."""
         if not self.history:
             return []
         begin = self.history[-1][0] - seconds
@@ -208,7 +207,7 @@ class StrokePad:
             return None  # shorter than a step, by rounding
 
     def _since(self, time_s: float) -> Stroke:
-        """End of the stroke since a time, from the last position before it."""
+        """Part of the stroke from the last point before a time."""
         first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
         return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
 
@@ -221,7 +220,7 @@ _log = logging.getLogger(__name__)
 
 
 class StrokeSound:
-    """Plays vibration as it comes, and a friction sound that follows the speed."""
+    """Sound of a stroke: vibration samples, and friction noise scaled by the speed."""
 
     def __init__(self, full_m_s2: float, friction: Any = None) -> None:
         self._full = full_m_s2
@@ -236,7 +235,7 @@ class StrokeSound:
                 self._friction = self._device.play(friction.factory)
                 self._friction.loop_count = -1
                 self._friction.volume = 0.0
-        except Exception as error:  # no aud, no sound card: it can still be felt
+        except Exception as error:  # without aud or a sound card: devices play, silently
             _log.info("no sound: %s", error)
             self._device = None
 

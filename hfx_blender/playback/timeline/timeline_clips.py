@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips in Blender's timeline, each with its envelope, as in editors of sound.
+"""Clips drawn in Blender's timeline, with their envelopes.
 
-What belongs together (rain, a sensation) shares a row.
+Effects of one group (rain, a sensation) share a row.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ _TEXT_ROW = 11.0
 
 
 def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
-    """Rows by the name of their effect or group: those of the selected effects, or else of all,
-    as far as they have clips.
+    """Effects with clips, by effect or group name: the selected effects, or all without a
+    selection.
     """
     scene = context.scene
-    found = swarms.listed_effects(scene)
-    return _rows([e for e in found if swarms.is_selected(scene, e)] or found)
+    listed = swarms.listed_effects(scene)
+    return _rows([e for e in listed if swarms.is_selected(scene, e)] or listed)
 
 
-def _rows(found: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
+def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
     rows: dict[str, list[bpy.types.Object]] = {}
-    for effect in found:
+    for effect in listed:
         if clips.strips_of(effect):
             rows.setdefault(effects.group_of(effect) or effect.name, []).append(effect)
     return rows
 
 
 def wanted_height(context: bpy.types.Context) -> float:
-    """Height of a timeline's region in which all clips can be read, pixels; 0 without any."""
+    """Height of a timeline region with room for all clips, pixels; 0 without clips."""
     rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
     scale = context.preferences.system.ui_scale
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
 
 
 def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
-    """Draw the rows below the ruler, as many as there is room for."""
+    """Draw the rows below the ruler; rows without room are left out."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -85,7 +85,7 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
             for (x, value), (to, then) in pairwise(points):
                 top, end = low + value * (high - low), low + then * (high - low)
                 _quad(corners, colours, ((x, low), (to, low), (to, end), (x, top)), front)
-            if len(row) > 1 and names and names[-1][0] == name:  # one name for a group's clips
+            if len(row) > 1 and names and names[-1][0] == name:  # write the group's name once
                 _, first, _, last, _ = names.pop()
                 left, right = min(left, first), max(right, last)
             names.append((name, left, low, right, high - low))
@@ -111,7 +111,7 @@ def _quad(
 
 
 def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
-    """Write an effect's name into its clip if there is room for it."""
+    """Write an effect's name into its clip if the name fits."""
     import blf
 
     blf.size(0, 10.0 * scale)
@@ -125,12 +125,12 @@ def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
 
 
 class TimelineClips:
-    """Clips in all timelines.
+    """Drawing of clips in all timelines.
 
     Attributes
     ----------
     has_failed : bool
-        Drawing has failed; it would fail again at every redraw.
+        True after an exception; drawing stops then.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values of effects and actuators over the whole timeline, recorded in pieces, beside editing.
+"""Values of effects and actuators over the whole timeline, recorded in pieces while Blender is
+idle.
 
-It goes the way of an export (reader, engine, renderer), at the tolerance of what is shown and
-played, and is kept in memory only.
+Same path as an export (reader, engine, renderer), at the tolerance of preview and live devices.
+Records are in memory only.
 """
 
 from __future__ import annotations
@@ -37,43 +38,43 @@ from ...reading.scene_reader import SceneReader
 from ...reading.stepped.reached import sources_of
 
 MOST_SAMPLES = 20_000
-"""A longer scene is sampled once a frame; one that is longer still, not at all."""
+"""Limit of samples: longer scenes are sampled once a frame, or not at all."""
 
 MOST_BYTES = 64_000_000
-"""Memory limit of the samples that are kept, bytes; later ones are evaluated when they are shown,
-and latency is not compensated there."""
+"""Memory limit of cached samples, bytes. Later samples are evaluated when drawn, without latency
+compensation."""
 
 
 _MUST_STEP = "The scene has to be stepped through for that."
 
 
 class NeedsSteppingError(HfxError):
-    """Raised where values need frames to be set one by one in Blender, which is slow."""
+    """Raised for scenes that Blender has to evaluate frame by frame, or that take minutes."""
 
 
 @dataclass(eq=False)
 class EffectRecord:
-    """Values of one effect on one body over time."""
+    """Strength of one effect on one body at T times."""
 
     name: str
     stream: Stream
     unit: str
     neutral: float  # of the strength
-    values: F64  # (T,) the strongest that is felt anywhere; of temperature, its deviation
+    values: F64  # (T,) maximum over all vertices; temperature: deviation from neutral
 
 
 @dataclass(eq=False)
 class TimelineRecord:
-    """A scene's effects and actuators at T times."""
+    """Effects and actuators of a scene at T times, with the haptic samples as far as cached."""
 
     described: SceneDescription
     time: TimeBase
     frames: F64  # (T,) of the scene
     effects: list[EffectRecord]
     devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)  # devices that do not fit
-    notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
-    groups: dict[str, str] = field(default_factory=dict)  # of effects, by their names
+    faults: list[str] = field(default_factory=list)  # errors of devices
+    notes: list[str] = field(default_factory=list)  # differences from the real output
+    groups: dict[str, str] = field(default_factory=dict)  # group by effect name
     _blocks: list[tuple[int, list[SampleRun]]] = field(default_factory=list)  # first sample, runs
     _bytes: int = 0
 
@@ -84,50 +85,54 @@ class TimelineRecord:
 
     @property
     def is_cut(self) -> bool:
-        """Test for samples that were not kept."""
+        """Test for samples beyond the memory limit, which are not cached."""
         return self._kept_count < len(self.frames)
 
     @property
     def kept_range(self) -> tuple[int, int]:
-        """First and last frame whose samples are kept."""
+        """First and last frame with cached samples, inclusive; last < first without any."""
         first = self.time.frame_first
         if not self.is_cut:
             return first, self.time.frame_last
         return first, floor(self.frames[self._kept_count - 1]) if self._kept_count else first - 1
 
     def rows(self) -> list[EffectRecord]:
-        """Values of the effects; those of a group that are alike are one row, the strongest."""
+        """Values of the effects; effects of one group, body and modality are merged into their
+        maximum.
+        """
         rows: dict[tuple[str, ...], EffectRecord] = {}
-        for each in self.effects:
-            stream, group = each.stream, self.groups.get(each.name, "")
+        for effect in self.effects:
+            stream, group = effect.stream, self.groups.get(effect.name, "")
             key = group, "" if group else stream.effect_id, stream.body_id, stream.modality
             if key in rows:
-                other = rows[key].values
-                strongest = np.where(np.abs(each.values) > np.abs(other), each.values, other)
-                rows[key] = replace(each, name=group, values=strongest)
+                values = rows[key].values
+                strongest = np.where(np.abs(effect.values) > np.abs(values), effect.values, values)
+                rows[key] = replace(effect, name=group, values=strongest)
             else:
-                rows[key] = each
+                rows[key] = effect
         return list(rows.values())
 
     def index(self, frame: float) -> int | None:
-        """The sample nearest to a frame; None where the timeline has ended."""
-        place, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
-        return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
+        """Index of the sample nearest to a frame; None more than a sample outside of the
+        timeline.
+        """
+        position, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
+        return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None
 
     def runs(self, index: int) -> list[SampleRun] | None:
-        """Samples at one of the times, as runs of one sample each; None: not kept."""
+        """Samples at one time, as runs of one sample; None if not cached, [] for silence."""
         if index >= self._kept_count:
             return None
         block = bisect_right(self._blocks, index, key=itemgetter(0)) - 1
-        found = []
+        present = []
         for run in self._blocks[block][1] if block >= 0 else ():
-            place = int(run.indices.searchsorted(index))
-            if place < len(run.indices) and run.indices[place] == index:
-                found.append(run.one(place))
-        return found
+            position = int(run.indices.searchsorted(index))
+            if position < len(run.indices) and run.indices[position] == index:
+                present.append(run.one(position))
+        return present
 
     def add(self, runs: Sequence[SampleRun]) -> None:
-        """Add the samples of a block of times, which follow those added before."""
+        """Add the samples of the next block of times."""
         runs = [run for run in runs if len(run)]
         for run in runs:
             effect = next(each for each in self.effects if each.stream == run.stream)
@@ -146,24 +151,25 @@ class TimelineRecord:
 def record(
     scene: bpy.types.Scene, *, may_step: bool, with_positions: bool = False
 ) -> Iterator[TimelineRecord | None]:
-    """Record a scene piece by piece; the last thing that it yields is the whole.
+    """Record a scene in pieces: yields None after each block, and the record at the end.
 
     Parameters
     ----------
     may_step : bool
-        Whether scenes may be set to other frames. It must then be run to its end in one go, as
-        frames are restored there.
+        Allow setting frames of scenes. The generator must then run to its end without a pause, as
+        it
+        restores the frame there.
     with_positions : bool
-        Samples tell where they are, for devices that stand in the room.
+        Record positions of samples, for devices in the room.
 
     Raises
     ------
     NeedsSteppingError
-        They would have to be, and may not.
+        Frames have to be set but ``may_step`` is False, or volumes need the slow reference.
     InputError
-        There is nothing to feel, or the timeline is too long.
+        The scene has no body or effect, or more than :data:`MOST_SAMPLES` frames.
     """
-    if not may_step and sources_of(scene):  # a reader looks for their instances at each frame
+    if not may_step and sources_of(scene):  # the reader steps all frames to find instances
         raise NeedsSteppingError(_MUST_STEP)
     tolerance = live_tolerance(scene)
     reader = SceneReader(
@@ -186,7 +192,7 @@ def record(
     )
     time = reader.time
     described_by = {each.id: each for each in described.effects}
-    found = TimelineRecord(
+    timeline = TimelineRecord(
         described=described,
         time=time,
         frames=float(time.scene_start)
@@ -194,26 +200,32 @@ def record(
         effects=[_empty(described_by[s.effect_id], s, time.sample_count) for s in header.streams],
         groups={each.name: effects.group_of(each) for each in swarms.listed_effects(scene)},
     )
-    renderers = _renderers(scene, header, found.faults)
-    wanted = ("positions",) if with_positions else ()
-    engine = Engine(described, record=wanted, tolerance=tolerance)
+    renderers = _renderers(scene, header, timeline.faults)
+    recorded = ("positions",) if with_positions else ()
+    engine = Engine(described, record=recorded, tolerance=tolerance)
     for block in reader.blocks():
         runs = engine.evaluate(block)
-        found.add(runs)
+        timeline.add(runs)
         for renderer in renderers[:]:
             try:
                 renderer[1].add(runs)
             except InputError as error:
-                found.faults.append(str(error))
+                timeline.faults.append(str(error))
                 renderers.remove(renderer)
         yield None
-    found.devices = [(device, renderer.raster()) for device, renderer in renderers]
-    found.notes = notes_of([device for device, _ in found.devices])
-    yield found
+    timeline.devices = [(device, renderer.raster()) for device, renderer in renderers]
+    timeline.notes = notes_of([device for device, _ in timeline.devices])
+    yield timeline
 
 
 def _rate(scene: bpy.types.Scene) -> Fraction:
-    """Sampling rate: the scene's own, or its frame rate where the timeline is long."""
+    """Sampling rate in Hz: the scene's rate (1000 at most), or its frame rate for long timelines.
+
+    Raises
+    ------
+    InputError
+        More than :data:`MOST_SAMPLES` frames.
+    """
     time = time_base(scene)
     rate: Fraction = min(time.rate_hz, Fraction(1000))
     if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
@@ -227,32 +239,30 @@ def _rate(scene: bpy.types.Scene) -> Fraction:
 def _renderers(
     scene: bpy.types.Scene, header: TrackHeader, faults: list[str]
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    found = []
+    renderers = []
     for device in devices_of(scene, faults):
         for body in header.bodies:
             renderer = Renderer(
                 header, device, load_model, body_id=body.id, compensates_latency=False
             )  # the drawing belongs to the displayed frame
-            found.append((device, renderer))
-    return found
+            renderers.append((device, renderer))
+    return renderers
 
 
 def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
-    """Devices of the scene; appends the faults of those that cannot be read."""
-    found = []
+    """Devices of the scene; errors of unreadable configurations are appended to ``faults``."""
+    devices = []
     for item in scene.hfx.devices:
         try:
-            found.append(load_scene_device(item))
+            devices.append(load_scene_device(item))
         except HfxError as error:
             faults.append(str(error))
-    return found
+    return devices
 
 
 def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
-    """Differences between the displayed values of devices and their real output; a sentence each.
-
-    A script runs where a device plays or is exported, in the order of time; not while somebody
-    looks here and there.
+    """Sentences on differences between displayed values and real output: device scripts do not run
+    here.
     """
     return [
         f"'{id}' is shown without its script, which runs when it plays and when it is exported"
@@ -277,5 +287,5 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
     filled = np.diff(run.offsets) > 0
     if filled.any():
         weights[filled] = np.maximum.reduceat(run.weights, starts[filled])
-    found: F64 = weights[run.set_of] * run.levels * (strength - neutral)
-    return found
+    peaks: F64 = weights[run.set_of] * run.levels * (strength - neutral)
+    return peaks

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records values over time anew, in short pieces, while nothing is edited or played."""
+"""Records values over time in short pieces while the user neither edits nor plays."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from .timeline_record import TimelineRecord
 
 QUIET_S = 0.5
-"""Quiet time after the last change, seconds; then pieces follow with pauses between them."""
+"""Time without an edit before recording starts, seconds."""
 
 _CHANGES_NOTHING = frozenset(
     "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush "
     "Image".split()
 )
-"""Types of data whose changes are not felt."""
+"""Types of data without influence on haptic samples."""
 
 
 class TimelineRecorder:
@@ -35,16 +35,17 @@ class TimelineRecorder:
     Attributes
     ----------
     result : TimelineRecord or None
+        Newest record, also when outdated.
     is_fresh : bool
-        Nothing has changed since it was made.
+        True until the next edit.
     must_step : bool
-        Frames would have to be set in Blender, which only a person starts; ``fault`` says why.
+        The scene needs *Update Values*; ``fault`` gives the reason.
     fault : str
-        Reason why there is no record.
+        Error of the last recording; empty without an error.
     count : int
-        Number of records that were made.
+        Number of finished records.
     is_wanted_by_devices : bool
-        Latency of connected devices is compensated from the record.
+        Set by live devices with latency compensation.
     """
 
     count = 0
@@ -62,34 +63,38 @@ class TimelineRecorder:
         self._is_working = False
 
     def forget(self) -> None:
-        """Drop everything: another file, or an undo."""
+        """Discard all state, for another file or after an undo."""
         self._stop()
         self.__init__()  # type: ignore[misc]
         self.invalidate()
 
     @property
     def valid(self) -> TimelineRecord | None:
-        """The newest record, unless something has changed since."""
+        """Newest record; None after an edit."""
         return self.result if self.is_fresh else None
 
     def invalidate(self) -> None:
-        """Mark the record as outdated."""
+        """Mark the record as outdated and stop recording; recording resumes after
+        :data:`QUIET_S`.
+        """
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
 
     def on_update(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Check the changes that Blender reports."""
+        """Invalidate the record after a relevant depsgraph update, unless recording caused it."""
         if not self._is_working and self.has_relevant_update(depsgraph):
             self.invalidate()
 
     @staticmethod
     def has_relevant_update(depsgraph: bpy.types.Depsgraph) -> bool:
-        """Test for reported changes that may be felt."""
+        """Test for updates of data other than cameras, lights, materials and similar."""
         return any(type(update.id).__name__ not in _CHANGES_NOTHING for update in depsgraph.updates)
 
     def check_settings(self, scene: bpy.types.Scene) -> None:
-        """Notice changes of the scene's own settings."""
+        """Invalidate the record after a change of frame range, rate, units, devices or
+        tolerance.
+        """
         key = _key_of(scene)
         if key != self._key:
             self._key = key
@@ -97,11 +102,13 @@ class TimelineRecorder:
 
     @property
     def has_work(self) -> bool:
-        """Test for work left."""
+        """Test for an unfinished recording."""
         return not self._is_settled
 
     def work(self, scene: bpy.types.Scene) -> float:
-        """Do one piece of the work; returns the seconds until the next one."""
+        """Record one piece; returns the seconds until the next call. Errors become
+        :attr:`fault`.
+        """
         quiet_s = time.monotonic() - self._changed_s
         if quiet_s < QUIET_S:
             return QUIET_S - quiet_s + 0.01
@@ -111,35 +118,35 @@ class TimelineRecorder:
                 self._piece(scene)
             except HfxError as error:
                 self._done(None, str(error))
-            except (ReferenceError, AttributeError):  # an undo took objects away
+            except (ReferenceError, AttributeError):  # an undo removed objects
                 self._stop()
         return 0.02 + 2.0 * (time.perf_counter() - begin)
 
     def update_now(self, scene: bpy.types.Scene) -> None:
-        """Record at once, stepping through scenes where that is needed.
+        """Record the whole scene at once, stepping frames if needed.
 
         Raises
         ------
         HfxError
-            There is nothing to feel.
+            The scene has no body or effect, or is too long.
         """
         from .timeline_record import record
 
         self._stop()
         self._key = _key_of(scene)
         with self._working():
-            *_, found = record(scene, may_step=True, with_positions=evaluation.with_positions)
-            self._done(found, "")
+            *_, timeline = record(scene, may_step=True, with_positions=evaluation.with_positions)
+            self._done(timeline, "")
 
     @contextmanager
     def _working(self) -> Iterator[None]:
-        """Context in which Blender's reports of changes are ignored: they follow from reading."""
+        """Context that ignores depsgraph updates: reading causes them."""
         self._is_working = True
         try:
             yield
         finally:
-            # Reading tags objects (scratch scenes come and go, frames are set). Blender would
-            # evaluate and report them later, as if a user had edited them.
+            # Reading tags objects, by scratch scenes and set frames. Evaluate them now: a later
+            # update would look like an edit of the user.
             for window in bpy.context.window_manager.windows:
                 window.view_layer.update()
             self._is_working = False
@@ -153,18 +160,18 @@ class TimelineRecorder:
                 return
             self._running = record(scene, may_step=False, with_positions=evaluation.with_positions)
         try:
-            found = next(self._running)
+            timeline = next(self._running)
         except NeedsSteppingError as error:
             self._running = None
             self.fault, self.must_step, self._is_settled = str(error), True, True
             return
-        if found is not None:
-            self._done(found, "")
+        if timeline is not None:
+            self._done(timeline, "")
 
-    def _done(self, found: TimelineRecord | None, fault: str) -> None:
-        self.result, self.fault = found, fault
-        self.is_fresh, self.must_step, self._is_settled = found is not None, False, True
-        self.count += found is not None
+    def _done(self, timeline: TimelineRecord | None, fault: str) -> None:
+        self.result, self.fault = timeline, fault
+        self.is_fresh, self.must_step, self._is_settled = timeline is not None, False, True
+        self.count += timeline is not None
         self._running = None
 
     def _stop(self) -> None:
@@ -194,7 +201,7 @@ recorder = TimelineRecorder()
 
 
 def is_held(context: bpy.types.Context) -> bool:
-    """Test that nothing may be computed beside Blender's present job."""
+    """Test for a job of Blender that excludes recording: stepping, rendering, playback."""
     if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
         return True
     return any(window.screen.is_animation_playing for window in context.window_manager.windows)

@@ -27,13 +27,13 @@ class Label:
     text: str
     left: float
     bottom: float
-    values: F64 | None = None  # (T,) of which the present one is told
+    values: F64 | None = None  # (T,) the current value is written beside the row
     unit: str = ""
 
 
 @dataclass(eq=False)
 class Chart:
-    """Chart geometry, in pixels from its lower left corner."""
+    """Chart geometry, pixels from the lower left corner."""
 
     width: float
     height: float
@@ -43,7 +43,7 @@ class Chart:
     positions: F32  # (P, 2) three to a triangle
     colours: F32  # (P, 4)
     labels: list[Label] = field(default_factory=list)
-    hidden: int = 0  # rows for which there was no place
+    hidden: int = 0  # number of rows without room
 
     def x_of(self, frame: float) -> float:
         """Horizontal position of a frame, pixels."""
@@ -53,22 +53,22 @@ class Chart:
 
 
 def chart(
-    found: TimelineRecord,
+    timeline: TimelineRecord,
     palette: Mapping[str, Colour],
     width: float,
     height: float,
     scale: float = 1.0,
 ) -> Chart:
-    """Lay out a scene's values over a width, from the top; rows that do not fit are left out.
+    """Lay out a record's values from the top; rows without room are left out.
 
     Parameters
     ----------
     palette : mapping
         Colours by modality.
     width, height : float
-        The most that may be used, pixels.
+        Available size, pixels.
     scale : float
-        Of the user's interface.
+        Interface scale of Blender.
     """
     left = min(190.0 * scale, 0.35 * width)
     columns = max(int(width - left), 1)
@@ -76,7 +76,7 @@ def chart(
     quads: list[tuple[F64, F64]] = []
     labels: list[Label] = []
     at, hidden = gap, 0
-    for effect in found.rows():
+    for effect in timeline.rows():
         if at + curve + gap > height:
             hidden += 1
             continue
@@ -89,7 +89,7 @@ def chart(
         unit = effect.unit.replace("^2", "²").replace("degC", "°C")
         labels.append(Label(effect.name, 0.0, at + 0.3 * curve, effect.values, unit))
         at += curve + gap
-    for device, raster in found.devices:
+    for device, raster in timeline.devices:
         head = 16.0 * scale
         if at + head + row > height:
             hidden += len(device.actuators)
@@ -115,13 +115,13 @@ def chart(
     labels = [
         replace(each, left=6.0 * scale, bottom=used - each.bottom - 10.0 * scale) for each in labels
     ]
-    time = found.time
+    time = timeline.time
     span = float(time.frame_first), float(time.frame_last + 1)
-    return Chart(width, used, left, span, found.frames, positions, colours, labels, hidden)
+    return Chart(width, used, left, span, timeline.frames, positions, colours, labels, hidden)
 
 
 def _columns(values: F64, count: int) -> F64:
-    """The strongest value within each of a number of columns (with its sign), (count,)."""
+    """Value of the largest magnitude in each of ``count`` equal parts, signed, (count,)."""
     if len(values) <= count:
         return values[np.minimum(np.arange(count) * len(values) // count, len(values) - 1)]
     starts = np.arange(count) * len(values) // count
@@ -144,8 +144,8 @@ def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> 
     cuts = np.flatnonzero((np.diff(shown, axis=0) != 0.0).any(axis=1)) + 1
     starts = np.concatenate([[0], cuts])
     ends = np.concatenate([cuts, [len(shares)]])
-    kept = heights[starts] > 0.0
-    starts, ends = starts[kept], ends[kept]
+    is_filled = heights[starts] > 0.0
+    starts, ends = starts[is_filled], ends[is_filled]
     bottom = np.full(len(starts), top + height)
     boxes = np.column_stack((left + starts, bottom - heights[starts], left + ends, bottom))
     return boxes, colours[starts]

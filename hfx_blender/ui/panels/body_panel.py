@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The haptic body in the sidebar: its avatar, the bone table, and how well the models fit."""
+"""Panels of the active haptic body: avatar, bone table, quality of the fit."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ _FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARE
 
 
 class HFX_UL_bones(bpy.types.UIList):
-    """Canonical bones with their counterparts in the avatar"""
+    """Canonical bones and the avatar's bones"""
 
     def draw_item(
         self,
@@ -104,11 +104,11 @@ class HFX_UL_bones(bpy.types.UIList):
     def filter_items(
         self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
     ) -> tuple[list[int], list[int]]:
-        wanted = self.filter_name.lower()
+        pattern = self.filter_name.lower()
         region = hfx.bone_map_region
         shown = [
-            wanted in f"{label_of(row.name)} {row.name} {row.bone}".lower()
-            if wanted  # a search goes through the whole table
+            pattern in f"{label_of(row.name)} {row.name} {row.bone}".lower()
+            if pattern  # a search goes through the whole table
             else region_of(row.name) == region
             for row in getattr(hfx, name)
         ]
@@ -137,7 +137,7 @@ def sentence_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str
 
 
 class HFX_PT_body(HfxPanel, bpy.types.Panel):
-    """The active haptic body, or an armature that can become one"""
+    """The active haptic body, or an armature without one"""
 
     bl_label = "Haptic Body"
     bl_order = 4
@@ -178,7 +178,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
 
 
 def how_followed(body: bpy.types.Object) -> str:
-    """Sentence on what poses a body at present, and why."""
+    """Sentence on the source of the body's pose, and the reason."""
     from ...avatars import body_binding
 
     if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
@@ -196,7 +196,7 @@ def how_followed(body: bpy.types.Object) -> str:
 
 
 class HFX_PT_bones(HfxPanel, bpy.types.Panel):
-    """Bones of the avatar, by the joints that they stand for"""
+    """Bones of the avatar, for each joint"""
 
     bl_label = "Bones"
     bl_parent_id = "HFX_PT_body"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of the panel of clips: times of the active effect's clips, in the scene's unit of time.
+"""Rows of the clip panel: times of the active effect's clips, in the scene's time unit.
 
-Strips of the NLA cannot have properties of ours. The rows stand for them, and are made anew when
-their number changes; the window manager keeps them, and no file stores them.
+NLA strips cannot have custom property groups. The rows are stored in the window manager, not in
+files, and are rebuilt after a change of their number.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def refresh() -> None:
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
     index = next(k for k, each in enumerate(rows) if each == row)
-    found = [] if effect is None else clips.strips_of(effect)
-    return found[index][1] if index < len(found) else None
+    strips = [] if effect is None else clips.strips_of(effect)
+    return strips[index][1] if index < len(strips) else None
 
 
 def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
-    """Property of a clip's time, which is that of its strip."""
+    """Property that reads and sets a time of the row's NLA strip."""
 
     def get(row: HfxClipRow) -> float:
         strip = _strip(row)
@@ -58,7 +58,7 @@ def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
 
 
 def _frames() -> float:
-    """Frames of the unit that times are shown in."""
+    """Frames per unit of the displayed times."""
     return frames_per_shown_unit(bpy.context.scene)
 
 
@@ -66,8 +66,8 @@ def active_group() -> list[bpy.types.Object]:
     """Effects of the active effect's group."""
     effect = active_effect(bpy.context)
     name = "" if effect is None else effects.group_of(effect)
-    found = swarms.listed_effects(bpy.context.scene) if name else []
-    return [each for each in found if effects.group_of(each) == name]
+    listed = swarms.listed_effects(bpy.context.scene) if name else []
+    return [each for each in listed if effects.group_of(each) == name]
 
 
 def _start(_manager: object) -> float:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""List of all effects of a scene; what belongs together (rain, a sensation) is a row that opens.
+"""List of all effects of a scene; effects of one group (rain, a sensation) are an expandable row.
 
-Its rows are made anew whenever the scene was looked at and its effects are others than before. They
-are kept with the window manager: no file stores them.
+The rows are rebuilt after a check of the scene, if its effects have changed. They are stored in the
+window manager, not in files.
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ _open: set[str] = set()
 
 
 def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
-    """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow.
+    """Rows of the list as (effect, group): a group's row has an empty effect, and precedes its
+    effects.
 
-    What is left alone of its group is a row without one.
+    A group of a single effect has no row of its own.
     """
     grouped: dict[tuple[str, str], list[str]] = {}
     for effect in swarms.listed_effects(scene):
         group = effects.group_of(effect)
         grouped.setdefault((group, "" if group else effect.name), []).append(effect.name)
-    found: list[tuple[str, str]] = []
+    named_rows: list[tuple[str, str]] = []
     for (group, _), names in grouped.items():
         is_alone = len(names) == 1
-        found += [] if is_alone else [("", group)]
-        found += [(name, "" if is_alone else group) for name in names]
-    return found
+        named_rows += [] if is_alone else [("", group)]
+        named_rows += [(name, "" if is_alone else group) for name in names]
+    return named_rows
 
 
 def refresh() -> None:
-    """Make the rows anew if the scene's effects are others than before; never from a drawing."""
-    rows, wanted = bpy.context.window_manager.hfx_rows, rows_of(bpy.context.scene)
-    if [(row.effect, row.group) for row in rows] == wanted:
+    """Rebuild the rows if the scene's effects have changed; never call this while Blender draws."""
+    rows, new_rows = bpy.context.window_manager.hfx_rows, rows_of(bpy.context.scene)
+    if [(row.effect, row.group) for row in rows] == new_rows:
         return
     rows.clear()
-    for effect, group in wanted:
+    for effect, group in new_rows:
         row = rows.add()
         row.name, row.effect, row.group = effect or group, effect, group
     preview.redraw()
@@ -60,10 +61,10 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     own = scene.objects.get(row.effect)
     if own is not None and own.hfx.role == "EFFECT":
         return [own]
-    found = swarms.listed_effects(scene)
+    listed = swarms.listed_effects(scene)
     if row.effect:  # of a swarm
-        return [each for each in found if each.name == row.effect]
-    return [each for each in found if effects.group_of(each) == row.group]
+        return [each for each in listed if each.name == row.effect]
+    return [each for each in listed if effects.group_of(each) == row.group]
 
 
 def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
@@ -131,24 +132,24 @@ class HFX_UL_effects(bpy.types.UIList):
         _active_data: object,
         _active_property: str,
     ) -> None:
-        found = _effects_of_row(row)
-        if not found:  # deleted or renamed just now
+        row_effects = _effects_of_row(row)
+        if not row_effects:  # deleted or renamed just now
             layout.label(text=row.name)
             return
         line = layout.row(align=True)
         title = line.row(align=True)
-        title.alert = any(effects.needs_body(context.scene, each) for each in found) or (
-            bool(row.effect) and _has_clip_outside(context.scene, found[0])
+        title.alert = any(effects.needs_body(context.scene, each) for each in row_effects) or (
+            bool(row.effect) and _has_clip_outside(context.scene, row_effects[0])
         )
         if row.effect:
             if row.group:
                 title.label(text="", icon="BLANK1")
-            icon = "ERROR" if title.alert else MODALITIES[found[0].hfx.modality].icon
-            title.prop(found[0], "name", text="", icon=icon, emboss=False)
+            icon = "ERROR" if title.alert else MODALITIES[row_effects[0].hfx.modality].icon
+            title.prop(row_effects[0], "name", text="", icon=icon, emboss=False)
         else:
             icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
             title.prop(row, "is_open", text="", icon=icon, emboss=False)
-            title.label(text=f"{row.group} ({len(found)})")
+            title.label(text=f"{row.group} ({len(row_effects)})")
         for name, on, off in (
             ("is_solo", "SOLO_ON", "SOLO_OFF"),
             ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
@@ -159,10 +160,10 @@ class HFX_UL_effects(bpy.types.UIList):
     def filter_items(
         self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str
     ) -> tuple[list[int], list[int]]:
-        wanted = self.filter_name.lower()
+        pattern = self.filter_name.lower()
         shown = [
-            wanted in f"{row.effect} {row.group}".lower()
-            if wanted  # a search goes through closed groups, too
+            pattern in f"{row.effect} {row.group}".lower()
+            if pattern  # a search goes through closed groups, too
             else not (row.effect and row.group) or row.is_open
             for row in getattr(manager, name)
         ]
@@ -189,14 +190,16 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
     except InputError:
         return  # painting goes on
     if 0 <= index < len(manager.hfx_rows):
-        found = _effects_of_row(manager.hfx_rows[index])
-        shown = [obj for effect in found for obj in swarms.objects_showing(context.scene, effect)]
+        row_effects = _effects_of_row(manager.hfx_rows[index])
+        shown = [
+            obj for effect in row_effects for obj in swarms.objects_showing(context.scene, effect)
+        ]
         select_only(context, *shown)
         push_undo_soon()
 
 
 def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the list, as high as it needs to be, up to a limit."""
+    """Draw the list with a height for all rows, up to a limit."""
     manager = context.window_manager
     shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
     rows = min(max(shown, _LEAST_ROWS), _MOST_ROWS)

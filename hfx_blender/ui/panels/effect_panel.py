@@ -35,7 +35,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
         if obj is None or surfaces.is_surface(obj):
-            return False  # a surface has a panel of its own
+            return False  # surfaces have their own panel
         return active_effect(context) is not None or bool(obj.get(PAINTED_EFFECT))
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -53,7 +53,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         layout.prop(effect, "name")
         layout.prop(hfx, "modality")
         row = layout.row()
-        row.alert = hfx.intensity <= 0.0  # nothing of it is felt
+        row.alert = hfx.intensity <= 0.0  # a silent effect
         row.prop(hfx, "intensity")
         for control in MODALITIES[hfx.modality].controls:
             _draw_parameter(layout, hfx, control)
@@ -72,7 +72,7 @@ def _draw_parameter(
 ) -> None:
     name = control.prop
     row = layout.row(align=True)
-    row.use_property_split = False  # beside the field, a label with its unit is cut off
+    row.use_property_split = False  # split labels are too narrow for units
     label = hfx.bl_rna.properties[name].name
     row.prop(hfx, name, text=f"{label} ({control.symbol})")
     row.prop_decorator(hfx, name)
@@ -89,7 +89,7 @@ def _draw_volume(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> No
 
 
 class HFX_PT_export(HfxPanel, bpy.types.Panel):
-    """Write what is felt to files"""
+    """Export the haptic effects to files"""
 
     bl_label = "Haptic Export"
     bl_order = 5
@@ -183,17 +183,19 @@ class HFX_PT_response(HfxPanel, bpy.types.Panel):
             layout.operator("hfx.bake_response", icon="KEY_HLT")
 
     @staticmethod
-    def _draw_filter(layout: bpy.types.UILayout, each: bpy.types.PropertyGroup) -> None:
+    def _draw_filter(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         column = layout.column()
         column.use_property_split = True
-        column.active = not each.is_muted
-        column.prop(each, "kind")
-        in_space = each.kind == "distance" or (each.kind == "sine" and each.domain != "time")
+        column.active = not settings.is_muted
+        column.prop(settings, "kind")
+        in_space = settings.kind == "distance" or (
+            settings.kind == "sine" and settings.domain != "time"
+        )
         if not in_space:
-            column.prop(each, "operation")
-        if each.kind == "distance":
-            column.prop(each, "about")
-        if each.kind == "sine":
-            column.prop(each, "domain")
-        for name in responses.properties_of(each):
-            column.prop(each, name)
+            column.prop(settings, "operation")
+        if settings.kind == "distance":
+            column.prop(settings, "about")
+        if settings.kind == "sine":
+            column.prop(settings, "domain")
+        for name in responses.properties_of(settings):
+            column.prop(settings, name)

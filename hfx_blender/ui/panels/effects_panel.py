@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All effects of the scene in one list, and the clips of the active one."""
+"""Panels of all effects of the scene, and of the active effect's clips."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _OUTSIDE = {
 
 
 def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
-    """Draw that the body of effects is gone, and the button that moves them to another.
+    """Draw the warning of effects without a body, and the button that assigns another body.
 
     Parameters
     ----------
     which : str
-        Effects to move, as ``hfx.move_to_body`` names them.
+        Effects to assign, a value of ``hfx.move_to_body``.
     """
     column = layout.column()
     column.alert = True
@@ -56,9 +56,11 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
 
 
 def draw_preview_state(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw why the viewport shows no colours, and why it is slow, with the cure."""
+    """Draw the reason for missing colours or a slow preview, with the cure; nothing without a
+    body.
+    """
     if not effects.bodies_of(context.scene):
-        return  # the panel asks for one
+        return  # the panel suggests adding a body
     if preview.content.fault:
         draw_text(context, layout, preview.content.fault, "ERROR")
     if preview.content.is_slow:
@@ -81,24 +83,24 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.prop(context.window_manager, "hfx_show_actuators", text="", icon="LIGHT_POINT")
         row.prop(context.window_manager, "hfx_show_values", text="", icon="FCURVE")
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
-        found = swarms.listed_effects(context.scene)
-        if found:
+        listed = swarms.listed_effects(context.scene)
+        if listed:
             effect_list.draw(context, layout)
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
-        elif context.window_manager.hfx_preview and found:
+        elif context.window_manager.hfx_preview and listed:
             draw_preview_state(context, layout)
         has_body = bool(effects.bodies_of(context.scene))
         if not has_body and active_armature(context) is None:
             draw_text(context, layout, _NO_BODY, "INFO")
-        elif has_body and not found:
+        elif has_body and not listed:
             draw_text(context, layout, _NO_EFFECT, "INFO")
         row = layout.row()
         row.scale_y = 1.3
         next_step.draw_first(context, row)
         row = layout.row(align=True)
         row.menu("HFX_MT_add", text="Add", icon="ADD")
-        if found:
+        if listed:
             row.operator("hfx.copy_effects", text="", icon="COPYDOWN")
             row.operator("hfx.paste_effects", text="", icon="PASTEDOWN")
             row = layout.row(align=True)
@@ -111,7 +113,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
-    """Clips of the active effect: the times at which it is on"""
+    """Clips of the active effect: the times while the effect is on"""
 
     bl_label = "Clips"
     bl_order = 3
@@ -125,15 +127,15 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         draw_clip_buttons(row)
         effect = active_effect(context)
-        found, group = clips.strips_of(effect), effects.group_of(effect)
-        if found:
+        strips, group = clips.strips_of(effect), effects.group_of(effect)
+        if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if found and len(clip_rows.active_group()) > 1:
+        if strips and len(clip_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # Rows are made after a clip is added or another effect selected, just before this is drawn
         # again.
-        for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
+        for (_, strip), times in zip(strips, context.window_manager.hfx_clips, strict=False):
             box = layout.box()
             _draw_clip(box, strip, times)
             outside = clips.outside_scene(context.scene, strip)
@@ -142,7 +144,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
                 column.alert = True
                 draw_text(context, column, _OUTSIDE[outside], "ERROR")
                 box.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ACTIVE"
-        if not found:
+        if not strips:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
 

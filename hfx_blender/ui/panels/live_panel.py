@@ -31,13 +31,13 @@ STATES = {
     "lost": ("Lost", "UNLINKED"),
     "closed": ("Closed", "UNLINKED"),
 }
-_LONG = 9  # letters of an actuator's name that two columns have room for
-_BUTTONS = 6  # letters that the buttons beside a device's name take
-_MOST_ACTUATORS = 40  # of which bars and pulses are shown
+_LONG = 9  # longest name of an actuator in two columns, letters
+_BUTTONS = 6  # width of the buttons after a device's name, letters
+_MOST_ACTUATORS = 40  # limit of displayed actuators
 
 
 def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Source of what devices play: the scene, or a track."""
+    """Draw the choice of the played source: the scene or a track."""
     hfx = context.scene.hfx
     column = layout.column(align=True)
     column.row(align=True).prop(hfx, "live_source", expand=True)
@@ -48,7 +48,7 @@ def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
 
 
 def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
-    """Reason why devices stopped in a slow scene, and what helps."""
+    """Draw the reason for devices stopped by a slow scene, and cures."""
     slow, hfx = live.slow_frames.newest, context.scene.hfx
     text = str(slow) if slow is not None else "Blender did not answer in time."
     draw_text(context, box, f"Devices stopped. {text}", "ERROR")
@@ -74,7 +74,7 @@ def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
 
 
 class HFX_PT_live(HfxPanel, bpy.types.Panel):
-    """Connect devices and feel what you design"""
+    """Connect devices and feel the effects while you work"""
 
     bl_label = "Live Devices"
     bl_order = 6
@@ -110,7 +110,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
 
 
 def _draw_latency(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw where latency is not compensated, and what helps."""
+    """Draw the frames without latency compensation, and the cure."""
     text = uncompensated(context.scene)
     if text:
         draw_text(context, layout, text, "INFO")
@@ -145,8 +145,8 @@ def _draw_device(
             box.operator("hfx.live_approve", icon="FILE_SCRIPT").name = item.name
         return
     text, icon = STATES[state.state]
-    told = state.text or state.unit
-    draw_text(context, box, f"{text}: {told}" if told else text, icon)
+    detail = state.text or state.unit
+    draw_text(context, box, f"{text}: {detail}" if detail else text, icon)
     offset = f"Offset {live.offset_ms(item.name):g} ms"
     box.operator("hfx.live_offset", text=offset, icon="TIME").name = item.name
     device = live.device(item.name)
@@ -209,8 +209,8 @@ def icon_of(picture: Path) -> int:
         _loaded.append(bpy.utils.previews.new())
     known, name = _loaded[0], str(picture)
     if name not in known:
-        found = known.load(name, name, "IMAGE")
-        found.image_size[:]  # loads it now: nothing else would draw the panel again
+        preview_image = known.load(name, name, "IMAGE")
+        preview_image.image_size[:]  # forces loading: a later load would not redraw the panel
     return int(known[name].icon_id)
 
 
@@ -226,7 +226,7 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
 
     bl_label = "Values"
     bl_order = 7
-    bl_options = {"DEFAULT_CLOSED"}  # its switches are in the list of effects, too
+    bl_options = {"DEFAULT_CLOSED"}  # the list of effects has the same switches
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

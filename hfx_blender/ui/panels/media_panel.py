@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sound and video that haptics go with."""
+"""Panel of sound and video for haptics."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _ICONS = {
 
 
 class HFX_PT_path(HfxPanel, bpy.types.Panel):
-    """Position of the point on the skin, and the path that it moves along"""
+    """Position of the point on the skin, and its path"""
 
     bl_label = "Point on the Skin"
     bl_order = 2
@@ -86,6 +86,6 @@ class HFX_PT_vector(HfxPanel, bpy.types.Panel):
         effect = active_effect(context)
         layout.label(text=f"On '{effect.hfx.device}' only", icon="OUTLINER_OB_FORCE_FIELD")
         column = layout.column(align=True)
-        for each in effect.hfx.drive:
-            column.prop(each, "value", text=each.name, slider=True)
+        for actuator in effect.hfx.drive:
+            column.prop(actuator, "value", text=actuator.name, slider=True)
         layout.operator("hfx.key_actuators", icon="KEY_HLT")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The active object's haptic surface: its maps beside its material, and how they are made."""
+"""Panels of the active object's haptic surface, and of material generation."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         return (
             obj is not None
             and obj.type == "MESH"
-            and context.mode == "OBJECT"  # who paints an area has a perceptual model at hand
+            and context.mode == "OBJECT"  # other modes show a perceptual model
             and obj.hfx.role in ("NONE", "EFFECT")
             and (obj.hfx.role == "NONE" or surfaces.is_surface(obj))
         )
@@ -87,21 +87,21 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
 
     @staticmethod
     def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-        """Draw the material beside its haptic maps."""
+        """Draw the material and its haptic maps side by side."""
         surface_updates.on_shown(obj)
         shown = [(obj.active_material, "Material")]
         shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
-        for each, label in shown:
-            if each is None:
+        for image, label in shown:
+            if image is None:
                 continue
             column = grid.column(align=True)
-            column.template_icon(icon_value=layout.icon(each), scale=4.0)
+            column.template_icon(icon_value=layout.icon(image), scale=4.0)
             column.label(text=label)
 
 
 class SurfacePanel(HfxPanel):
-    """A part of the panel of an object that is a surface already."""
+    """Base of subpanels of an object with a haptic surface."""
 
     bl_parent_id = "HFX_PT_surface"
 
@@ -140,7 +140,7 @@ class HFX_PT_surface_felt(SurfacePanel, bpy.types.Panel):
         layout.prop(settings, "renderer")
         layout.prop(hfx, "intensity")
         row = layout.row(align=True)
-        row.use_property_split = False  # beside the field, a label with its unit is cut off
+        row.use_property_split = False  # split labels are too narrow for units
         row.prop(hfx, "amplitude", text="Strongest (m/s²)")
         row.prop_decorator(hfx, "amplitude")
         if settings.renderer == "MCHA":
@@ -183,10 +183,10 @@ _previews: Any = None
 
 
 class HFX_PT_generation(HfxPanel, bpy.types.Panel):
-    """A material that can be felt, from words or from any picture"""
+    """Generate a material with a haptic surface, from text or a picture"""
 
     bl_label = "Material from Words or Picture"
-    bl_order = 1  # above the panel of the surface that it makes, or its results would be far below
+    bl_order = 1  # above the surface's panel, to keep results in sight
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -199,21 +199,21 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        wanted = context.window_manager.hfx_generation
-        layout.row().prop(wanted, "source", expand=True)
-        if wanted.source == "WORDS":
-            layout.prop(wanted, "words", text="", icon="GREASEPENCIL")
-            layout.prop(wanted, "negative")
+        generation = context.window_manager.hfx_generation
+        layout.row().prop(generation, "source", expand=True)
+        if generation.source == "WORDS":
+            layout.prop(generation, "words", text="", icon="GREASEPENCIL")
+            layout.prop(generation, "negative")
             row = layout.row(align=True)
-            row.prop(wanted, "seed")
-            row.prop(wanted, "variations")
-            layout.prop(wanted, "resolution")
+            row.prop(generation, "seed")
+            row.prop(generation, "variations")
+            layout.prop(generation, "resolution")
         else:
-            layout.prop(wanted, "picture", text="")
-            layout.prop(wanted, "size_mm")
-            layout.prop(wanted, "height_mm")
-            layout.prop(wanted, "tiles")
-        layout.prop(wanted, "use_steps")
+            layout.prop(generation, "picture", text="")
+            layout.prop(generation, "size_mm")
+            layout.prop(generation, "height_mm")
+            layout.prop(generation, "tiles")
+        layout.prop(generation, "use_steps")
         if generation_operators.running is not None:
             share = generation_operators.running.share
             row = layout.row(align=True)
