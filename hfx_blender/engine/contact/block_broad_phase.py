@@ -88,6 +88,7 @@ class BlockBroadPhase:
         number = boxes.number.get(animated)
         if number is None or boxes.size < FEWEST_PAIRS:
             return False
+        # One test for all volumes at once.
         key = (body.id, model_id, is_bent)
         if key not in self._near:
             self._near[key] = boxes.meet(*self._body_box(body, model_id), is_bent=is_bent)

@@ -176,6 +176,7 @@ class CompiledBroadPhase:
     ) -> Reached:
         """Run ``hfx_reach`` with arrays for all near clusters at all rows."""
         near, count = self.near_count, self._target.count
+        # Room for every near cluster at every row; the library returns the used part.
         clusters, rows, steps = np.empty((3, near * count), np.int64)
         how = np.empty(near * count, np.uint8)
         pairs = Pairs(clusters, rows, how, steps).pointers

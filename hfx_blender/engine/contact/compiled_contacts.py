@@ -68,6 +68,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     if not len(reached.clusters):
         return _nothing
     pairs, posing = reached.pairs, _posing(query, reached)
+    # Dense weights, for the cells of reached clusters only.
     columns, column_of = gathering.columns_of(reached.clusters, table)
     weights = gathering.no_weights(table, len(rows), len(columns), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
@@ -79,8 +80,8 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     def collect() -> Contacts:
         counters.vertices_posed += narrow()
         own_sets = query.own_sets or arrays is not None
-        felt = gathering.gathered(table, weights, columns, query.reported, own_sets)
-        at, sets, offsets, vertices, values = felt
+        gathered = gathering.gathered(table, weights, columns, query.reported, own_sets)
+        at, sets, offsets, vertices, values = gathered
         details = None
         if arrays is not None:
             row, column = np.repeat(at, np.diff(offsets)), np.searchsorted(columns, vertices)

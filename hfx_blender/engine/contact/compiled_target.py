@@ -99,6 +99,7 @@ class PlacedTarget:
         self.rows = rows = i64(rows)
         self.room, self.is_usable = np.empty(count * _ENDS[-1]), np.zeros(count, np.bool_)
         first = self.room.ctypes.data
+        # All fields share one allocation, each at a fixed multiple of the row count.
         places = [first + count * end * self.room.itemsize for end in _ENDS[:-1]]
         rises = falloff.is_flat, falloff.kind is FalloffKind.SMOOTH, falloff.share
         self.pointers = structure("hfx_target")(
@@ -133,6 +134,7 @@ class PlacedTarget:
             # The boxes at both ends of half a turn miss what a blade sweeps, so boxes in between
             # count.
             low, high = boxes[:, 0].copy(), boxes[:, 1].copy()
+            # Between rows a volume is at least in the boxes of both ends.
             low[1:], high[1:] = np.minimum(low[1:], low[:-1]), np.maximum(high[1:], high[:-1])
         for k in np.unique(self._which[is_mesh]).tolist():
             shape, mine = self._shapes[k], self._which == k

@@ -100,6 +100,7 @@ class DetailArrays:
         for row in np.unique(rows).tolist():
             mine = np.flatnonzero(rows == row)
             depths = shapes[row].depth_m(samples[mine].T, matrices[row])
+            # By column, deepest first; the first sample of each column is kept.
             order = np.lexsort((-depths, columns[mine]))
             order = mine[order[np.flatnonzero(np.diff(columns[mine][order], prepend=-1))]]
             self.places[row, columns[order]] = samples[order]

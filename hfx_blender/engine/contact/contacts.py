@@ -125,6 +125,7 @@ def _contacts_at(
     with_details = query.asks_details
     is_solid = inverse_placement(query.pose.to_world[rows])[1]
     for k in np.flatnonzero(reported).tolist():
+        # Tracking needs an invertible frame of the body at both rows.
         is_tracked = follows[k] and math.isfinite(skin.edge_m) and is_solid[k - 1 : k + 1].all()
         row, before = int(rows[k]), int(rows[k - 1]) if is_tracked else None
         near = _cells_near(body, volume, row, before)

@@ -136,6 +136,7 @@ def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
     count = int(total[-1]) // _WORTH
     if count < 2:
         return [pairs]
+    # Cuts at the first pair of a cluster, nearest to equal shares of the work.
     begins = np.concatenate([[True], pairs.clusters[1:] != pairs.clusters[:-1]]).nonzero()[0]
     targets = total[-1] * np.arange(1, count) / count
     inner = begins[np.minimum(np.searchsorted(total[begins], targets), len(begins) - 1)]
@@ -204,5 +205,6 @@ def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tupl
         inverses, _ = inverse_placement(volumes.at(k / steps))
         places.append(inverses @ bodies.at(k / steps))
     path = np.stack(places)
+    # From shape to body space at the start or end, then back to shape space at each step.
     before, after = (inverse_placement(at)[0] @ volume[k] for k, at in enumerate(body))
     return path @ before, path @ after

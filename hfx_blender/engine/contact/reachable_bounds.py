@@ -63,6 +63,7 @@ def bends_m(boxes: F64, follows: Bool) -> F64:
     known = (follows[1:-1] & follows[2:]).reshape(-1, *[1] * (bends.ndim - 1))
     ways = np.abs(boxes[2:] - 2.0 * boxes[1:-1] + boxes[:-2]).max(axis=(-2, -1))
     bends[1:-1] = np.where(known, np.nan_to_num(ways), 0.0)
+    # A path between two rows is bounded by the larger second difference of both.
     before = np.concatenate([np.zeros_like(bends[:1]), bends[:-1]])
     return np.asarray(0.5 * np.maximum(bends, before))
 

@@ -44,6 +44,7 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
     if not pieces:
         return []
     ids = np.concatenate(pieces)
+    # Stack of pending pieces, the first on top, with room for the halves of one piece.
     todo = np.zeros(len(pieces) + _DEPTH, np.int64)
     todo[: len(pieces)] = np.cumsum([len(piece) for piece in pieces])[::-1]
     ends, room = np.empty(len(ids), np.int64), np.empty((2, len(ids)), np.uint64)
@@ -92,7 +93,7 @@ def outlined(
 class Outline:
     """Boxes at rest of the skin that each bone moves, cluster by cluster; ``hfx_outline``.
 
-    A *pair* is a cluster and one of its bones.
+    A *pair* is a cluster with a bone.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ class Outline:
     Attributes
     ----------
     pointers : Structure
-        ``hfx_outline``; holds its arrays.
+        ``hfx_outline``.
     """
 
     def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:
@@ -156,7 +157,7 @@ class CellGroups:
     """Bounds of cell sizes in any pose, for groups of cells on a body that bones move.
 
     The size of a cell is the mean distance of its skin from its vertex. Bones stretch skin and pull
-    it apart at joints, so the bones alone bound the sizes in a whole cluster; no skin is posed to
+    skin apart at joints, so the bones alone bound the sizes in a whole cluster; no skin is posed to
     decide that testing the vertices suffices.
 
     Derivation: let the place x of skin have weights u, the cell's vertex at y have weights v, and
@@ -203,7 +204,7 @@ class CellGroups:
         mesh : SurfaceArrays
             Surface of ``table``.
         surface, own : Clusters
-            Bone weights of the surface's vertices and of the model's own vertices, with these
+            Bone weights of the surface's vertices and of the model's own vertices, with the
             clusters added; ``own`` is None where both meshes are the same.
         """
         # Work space for the largest cluster, and results for the largest possible number of groups
@@ -213,7 +214,7 @@ class CellGroups:
         bones = surface.most_bones + (0 if own is None else own.most_bones)
         most = int(max(places.max(), cells.max()))
         groups, pairs = int(cells.sum()), int(cells.sum()) * bones
-        place = np.zeros(len(mesh.vertices), np.int64)
+        place_of_vertex = np.zeros(len(mesh.vertices), np.int64)
         counts = np.empty(2 * most + bones * (bones + 3), np.int64)
         room = np.empty(most * (10 + 8 * bones) + bones)
         firsts = np.empty((2, len(clusters) + 1), np.int64)
@@ -227,7 +228,7 @@ class CellGroups:
         ]
         loaded().hfx_cell_groups(
             *(table_structure(table), mesh_structure(mesh), surface.table, own and own.table),
-            *(len(clusters), clusters, place, counts, room),
+            *(len(clusters), clusters, place_of_vertex, counts, room),
             structure("hfx_found_groups")(*firsts, *arrays),
         )
         of_groups, of_pairs = firsts

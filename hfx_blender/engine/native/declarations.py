@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Signatures and structures of the library, as ctypes types.
 
-The build reads them from the C sources (``release/native_interface.py``) and the library returns
-them as JSON. ``int64_t`` and ``double`` become numbers, ``const double *`` a float64 array for
+The build reads the C sources (``release/native_interface.py``); the library returns the result
+as JSON. ``int64_t`` and ``double`` become numbers, ``const double *`` a float64 array for
 reading, ``double *`` a float64 array for writing, ``const hfx_tree *`` a structure. Each array and
 structure may be None.
 """
@@ -34,9 +34,9 @@ _structures: dict[str, list[tuple[str, str, int]]] = {}
 class ArrayOf:
     """Type of an argument or field that is an array or None.
 
-    A read-only array is made contiguous and converted within its kind of number; an array for
-    writing must have the right type and be contiguous. A call keeps its arguments until it returns
-    and a :class:`Structure` keeps its fields, so no memory is freed while C reads it.
+    A read-only array is made contiguous and converted within the kind of number; an array for
+    writing must have the right type and be contiguous. A call keeps arguments until the end
+    and a :class:`Structure` keeps fields, so no memory is freed while C reads it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class ArrayOf:
         Raises
         ------
         TypeError
-            The array holds another kind of number; or it is for writing and has another type or is
+            The array holds another kind of number; or is for writing and has another type or is
             not contiguous.
         """
         if array.dtype is self._first:
@@ -91,6 +91,7 @@ class ArrayOf:
         return fitting.ctypes.data
 
     def _of_type(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Array of an accepted type; a read-only array is converted, else TypeError."""
         if not self._types or array.dtype in self._types:
             return array
         if self._is_written:
@@ -98,6 +99,7 @@ class ArrayOf:
         return array.astype(self._types[0], casting="same_kind")
 
     def _contiguous(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Contiguous array; a read-only array is copied if necessary, else TypeError."""
         if self._is_written and not array.flags.c_contiguous:
             raise TypeError("expected a contiguous array")
         return np.ascontiguousarray(array)
@@ -123,13 +125,13 @@ class Structure(ctypes.Structure):
         super().__init__(*[_stored(kind, value, self.kept) for kind, value in pairs])
 
     def put(self, name: str, value: Any) -> None:
-        """Set a field; see :class:`Structure` for its value."""
+        """Set a field; see :class:`Structure` for values."""
         self.kept.append(value)
         setattr(self, name, _stored(self._kinds[name], value, self.kept))
 
 
 def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
-    """Convert a field's value to its C type; converted arrays are appended to ``kept``."""
+    """Convert a field's value to C; converted arrays are appended to ``kept``."""
     if value.__class__ is np.ndarray:
         return kind.address(value, kept)
     if value.__class__ is list:
@@ -168,7 +170,7 @@ def declare(library: ctypes.CDLL) -> None:
 
 
 def _kind(declared: str) -> Any:
-    """Type of an argument or field from its C declaration.
+    """Type of an argument or field from the C declaration.
 
     ``T **`` is an array of addresses.
     """

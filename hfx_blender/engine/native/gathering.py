@@ -31,7 +31,7 @@ def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
     vertices : (C,) int32
         Vertex of each column, ascending.
     column_of : (cells,) int64
-        Column of each of the table's cells; valid for cells of these clusters only.
+        Column of each of the table's cells; valid for cells of the given clusters only.
     """
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
@@ -42,6 +42,7 @@ def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
 
 
 def _compute_columns(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
+    """Columns of clusters, as :func:`columns_of`, computed."""
     count = len(table.cells)
     is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
     columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
@@ -60,6 +61,7 @@ def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) 
     """
     cleared, size = _CLEARED.setdefault(table, []), rows * columns
     fitting = (k for k, room in enumerate(cleared) if room.size >= size and room.dtype == precision)
+    # The first large enough array of the right type.
     which = next(fitting, None)
     room = np.zeros(size, precision) if which is None else cleared.pop(which)
     return room[:size].reshape(rows, columns)

@@ -15,7 +15,7 @@ from .library import library, loaded
 def from_quaternions(quaternions: F64) -> F64 | None:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4), w first; None without a library.
 
-    Quaternions are normalised; one of length 0 is half a turn about X, as in Blender.
+    Quaternions are normalised; length 0 is half a turn about X, as in Blender.
     """
     native = library()
     if native is None:

@@ -33,7 +33,7 @@ def library() -> ctypes.CDLL | None:
 
 
 def loaded() -> ctypes.CDLL:
-    """Compiled library; the caller has made sure that one exists."""
+    """Compiled library; must exist."""
     native = library()
     assert native is not None
     return native
@@ -50,7 +50,7 @@ def state() -> str:
 
 
 def find_library() -> tuple[ctypes.CDLL | None, str]:
-    """Search for a library and load it, ignoring any library loaded before.
+    """Search for a library and load the first usable file, ignoring any loaded before.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def find_library() -> tuple[ctypes.CDLL | None, str]:
 def _places() -> Iterator[Path]:
     """Existing library files: in this folder, then in the module that a Blender extension bundles.
 
-    The module is named after the digest of the sources; none of its code is imported.
+    The module is named after the digest of the sources; no code of the module is imported.
     """
     folders = [Path(__file__).parent]
     try:
@@ -83,7 +83,7 @@ def _places() -> Iterator[Path]:
 
 
 def _load(path: Path) -> ctypes.CDLL:
-    """Load a library file and declare its functions.
+    """Load a library file and declare the functions.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def _load(path: Path) -> ctypes.CDLL:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Test a Linux library (ELF) for a missing end; False for other kinds of files."""
+    """Test a Linux library (ELF) for a missing end; False for all further kinds of files."""
     with path.open("rb") as file:
         head = file.read(64)
         size = file.seek(0, os.SEEK_END)

@@ -20,7 +20,7 @@ def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margi
     corners : (F, 3, 3) float64
         Triangle, corner, axis; in cells.
     listed, columns : (n,) int64
-        Triangle, and column in which it is listed.
+        Triangle, and column of the list entry.
     cells : (3,) int64
         Number of cells along each axis.
     margin : float
@@ -57,10 +57,10 @@ def leaf_order(corners: F64) -> I64:
 
 
 def tree_structure(corners: F64, order: I64) -> Any:
-    """Bounding-box tree over triangles (F, 3, 3), ``hfx_tree``; holds its arrays.
+    """Bounding-box tree over triangles (F, 3, 3), ``hfx_tree``.
 
-    ``order`` (2^k,) is the triangle of each leaf. Boxes are those of nodes: 1 is the root, 2 n and
-    2 n + 1 are the children of n, the leaves are last. Frames are those of the leaves' triangles.
+    ``order`` (2^k,) is the triangle of each leaf. Boxes belong to nodes: 1 is the root, 2 n and
+    2 n + 1 are the children of n, the leaves are last. Frames belong to the leaves' triangles.
     """
     corners, order = f64(corners), i64(order)
     boxes, frames = np.zeros((2 * len(order), _BOX)), np.empty((len(order), _FRAME))
@@ -86,7 +86,7 @@ class NativeMesh:
     middle : (3,) float64
         Centre of the mesh's box, shape space.
     depth : float
-        Radius of the largest inscribed ball; 0 without falloff, which alone needs it.
+        Radius of the largest inscribed ball; 0 without falloff.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bones that move skin, and skin weights cluster by cluster; ``skin.h``, ``skin_binding.c``.
 
-A *place* is a vertex of a cluster's outline, a *pair* a cluster with one of its bones.
+A *place* is a vertex of a cluster's outline, a *pair* a cluster with a bone.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class PosedBones:
 
 
 class BoundClusters:
-    """Skin weights of a model's vertices, and its clusters.
+    """Skin weights of a model's vertices, and the model's clusters.
 
     Parameters
     ----------
@@ -146,8 +146,8 @@ class BoundClusters:
 class Clusters:
     """Per-cluster arrays of one model bound to bones, as the library reads them.
 
-    Entries are computed on demand. Arrays are never changed afterwards, so that other threads may
-    read them; a new entry gets new arrays.
+    Entries are computed on demand. Arrays are never changed afterwards, so that further threads may
+    read on; a new entry gets new arrays.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class Clusters:
         """Compute missing entries of some clusters.
 
         With a table, whose skin must be filled in there, also the distances and weight differences
-        between neighbouring units; these stay 0 otherwise.
+        between neighbouring units; 0 otherwise.
         """
         new = missing_ids(self._is_known, clusters)
         if len(new):
@@ -205,6 +205,7 @@ class Clusters:
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
         zeros = np.zeros_like(places)
+        # In the order of the fields of ``hfx_cluster``; the last two wait for ``_link``.
         arrays = entry_bones, weights, firsts, rest, self._bones, moved, *2 * (self._unlinked,)
         at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, zeros, zeros
         self._point_to(clusters, dict(enumerate(zip(arrays, at, strict=True))))

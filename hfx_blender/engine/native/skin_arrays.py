@@ -93,7 +93,7 @@ def fill(
         For each vertex of the mesh: largest distance of skin from a sample, and this distance at
         the finest, metres; then the reciprocal spacing of vertices, up to a constant factor.
     most_share : float
-        Largest share of a unit's skin that its vertex represents as one of the samples.
+        Largest share of a unit's skin that the vertex represents as a sample.
 
     Returns
     -------
@@ -120,5 +120,5 @@ def fill(
 
 
 def place_samples(table: SkinTableArrays, clusters: I64) -> None:
-    """Write the samples of filled-in clusters; the table must have room for them."""
+    """Write the samples of filled-in clusters; the table must have room."""
     loaded().hfx_place_samples(table_structure(table), len(clusters), clusters)

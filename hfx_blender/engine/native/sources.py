@@ -19,9 +19,9 @@ def files(folder: Path = FOLDER) -> list[Path]:
 
 
 def digest() -> str | None:
-    """Digest of the sources, 16 hexadecimal digits; None where they are not installed.
+    """Digest of the sources, 16 hexadecimal digits; None without sources.
 
-    Line ends count as ``\n``, as git may convert them.
+    CRLF counts as LF, as git may convert line ends.
     """
     hasher = hashlib.sha256()
     paths = files()

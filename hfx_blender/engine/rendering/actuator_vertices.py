@@ -44,7 +44,7 @@ def rows_of(
 def vertices_of(place: Place, model: PerceptualModel) -> I32:
     """Vertices of ``model`` that a place reaches, ascending; not to be changed.
 
-    A place on the body always reaches the nearest vertex of its parts, even beyond its radius, so
+    A place on the body always reaches the nearest vertex of the parts, even beyond the radius, so
     that an actuator between the vertices of a coarse model still plays. Empty for named vertices
     without a set for this model.
 
@@ -102,6 +102,7 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
         )
     within = distances <= place.radius_m
     within[nearest] = True
+    # Skin that strokes over the device feels it anywhere on the named parts.
     if place.stroked_by:
         strokers = np.flatnonzero(on_parts(place.stroked_by, model))
         return np.union1d(candidates[within], strokers).astype(np.int32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coverage scheme of HFX Studio: actuators respond to the vertices that they share with samples.
+"""Coverage scheme of HFX Studio: actuators respond to the vertices shared with samples.
 
 Danieau et al., VRST 2018, section 3.3: data and devices refer to vertices of the same perceptual
 model; shared vertices are rendered.
@@ -105,6 +105,7 @@ class ActuatorCells:
             dense[:, self._slot_of[vertices[shared]]] = weights.reshape(count, size)[:, shared]
             return dense
         shared = np.flatnonzero(self._is_reached[vertices])
+        # Scatter each sample's shared weights into its row of the dense array.
         firsts = np.searchsorted(shared, offsets - offsets[0])
         row_starts = np.repeat(np.arange(count) * len(self.reached), np.diff(firsts))
         dense.ravel()[row_starts + self._slot_of[vertices[shared]]] = weights[shared]

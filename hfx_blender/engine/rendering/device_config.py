@@ -85,7 +85,7 @@ class ActuatorType:
 
 @dataclass(frozen=True)
 class Scheme:
-    """Rendering scheme, from intensity on the skin to gains of actuators, with its options."""
+    """Rendering scheme, from intensity on the skin to gains of actuators, with options."""
 
     name: SchemeName = "coverage"
     statistic: Statistic = "strongest"  # coverage
@@ -123,8 +123,8 @@ class VertexPlace:
 class BodyPlace:
     """Patch of skin: a ball, restricted to parts and a side of the body.
 
-    ``stroked_by`` names parts that stroke over the device, as fingers over a phone, and feel it
-    too.
+    ``stroked_by`` names parts that stroke over the device, as fingers over a phone, and feel the
+    effect too.
     """
 
     parts: tuple[str, ...]
@@ -153,7 +153,7 @@ Place = VertexPlace | BodyPlace | RoomPlace
 
 @dataclass(frozen=True)
 class Actuator:
-    """Actuator with its type and place."""
+    """Actuator with type and place."""
 
     id: str
     type: ActuatorType
@@ -176,7 +176,7 @@ class Substitution:
 
 @dataclass(frozen=True)
 class Brand:
-    """Maker and model of a device, and its identification on a bus."""
+    """Maker and model of a device, and identification on a bus."""
 
     vendor: str
     model: str
@@ -186,7 +186,7 @@ class Brand:
 
 @dataclass(frozen=True)
 class ScriptFiles:
-    """Files of a device's script; whether it may run is decided elsewhere."""
+    """Files of a device's script; permission to run is decided elsewhere."""
 
     script: Path
     configuration: Path
@@ -202,7 +202,7 @@ class SerialTransport:
 
 @dataclass(frozen=True)
 class UdpTransport:
-    """Datagrams to a host: this computer or its own network."""
+    """Datagrams to a host: this computer or the local network."""
 
     host: str
     port: int
@@ -210,7 +210,7 @@ class UdpTransport:
 
 @dataclass(frozen=True)
 class WebsocketTransport:
-    """Websocket server on this computer or its own network."""
+    """Websocket server on this computer or the local network."""
 
     host: str
     port: int
@@ -251,7 +251,7 @@ class OscEncoder:
     """OSC 1.0 messages, a float for each channel."""
 
     addresses: tuple[str, ...]  # one template for all channels, or an address for each
-    is_fraction: bool  # 0..1 of the control's range, else in its unit
+    is_fraction: bool  # 0..1 of the control's range, else in the control's unit
     is_bundle: bool  # all messages in one datagram
 
 
@@ -277,7 +277,7 @@ class BhapticsEncoder:
     dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
 
     def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
-        """Dots of the device on its right or, if mirrored, opposite side."""
+        """Dots of the device as configured or, if mirrored, of the opposite side."""
         if not is_mirrored:
             return self.dots
         return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
@@ -310,21 +310,21 @@ class DeviceConfig:
     brand: Brand | None = None
     width_m: float | None = None
     height_m: float | None = None
-    side: str | None = None  # side of the body, if it can change
+    side: str | None = None  # side of the body; None: fixed
     is_mirrored: bool = False  # places are written for the opposite side
     output: OutputConfig | None = None  # live output; None: none
     surface_drive_per_m: float | None = None  # c_v of this device; None: the common c_v
     script: ScriptFiles | None = None  # None: no script
 
     def rendered_by(self, scheme: str) -> DeviceConfig:
-        """Device with another scheme of default options; itself for "" or its own scheme."""
+        """Device with another scheme of default options; unchanged for "" or the present scheme."""
         if not scheme or scheme == self.scheme.name:
             return self
         return replace(self, scheme=Scheme(cast(SchemeName, scheme)))
 
     @cached_property
     def controls(self) -> tuple[ActuatorControl, ...]:
-        """Controls of all actuators, actuator by actuator: one for each column of a raster."""
+        """Controls of all actuators, actuator by actuator: a control for each raster column."""
         return tuple(c for actuator in self.actuators for c in actuator.type.controls)
 
     @cached_property

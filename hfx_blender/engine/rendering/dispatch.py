@@ -26,7 +26,7 @@ ModelLoader = Callable[[str], PerceptualModel]
 
 
 def rendered_modalities(device: DeviceConfig, modality: str) -> set[str]:
-    """Actuator modalities that render a modality: itself, and the target of its substitution."""
+    """Actuator modalities that render a modality, including a substitution's target."""
     substitution = device.substitutions.get(modality)
     return {modality} if substitution is None else {modality, substitution.target}
 
@@ -45,7 +45,7 @@ class ActuatorGroup:
     neutral, lowest, highest : (A,) float64
         Of the strength.
     play_space : PlaySpace
-        The world until it is set.
+        Initially the world.
     """
 
     def __init__(self, device: DeviceConfig, modality: str, models: ModelLoader) -> None:
@@ -90,10 +90,11 @@ class ActuatorGroup:
             A place of the device does not fit the run's model.
         """
         if run.drive is not None:
-            return run.drive.gains(self._device.id, [each.id for each in self._actuators])
+            return run.drive.gains(self._device.id, [actuator.id for actuator in self._actuators])
         panning = None if run.focus is None else self.panning_on(run.stream.model_id)
         if panning is not None and run.focus is not None:
             return panning.gains(run.focus)
+        # Gains of each distinct vertex set, then of each sample.
         of_sets = self.cells_on(run.stream.model_id).gains(
             run.offsets, run.vertices, run.weights, self._device.scheme.statistic
         )
@@ -104,7 +105,7 @@ class ActuatorGroup:
 
     def notes(self) -> Iterator[str]:
         """Notes on settings of the device without effect on the models rendered so far."""
-        ids = [each.id for each in self._actuators]
+        ids = [actuator.id for actuator in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
             text = f"device '{self._device.id}': {self.modality} actuators that reach no vertex of"
@@ -122,9 +123,11 @@ class ActuatorGroup:
         model = self._models(run.stream.model_id)
         points = self.play_space.local(run)
         for column in self._standing:
-            place = self._actuators[column].place
-            assert isinstance(place, RoomPlace)
-            gains[:, column] = room_gains(place, on_parts(place.parts, model), run, points)
+            room_place = self._actuators[column].place
+            assert isinstance(room_place, RoomPlace)
+            gains[:, column] = room_gains(
+                room_place, on_parts(room_place.parts, model), run, points
+            )
 
     def panning_on(self, model_id: str) -> FocusPanning | None:
         """Panning of spots on a model, cached; None without panning."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rendering of single moments: present values of a device's actuators.
 
-A moment is a track of one row. Update intervals are not held, and latency is not compensated: the
-caller passes later samples to :meth:`MomentRenderer.ahead`.
+A moment is a track with a single row. Update intervals are not held, and latency is not
+compensated: the caller passes later samples to :meth:`MomentRenderer.ahead`.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class MomentRenderer:
     Parameters
     ----------
     scene : SceneDescription or TrackHeader
-        A scene, or its :func:`moment_header`.
+        A scene, or a header of :func:`moment_header`.
     models : callable
-        Loads a perceptual model by its id.
+        Loads a perceptual model by id.
     body_id : str, optional
         Body that wears the device; optional for a scene with one body.
 
@@ -127,21 +127,21 @@ class MomentRenderer:
     def tones(self) -> list[Partial]:
         """Sines of the last rendered moment, one for each effect, at the W waveform actuators.
 
-        With one row each; together within the device's limits.
+        With a single row each; together within the device's limits.
         """
         return list(self._renderer.partials())
 
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones, for each actuator of the time at which it will respond.
+        """Values and tones, each actuator's at the time of response.
 
         Parameters
         ----------
         now : sequence of SampleRun
             Samples of the present moment.
         later : mapping
-            Latency in milliseconds to the samples that much later; other latencies are not
+            Latency in milliseconds to samples so much later; missing latencies are not
             compensated.
         """
         values, tones = self.values(now), self.tones()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layout on its mount: flat, or bent to a cylinder that preserves distances along its arcs.
+"""Layout on its mount: flat, or bent to a cylinder with equal distances along the arcs.
 
 The cylinder touches the mount's plane along the y axis; x is an arc length. Seen from outside, with
 x to the right and y up, ``x_axis`` times ``y_axis`` points away from the body, so a cylinder with a
@@ -46,6 +46,7 @@ def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
     radius = mount.bend_radius_m
     if radius is None:
         return flat
+    # Distance from the cylinder's axis along the normal, and the angle about the axis.
     away = offsets @ np.cross(*axes) + radius
     angle = np.arctan2(np.sign(radius) * flat[:, 0], np.sign(radius) * away)
     flat[:, 0] = radius * (seam_rad - np.mod(seam_rad - angle, _TURN))
@@ -77,7 +78,7 @@ class Pad:
         if radius is not None:
             angles = np.sort(on_mount(mount, centres)[:, 0] / radius)
             gaps = np.diff(angles, append=angles[0] + _TURN)
-            # The seam lies in the middle of the widest gap, where it separates no neighbours.
+            # The seam lies in the middle of the widest gap, between no two neighbours.
             widest = int(np.argmax(gaps))
             self._seam_rad = float(np.mod(angles[widest] + 0.5 * gaps[widest], _TURN))
             half_gap_m = 2.0 * abs(radius) * np.sin(0.25 * gaps[widest])

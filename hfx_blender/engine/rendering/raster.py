@@ -58,7 +58,7 @@ class Shortfall:
 
 @dataclass(frozen=True, eq=False)
 class FeltStream:
-    """Samples of a stream on the wearer, and which of them the device rendered."""
+    """Samples of a stream on the wearer, and the rendered part."""
 
     stream: Stream
     indices: I64  # (n,) sample indices
@@ -108,7 +108,7 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
     Parameters
     ----------
     rasters : iterable of Raster
-        Of one track, each for the body that wears its device.
+        Of the same track, each for the wearer of its device.
 
     Returns
     -------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering of whole tracks for devices, on each body that wears them."""
+"""Rendering of whole tracks for devices, on each wearer."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def render(
     ----------
     runs : iterable of SampleRun
         Block after block in time, within a block in the order of ``header.streams``, as from
-        ``TrackReader.runs()`` and ``Engine.evaluate``. Memory holds one block.
+        ``TrackReader.runs()`` and ``Engine.evaluate``. Memory holds a single block.
     models : callable
-        Loads a perceptual model by its id.
+        Loads a perceptual model by id.
     body_id : str, optional
         Body that wears the device; optional for a track with one body.
 
@@ -53,17 +53,17 @@ def render(
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
     """Split a track's runs into blocks of time."""
-    place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
+    position = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
-    last = -1
+    previous = -1
     for run in runs:
-        here = place[run.stream.effect_id, run.stream.body_id]
+        current = position[run.stream.effect_id, run.stream.body_id]
         # Within a block streams ascend, so a stream that is not later starts the next block.
-        if here <= last:
+        if current <= previous:
             yield block
             block = []
         block.append(run)
-        last = here
+        previous = current
     if block:
         yield block
 

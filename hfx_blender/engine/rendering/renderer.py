@@ -60,12 +60,12 @@ class _GroupShare:
 class Renderer:
     """Renderer of a track's blocks, in order of time, for one device.
 
-    Memory: the arrays of one block, the raster (8 bytes per time and column), 20 bytes per sample.
+    Memory: arrays of a block, the raster (8 bytes per time and column), 20 bytes per sample.
 
     Parameters
     ----------
     models : callable
-        Loads a perceptual model by its id.
+        Loads a perceptual model by id.
     body_id : str, optional
         Body that wears the device; optional for a track with one body.
     compensates_latency : bool
@@ -144,6 +144,7 @@ class Renderer:
         if not runs:
             return
         rows = np.unique(np.concatenate([run.indices for run in runs]))
+        # Blocks in order of time are required by held frequencies.
         if rows[0] < self._next_row or rows[-1] >= len(self._values):
             raise ValueError(f"samples {rows[0]} to {rows[-1]} come out of order")
         self._next_row = int(rows[-1]) + 1
@@ -176,6 +177,7 @@ class Renderer:
         notes += self._missing.notes(self._header)
         late = []
         for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
+            # Rows within the latency cannot be advanced any further; see ``advanced``.
             rows = self._late_rows(kind)
             if (self._values[:rows, part.start] != self._neutral[part.start]).any():
                 late.append(actuator.id)
@@ -192,7 +194,7 @@ class Renderer:
         return run.parameters[:, 0]
 
     def _model(self, model_id: str) -> PerceptualModel:
-        """Load a model; InputError if it differs from the model of the recording."""
+        """Load a model; InputError unless equal to the model of the recording."""
         model = self._models(model_id)
         recorded = next(m for m in self._header.models if m.id == model_id)
         if recorded.content_hash != model.content_hash:
@@ -256,6 +258,7 @@ class Renderer:
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
             columns = group.strength_columns + 1
+            # Silence keeps the neutral frequency, so that devices do not retune.
             is_silent = mixed.strengths == 0.0
             frequencies = np.where(is_silent, self._neutral[columns], mixed.frequencies_hz)
             self._values[rows[:, None], columns] = frequencies
@@ -297,34 +300,36 @@ class Renderer:
         Parameters
         ----------
         answers : (T, columns) float64, optional
-            Output of the device's script for :meth:`script_input`; held and limited like other
+            Output of the device's script for :meth:`script_input`; held and limited like all
             values. Samples at changed rows count as rendered if any actuator plays there, else as
             not rendered.
         """
         time = self._header.time
         for part, kind in self._parts():
             self._values[:, part] = self._held(self._early(part, kind), part, kind)
-        felt = tuple(_felt(stream, outcomes) for stream, outcomes in self._outcomes.items())
-        shortfalls = tuple(self._shortfalls(felt))
+        streams = tuple(_felt(stream, outcomes) for stream, outcomes in self._outcomes.items())
+        shortfalls = tuple(self._shortfalls(streams))
         partials = self.partials()
+        # A script replaces the values; what was rendered is judged anew at the rows that it
+        # changed.
         if answers is not None:
             without, self._values = self._values, np.zeros_like(self._values)
             for part, kind in self._parts():
                 self._values[:, part] = self._held(answers[:, part], part, kind)
-            partials = ()  # a script sets one frequency for each actuator
+            partials = ()  # a script sets a single frequency per actuator
             is_changed, is_on = self._changes(without)
             if is_changed.any():
-                felt = tuple(
+                streams = tuple(
                     replace(
                         stream,
                         is_rendered=np.where(
                             is_changed[stream.indices], is_on[stream.indices], stream.is_rendered
                         ),
                     )
-                    for stream in felt
+                    for stream in streams
                 )
                 # Whether the script compensated the actuators' limits is unknown.
-                shortfalls = tuple(s for s in self._shortfalls(felt) if s.reason in _UNPLAYED)
+                shortfalls = tuple(s for s in self._shortfalls(streams) if s.reason in _UNPLAYED)
         self._next_row = len(self._values)
         return Raster(
             device_id=self._device.id,
@@ -336,7 +341,7 @@ class Renderer:
             values=self._values,
             neutral=self._neutral,
             shortfalls=shortfalls,
-            felt=felt,
+            felt=streams,
             waveform_actuators=tuple(a.id for a in self._sounding) if answers is None else (),
             partials=partials,
         )
@@ -353,7 +358,7 @@ class Renderer:
         )
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
-        """Columns of an actuator, advanced by its latency."""
+        """Columns of an actuator, advanced by the latency."""
         latency_ms = kind.latency_ms if self._compensates_latency else 0.0
         rate_hz = self._header.time.rate_hz
         return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
@@ -362,14 +367,14 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values sent to an actuator: held between its updates, and limited."""
+        """Values sent to an actuator: held between updates, and limited."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
         """Masks (T,) of rows that a script changed, and of rows in which any actuator plays.
 
-        Includes the rows at which late actuators respond to these.
+        Includes the rows at which late actuators respond.
         """
         is_changed, is_on = np.zeros((2, len(without)), np.bool_)
         for part, kind in self._parts():
@@ -395,7 +400,7 @@ class Renderer:
         )
 
     def _why_not(self, stream: Stream) -> Reason:
-        """Reason for which samples of a stream drive no actuator."""
+        """Reason for samples that drive no actuator: ``device``, ``place`` or ``modality``."""
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"

@@ -76,14 +76,14 @@ class PlaySpace:
 
     def pose(self, index: int) -> F64:
         """Play space to world at a sample, (4, 4)."""
-        place = max(int(np.searchsorted(self._indices, index, side="right")) - 1, 0)
-        return affine_inverse(self._inverses[place][None])[0]
+        entry = max(int(np.searchsorted(self._indices, index, side="right")) - 1, 0)
+        return affine_inverse(self._inverses[entry][None])[0]
 
     def local(self, run: SampleRun) -> F64:
         """Positions of a run's entries in the play space, (total, 3) metres."""
         assert run.positions is not None
-        place = np.searchsorted(self._indices, run.indices, side="right") - 1
-        inverse = self._inverses[np.maximum(place, 0)]
+        entry = np.searchsorted(self._indices, run.indices, side="right") - 1
+        inverse = self._inverses[np.maximum(entry, 0)]
         inverse = np.repeat(inverse, run.sizes, axis=0)
         points = run.positions.astype(np.float64)
         return np.einsum("nij,nj->ni", inverse[:, :3, :3], points) + inverse[:, :3, 3]

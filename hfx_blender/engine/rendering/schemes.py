@@ -59,6 +59,7 @@ def cells_of(
         driven = [np.flatnonzero(panned.gains[:, a] > 0.0) for a in range(len(actuators))]
         rows = [panned.vertices[d] for d in driven]
         factors = [panned.gains[d, a] for a, d in enumerate(driven)]
+    # Places are configured for one side: mirror the vertices, sorted again.
     if device.is_mirrored:
         orders = [np.argsort(model.mirror[row]) for row in rows]
         rows = [model.mirror[row][order] for row, order in zip(rows, orders, strict=True)]
@@ -124,6 +125,7 @@ def _panned_layout(
         )
     vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
     anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
+    # All flat schemes share the rule that neighbours are close along the skin.
     neighbours = SkinNeighbours(model, centres, anchors)
     gains_at = _FLAT[device.scheme.name](device, centres)
 
@@ -137,7 +139,7 @@ def _panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Reason why a scheme cannot pan between actuators on a model; empty if it can.
+    """Reason why a scheme cannot pan between actuators on a model; empty without a reason.
 
     Raises
     ------
@@ -152,7 +154,7 @@ def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: Percept
 
 
 def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
-    """Centre of an actuator: configured, or the mean of its vertices weighted by area."""
+    """Centre of an actuator: configured, or the area-weighted mean of the vertices."""
     if isinstance(actuator.place, BodyPlace):
         return np.array(actuator.place.centre_m)
     areas = model.areas_m2[row].astype(np.float64)
@@ -168,11 +170,11 @@ def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: Perceptua
     """Vertices on the parts and sides of the actuators, ascending."""
     allowed = np.zeros(len(model), np.bool_)
     for actuator, row in zip(actuators, rows, strict=True):
-        place = actuator.place
-        if isinstance(place, BodyPlace):
-            on_place = on_parts(place.parts, model)
-            if place.side is not None:
-                on_place &= model.side == SIDES.index(place.side)
+        configured = actuator.place
+        if isinstance(configured, BodyPlace):
+            on_place = on_parts(configured.parts, model)
+            if configured.side is not None:
+                on_place &= model.side == SIDES.index(configured.side)
             allowed |= on_place
         else:
             label = model.part[row].astype(np.int64) * len(SIDES) + model.side[row]
@@ -182,7 +184,7 @@ def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: Perceptua
 
 
 def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F64]:
-    """Candidates near the layout, and their fade: 1 to one spacing away, 0 from two."""
+    """Candidates near the layout, with fades: 1 up to one spacing away, 0 from two."""
     points = model.vertices[candidates].astype(np.float64)
     distances = np.full(len(points), np.inf)
     for centre in centres:
@@ -193,7 +195,7 @@ def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F
 
 
 def _spacing_m(centres: F64) -> float:
-    """Largest distance of an actuator to its nearest neighbour, metres, equal places aside."""
+    """Largest distance of nearest neighbours, metres; actuators at one place do not count."""
     between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     between[between == 0.0] = np.inf
     nearest = between.min(axis=1)
@@ -270,6 +272,7 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
     if _have_directions(centres - middle):
         with suppress(ValueError):
             return _seen_from(middle, centres, np.eye(3))
+    # Flat layout: pan by directions in its plane about its middle.
     mount = _mount(device, centres)
     if mount.bend_radius_m is not None:  # a plane through the actuators is not the tangent plane
         mount = _fitted(centres)
@@ -279,6 +282,7 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
     if _have_directions((centres - centre) @ axes.T):
         return _seen_from(centre, centres, axes)
     normal = np.cross(*axes)
+    # An actuator in the middle has no direction: move the viewpoint behind the layout.
     behind = centre - np.linalg.norm(centres - centre, axis=1).max() * normal
     with suppress(ValueError):
         return _seen_from(behind, centres, np.eye(3))
@@ -340,12 +344,12 @@ class FocusPanning:
         places = known[:, :3] * [self._side, 1.0, 1.0]
         beyond_m = known[:, 3] - 0.5 * self._layout.spacing_m
         fades, gains = np.zeros(len(known)), self._layout.at(places)
-        for k, place in enumerate(places):
-            on_skin = self._skin.nearest(place)
+        for k, centre in enumerate(places):
+            on_skin = self._skin.nearest(centre)
             fades[k] = on_skin.weights @ self._fade[on_skin.corners]
             if beyond_m[k] > 0.0 and fades[k] > 0.0:
                 normal = on_skin.weights @ self._normals[on_skin.corners]
-                disc = _disc(place, normal, float(beyond_m[k]))
+                disc = _disc(centre, normal, float(beyond_m[k]))
                 gains[k] = np.maximum(gains[k], self._layout.at(disc).max(axis=0))
         faded: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
         return faded

@@ -74,5 +74,6 @@ class Panner:
         # does not jump from one side to the opposite one.
         share = np.clip(1.0 - lengths / self.hearing.spread_m, 0.0, 1.0)[:, None]
         everywhere = 1.0 / len(self._layout)
+        # Mixing powers keeps the loudness constant.
         power = (1.0 - share) * np.square(panned) + share * everywhere
         return np.sqrt(power) * dry[:, None], wet

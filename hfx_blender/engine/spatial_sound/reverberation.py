@@ -67,6 +67,7 @@ class Reverberators:
         if signal.shape != (self.block,):
             raise ValueError(f"signal: expected ({self.block},), got {signal.shape}")
         whole = np.zeros((len(self._tail), self._size))
+        # Overlap-add: the tail of all blocks before, plus the response to this block.
         whole[:, : self._tail.shape[1]] = self._tail
         if signal.any():
             spectrum = np.fft.rfft(signal, self._size)
@@ -87,6 +88,7 @@ class _Chain:
     def drawn(cls, channel: int, rate_hz: int, decay_s: float) -> _Chain:
         """Random chain of a channel, always the same; its longest section decays in ``decay_s``."""
         rng = np.random.default_rng([_SEED, channel])
+        # A comb with gain g and delay d decays by 60 dB in -3 d / log10(g) samples.
         longest = decay_s * rate_hz * -np.log10(_GAIN) / 3.0
         delays = longest * _SHRINKING ** np.arange(_SECTIONS)
         delays = np.maximum(delays * rng.uniform(_LEAST_SHARE, 1.0, _SECTIONS), 1.0)

@@ -226,7 +226,7 @@ class ContactFollower:
     def _paths(
         self, vertices: F64, places: NearestPlaces, time: I64, ids: I64, follows: Bool, carried: int
     ) -> ContactPaths:
-        """Paths of contacts since the time before; vertices in the space of the places."""
+        """Paths of places since the time before, with ``vertices`` in the space of the places."""
         triangle, weights = places.triangle, places.weights
         coordinates = self._mesh.coordinates_m.take(triangle, axis=0)
         now = np.einsum("nk,nkc->cn", weights, coordinates)
@@ -242,6 +242,8 @@ class ContactFollower:
         continued = ((key.take(slot) == key - _IDS) & (time >= 0) & follows[time]).nonzero()[0]
         if len(continued):
             was = before[continued] = slot[continued]
+            # The start of the path: on a deforming mesh, the old barycentric weights on the new
+            # vertices.
             material = places.place.take(was, axis=0)
             if len(vertices) > 1:
                 at = time[continued][:, None], self._mesh.triangles[triangle[was]]

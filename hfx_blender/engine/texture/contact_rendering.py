@@ -90,6 +90,8 @@ class ContactRenderer:
         strongest, texel = strongest_crossed(starts, ends, map_)
         if len(seam):
             count = len(moving)
+            # The stronger of both pieces counts; at a tie the lower texel number, as within a
+            # segment.
             second = (strongest[count:] > strongest[seam]) | (
                 (strongest[count:] == strongest[seam]) & (texel[count:] < texel[seam])
             )
@@ -115,6 +117,7 @@ class ContactRenderer:
         before = paths.before[carried:]
         row = np.where(before < carried, before * blocks + blocks - 1, before + shift)
         back[len(stored) :] = np.where(before >= 0, row, np.arange(len(stored), len(heights)))
+        # Only contacts of the last time continue in the next call.
         last = np.arange(paths.time.searchsorted(paths.time[-1:].max(initial=0)), len(paths))
         self._history = self._windows(heights, back, last + shift)
         windows = self._windows(heights, back, moving + shift)
@@ -135,7 +138,7 @@ class ContactRenderer:
         return windows.reshape(len(moving), self._blocks * self._steps)[:, -self._window :]
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
-        """Rows of heights with those before them, (n, blocks, steps)."""
+        """Rows of heights with the rows before them, (n, blocks, steps)."""
         rows = np.zeros((len(which), self._blocks), np.int64)
         for block in range(self._blocks - 1, -1, -1):
             rows[:, block] = which
@@ -145,7 +148,7 @@ class ContactRenderer:
     def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
         """Heights on each path that is not carried, (n, steps)."""
         steps = self._steps
-        # Rows and columns of where the pieces begin and end, (4, 2, n).
+        # Begin and end of both pieces in rows and columns, (4, 2, n).
         places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel
         texels = np.abs(places[1::2] - places[::2])
         texels = texels[0] + texels[1]
@@ -154,6 +157,8 @@ class ContactRenderer:
         seams = paths.seams - paths.carried
         if most <= steps * (1.0 + 1e-9) and new.size <= _AT_ONCE:
             return _on_the_way(field, self._order, places, seams, steps, 1)
+        # Oversample long paths, so that no step skips a texel; paths with equal factors share a
+        # call.
         factors = np.ceil(texels.max(axis=0) / steps - 1e-9).clip(1, _MAX_FACTOR)
         for factor in set(factors.tolist()):
             mine = (factors == factor).nonzero()[0]
@@ -169,7 +174,7 @@ class ContactRenderer:
 
 @lru_cache(maxsize=64)
 def _shares(count: int) -> F64:
-    """Middles of equal parts of a path, as shares of its length, (count,)."""
+    """Centres of ``count`` equal parts, as shares of a path's length."""
     shares: F64 = (np.arange(count) + 0.5) / count
     return shares
 
@@ -177,12 +182,14 @@ def _shares(count: int) -> F64:
 def _on_the_way(
     field: HeightField, order: Order, ends: F64, seams: I64, steps: int, factor: int
 ) -> F64:
-    """Heights (n, steps) on paths, each the mean of ``factor`` ones, so that no texel is skipped.
+    """Heights (n, steps) on paths, means of ``factor`` heights, so that no texel is skipped.
 
-    The way takes the time of a sample: its first half the first piece, then the second.
-    ``ends`` holds where both begin and end, in rows and columns of texels, (4, 2, n).
+    The first piece of a path takes the first half of a sample interval, the second piece the second
+    half. ``ends`` (4, 2, n) are begin and end of both pieces in rows and columns of texels;
+    ``seams`` are indices of paths with separate pieces.
     """
     shares = _shares(steps * factor)
+    # Without a seam both pieces form a straight line from ends[0] to ends[3].
     places = np.multiply.outer(ends[3] - ends[0], shares)
     places += (ends[0] - 0.5)[..., None]
     if len(seams):

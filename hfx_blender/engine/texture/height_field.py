@@ -94,6 +94,7 @@ class HeightField:
         low = np.floor(places)
         places -= low
         row, column = wrapped_cells(low.astype(np.int64), rows, columns, self.tiles)
+        # Index into the padded grid; each complex number is a height with its right neighbour.
         row *= columns + 2
         row += column
         lower = self._pairs[row]
@@ -184,6 +185,7 @@ def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
     flat = grid.ravel()
     shares_x, shares_y = _catmull_rom(x), _catmull_rom(y)
     columns_at = [wrapped(i + k, columns, tiles) for k in (-1, 0, 1, 2)]
+    # Separable: four rows, each a weighted sum of four columns.
     total = np.zeros(x.shape)
     for k, share_y in zip((-1, 0, 1, 2), shares_y, strict=True):
         start = wrapped(j + k, rows, tiles) * columns
@@ -276,6 +278,8 @@ def heights_of_normals(
     # Slopes along each axis, metres per texel.
     along_x, along_y = -n[..., 0] / up * texel_m[0], -n[..., 1] / up * texel_m[1]
     rows, columns = up.shape
+    # Mirror the slopes: even across the axis of the slope, odd along it, as the derivative of an
+    # evenly mirrored surface.
     if not tiles:
         along_x = np.block([[along_x, -along_x[:, ::-1]], [along_x[::-1], -along_x[::-1, ::-1]]])
         along_y = np.block([[along_y, along_y[:, ::-1]], [-along_y[::-1], -along_y[::-1, ::-1]]])

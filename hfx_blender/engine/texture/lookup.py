@@ -112,6 +112,7 @@ def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
     back = way < 0.0
     sign = np.where(back, -1.0, 1.0)
     inverse = 1.0 / np.where(crossed > 0.0, way, np.inf)
+    # Line k is crossed at share base + k per_line of the segment.
     per_line = sign * inverse
     base = (first - a + back) * inverse
     # Position along the remaining axis at each line, to be rounded down.
@@ -129,10 +130,10 @@ def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
     owner = np.arange(2 * count).repeat(counts)
     number = np.arange(len(owner)) - begins.take(owner)
     lines = table.take(owner, axis=1)
-    place = lines[2:]
-    place *= number
-    place += lines[:2]
-    texel = np.floor(place, out=place).astype(np.int64)
+    positions = lines[2:]
+    positions *= number
+    positions += lines[:2]
+    texel = np.floor(positions, out=positions).astype(np.int64)
     texel[0][begins] = np.concatenate([first[1], first[1]])
     texel[1][begins] = np.concatenate([first[0], first[0]])
     return _Lines(owner, number, begins, texel, per_line, base)
@@ -164,6 +165,8 @@ def strongest_in_steps(
     sharpness : (count,) float64
         Of the same texel; at rest of the last texel, 0 before any.
     """
+    # Cut the stroke at its own positions and at the borders of steps, so that each segment lies in
+    # a single step.
     borders = stroke.times_s[0] + step_s * np.arange(count + 1)
     times = np.union1d(stroke.times_s, borders)
     times = times[np.concatenate([[True], np.diff(times) > 1e-12])]

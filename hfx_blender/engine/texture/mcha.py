@@ -126,6 +126,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
         _transfers(np.arange(n), heights.shape[k], field.texel_m[1 - k], blur_m)
         for k, n in enumerate(spectrum.shape)
     ]
+    # Sobel is separable: smoothing along one axis times the derivative along the second.
     for axis in (0, 1):
         factors = [along[k][int(k == axis)].astype(np.complex64) for k in (0, 1)]
         waves = np.multiply(spectrum, factors[0][:, None], out=spectrum if axis else None)
@@ -161,6 +162,7 @@ def _transfers(
         # Offsets beyond one period alias onto the period, for the discrete transform.
         folded = np.bincount(offsets % count, weights, minlength=count)
         blur = (1.0 + 2.0 * fft.fft(folded).real[waves]) / (1.0 + 2.0 * weights.sum())
+    # Transfer functions of the kernels [1/4, 1/2, 1/4] and [-1/2, 0, 1/2].
     return blur * (0.5 + 0.5 * np.cos(angle)) + 0j, 1j * blur * np.sin(angle) / texel_m
 
 
@@ -182,9 +184,9 @@ def _stretched(values: F32, count: int, tiles: bool) -> F32:
     known = values.shape[1]
     if known == count:
         return values
-    place = (np.arange(count) + 0.5) * (known / count) - 0.5
-    first = np.floor(place)
-    share = (place - first).astype(np.float32)
+    position = (np.arange(count) + 0.5) * (known / count) - 0.5
+    first = np.floor(position)
+    share = (position - first).astype(np.float32)
     i = first.astype(np.int64)
     left = values[:, wrapped(i, known, tiles)]
     return left + share * (values[:, wrapped(i + 1, known, tiles)] - left)

@@ -104,8 +104,8 @@ def _stones(
         across = (np.cos(angle) * dy - np.sin(angle) * dx) / narrow
         inside = np.maximum(1.0 - (along**2 + across**2) / radius**2, 0.0)
         dome = radius / (0.65 * diameter_m) * inside**flatness
-        place = np.ix_(row % texels, column % texels)
-        heights[place] = np.maximum(heights[place], dome)
+        patch = np.ix_(row % texels, column % texels)
+        heights[patch] = np.maximum(heights[patch], dome)
     return heights
 
 

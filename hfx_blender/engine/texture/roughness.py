@@ -129,6 +129,7 @@ def _mean_width_m(deviations: F64, spacing_m: float, rz_m: float, cutoff_m: floa
     if len(last) < 3:
         return None
     crossings = last + deviations[last] / (deviations[last] - deviations[last + 1])
+    # Peaks and valleys alternate between mean-line crossings, interpolated linearly.
     ends = np.concatenate([[0.0], crossings, [len(deviations) - 1.0]])
     heights = np.maximum.reduceat(np.abs(deviations), np.concatenate([[0], last + 1]))
     counts = heights >= _LEAST_HEIGHT * rz_m
@@ -137,6 +138,7 @@ def _mean_width_m(deviations: F64, spacing_m: float, rz_m: float, cutoff_m: floa
     if not len(which):
         return None
     is_peak = is_above[np.append(0, last + 1)][which]
+    # Skipped parts merge into the part before, so only changes of sign are edges of elements.
     edges = ends[which[1:][is_peak[1:] != is_peak[:-1]]]
     return _mean((edges[2:] - edges[:-2]) * spacing_m)
 
@@ -163,6 +165,7 @@ def roughness_of_surface(
     full = (SAMPLING_LENGTHS + 2) * cutoff_m
     size = np.asarray(field.size_m)
     rng = np.random.default_rng(0)
+    # Random starts with a fixed seed, so that results are repeatable.
     if field.tiles:
         starts = rng.uniform(0.0, size, (profiles, 2))
         length = full

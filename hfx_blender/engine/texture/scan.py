@@ -41,6 +41,7 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
             f"Scan: a coordinate is {farthest_m:g} m, allowed is up to {_MAX_M:g} m: is its unit "
             "the right one?"
         )
+    # The least eigenvector of the covariance is the normal of the sheet.
     centred = positions - positions.mean(axis=0)
     spread, axes = np.linalg.eigh(centred.T @ centred / len(positions))
     if not spread[1] > _LINE**2 * spread[2]:
@@ -95,15 +96,16 @@ def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> Height
             f"Scan: {columns} x {rows} texels of {1e3 * texel:g} mm are more than "
             f"{MAX_TEXELS}; choose larger ones."
         )
+    # Subtract the plane of least squares; the scan is seldom level.
     design = np.column_stack([flat, np.ones(len(flat))])
     heights = points[:, 2] - design @ np.linalg.lstsq(design, points[:, 2], rcond=None)[0]
-    place = points[:, :2] - low
-    grid = _averaged(place, heights, (rows, columns), texel)
+    positions = points[:, :2] - low
+    grid = _averaged(positions, heights, (rows, columns), texel)
     # A texel's mean belongs to the centroid of its points, not to its centre; a few rounds add the
     # remaining error at the points.
     for _ in range(_ROUNDS):
-        error = heights - sample_grid(grid, place, (texel, texel), False)
-        grid = grid + _averaged(place, error, (rows, columns), texel)
+        error = heights - sample_grid(grid, positions, (texel, texel), False)
+        grid = grid + _averaged(positions, error, (rows, columns), texel)
     return HeightField(grid, (texel, texel), tiles=False)
 
 
@@ -130,6 +132,7 @@ def _filled(values: F64, weights: F64) -> F64:
         return values
     pad = ((0, rows % 2), (0, columns % 2))
     parts = np.pad(values * weights, pad), np.pad(weights, pad)
+    # Weighted mean of each 2 x 2 block, recursively until a single texel is left.
     total, share = (
         part.reshape(part.shape[0] // 2, 2, part.shape[1] // 2, 2).sum(axis=(1, 3))
         for part in parts

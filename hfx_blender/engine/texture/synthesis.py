@@ -71,6 +71,8 @@ def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
     squares = np.einsum("...k,...k->...", waveform, waveform)
     first, last = waveform[..., 0], waveform[..., -1]
     ends = first * first + last * last
+    # Sums over successive pairs by summation by parts: each inner value occurs twice, both ends
+    # once.
     pairs = squares - 0.5 * ends
     sums = np.maximum(4.0 * pairs - changes, 0.0)
     inside = np.maximum(squares - ends, 0.0)

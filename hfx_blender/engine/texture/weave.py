@@ -86,9 +86,11 @@ def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightFiel
             f"Weave '{weave.draft}': {1e3 * size_m:g} mm are less than one repeat of {repeat} "
             f"threads, {1e3 * weave.period_m:g} mm each."
         )
+    # Whole numbers of threads along both sides make the square tile.
     x = (np.arange(texels) + 0.5) / texels
     warp = a * x[None, :] + b * x[:, None]  # counts warp threads, along the weft
     weft = -b * x[None, :] + a * x[:, None]
+    # The thread on top at each crossing rises, the thread below dives.
     above = _thread(draft, warp, weft)
     below = _thread(1.0 - draft.T, weft, warp)
     dive = weave.float_share
@@ -113,9 +115,9 @@ def _thread(draft: F64, own: F64, crossing: F64) -> F64:
     """Height of a thread, 0..1, smooth between crossings."""
     crossed, threads = draft.shape
     thread = np.floor(own).astype(np.int64) % threads
-    place = crossing - 0.5
-    before = np.floor(place).astype(np.int64)
-    share = place - before
+    position = crossing - 0.5
+    before = np.floor(position).astype(np.int64)
+    share = position - before
     smooth = share * share * (3.0 - 2.0 * share)
     first = draft[before % crossed, thread]
     second = draft[(before + 1) % crossed, thread]

@@ -103,7 +103,7 @@ class Cylinder(_Convex):
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to caps and side; see :meth:`Shape.depth_m`.
 
-        A ball is inside the intersection of convex sets if it is inside each of them, so the depth
+        A ball inside each of two convex sets is inside their intersection, so the depth
         is the smaller of the depths between the cap planes and in the infinite cylinder.
         """
         linear = to_world[:3, :3]
@@ -145,7 +145,7 @@ class Capsule(_Convex):
 
         An affine capsule is an ellipsoid swept along a segment. The nearest boundary point is
         either on the side, where the infinite cylinder has the same depth, or on the outer half of
-        an end's ellipsoid, where it is a local minimum of the distance.
+        an end's ellipsoid, a local minimum of the distance.
         """
         linear = to_world[:3, :3]
         depths = np.zeros(points.shape[1])
@@ -158,7 +158,7 @@ class Capsule(_Convex):
         for end in (1.0, -1.0):
             from_end = within - np.array([[0.0], [0.0], [end * self.half_segment]])
             for feet, distances in ellipsoid.local_feet(from_end):
-                # Feet on the inner half are inside the capsule, so they bound nothing.
+                # Feet on the inner half are inside the capsule, and bound nothing.
                 outer = end * feet[2] >= 0.0
                 least = np.where(outer, np.minimum(least, distances), least)
         depths[inside] = least

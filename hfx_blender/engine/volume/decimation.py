@@ -28,7 +28,7 @@ _FINE: Final = 16.0  # largest mean edge length in bounds with any hope of a gai
 def decimated(
     vertices: F64, triangles: I32, bound: float, to_surface: Callable[[F64], F64]
 ) -> tuple[F64, I32] | None:
-    """Decimate a closed mesh so that both surfaces are within ``bound`` of each other.
+    """Decimate a closed mesh so that both surfaces are at most ``bound`` apart.
 
     Measured at all vertices of the mesh, and at the vertices and face centres of the result. The
     result is closed; its volume differs by at most the mesh's area times the bound.
@@ -99,6 +99,7 @@ def _is_within(
         mass_properties(part, skip_inertia=True).volume
         for part in (corners, (points - vertices[0])[faces])
     )
+    # A lost part, such as a thin fin, may be near the surface and still change the volume.
     if abs(volume - new_volume) > bound * area(corners).sum():
         return False
     places = np.concatenate([points[np.unique(faces)], points[faces].mean(axis=1)])

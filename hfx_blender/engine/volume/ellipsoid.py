@@ -11,7 +11,7 @@ from ..arrays import F64
 
 _OFF_AXIS = 1e-100  # replaces 0 along the shortest axis, so that no 0/0 arises
 _ITERATIONS = 64  # Newton needs 4 to 8; a double root is approached linearly
-_ARRIVED = 1e-10  # relative step after which the next one is below rounding
+_ARRIVED = 1e-10  # relative step after which the next step is below rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,9 @@ class Ellipsoid:
     def local_feet(self, points: F64) -> list[tuple[F64, F64]]:
         """Feet at which the distance from a point has a local minimum.
 
-        At most two exist: the nearest surface point, and one beyond the plane across the shortest
-        axis (Martinez, "Local minimizers of quadratic functions on Euclidean balls and spheres",
-        SIAM J. Optim. 4, 1994).
+        At most two exist: the nearest surface point, and a foot beyond the plane across the
+        shortest axis (Martinez, "Local minimizers of quadratic functions on Euclidean balls and
+        spheres", SIAM J. Optim. 4, 1994).
 
         Parameters
         ----------
@@ -61,8 +61,8 @@ class Ellipsoid:
         Returns
         -------
         list of (feet (n, N), distances (N,))
-            Two entries: nearest, then other minimum. Feet on the unit sphere; distances in world
-            units, infinity where no such foot exists.
+            Two entries: nearest foot, then second minimum. Feet on the unit sphere; distances in
+            world units, infinity where no such foot exists.
         """
         along = self.axes @ points
         minima = []
@@ -77,7 +77,7 @@ class Ellipsoid:
 
     @property
     def _poles(self) -> F64:
-        """Poles (s_i / s_min)^2 - 1, (n, 1): the denominators are tau plus these."""
+        """Poles (s_i / s_min)^2 - 1, (n, 1): added to tau in the denominators."""
         least = self.semi_axes[-1]
         ratio = self.semi_axes / least
         poles: F64 = ((self.semi_axes - least) / least) * (ratio + 1.0)
@@ -104,7 +104,7 @@ class Ellipsoid:
         return distances
 
     def _solve(self, along: F64, nearest: bool) -> F64:
-        """Solve for ``tau`` (N,) of the nearest foot or of the other minimum; NaN without one."""
+        """Solve for ``tau`` (N,) of the nearest foot or of the second minimum; NaN without."""
         numerators, poles = self._numerators(along), self._poles
         size = np.abs(numerators)
         if nearest:
@@ -117,6 +117,9 @@ class Ellipsoid:
                 below = tau + poles
                 squares = (numerators / below) ** 2
                 total = np.sum(squares, axis=0)
+                # Newton step for 1 /
+                # x / s
+                #  - 1.
                 step = total * (np.sqrt(total) - 1.0) / np.sum(squares / below, axis=0)
                 moved = tau + step
                 if not nearest:

@@ -140,6 +140,7 @@ class MeshVolume:
         return self._fewer[bound]
 
     def _decimated(self, bound: float) -> MeshVolume:
+        """Decimated volume within ``bound``; this volume if none is useful or valid."""
         try:
             from .decimation import decimated
 
@@ -157,7 +158,7 @@ class MeshVolume:
             fewer = type(self)(*surface, self.name)
         except InputError:
             return self
-        # A note means that decimation broke the surface and the repair changed it.
+        # A note means that decimation broke the surface and the repair changed the mesh.
         return self if fewer.note else fewer
 
     @cached_property
@@ -234,7 +235,7 @@ class MeshVolume:
 
     @cached_property
     def tree(self) -> TriangleTree:
-        # Relative to the middle, so that a mesh far from its origin keeps its digits.
+        # Relative to the middle, so that a mesh far from the origin keeps all digits.
         return TriangleTree((self._vertices - self._middle)[self._triangles])
 
     @cached_property
@@ -279,7 +280,7 @@ def _is_solid(extent: F64) -> bool:
 def of_fewer_faces(
     shapes: tuple[Shape, ...], which: I64, matrices: F64, bounds_m: F64
 ) -> tuple[tuple[Shape, ...], I32]:
-    """Replace fine meshes by decimated ones within a bound, row by row.
+    """Replace fine meshes by decimated meshes within a bound, row by row.
 
     A row's result depends on this row only, so that a part of a scene gives the same contacts.
 
@@ -297,7 +298,7 @@ def of_fewer_faces(
     shapes : tuple of Shape
         Shapes in use, without duplicates.
     which : (n,) int32
-        Index into these of each row.
+        Index into the result of each row.
     """
     linear = matrices[:, :3, :3]
     is_fine = np.isfinite(linear).all(axis=(1, 2)) & (bounds_m > 0.0)

@@ -55,7 +55,7 @@ class TriangleTree:
         return self.nearest(points, np.inf)[1]
 
     def nearest(self, points: F64, reach: float) -> tuple[I64, F64]:
-        """Nearest triangle of each point of (3, N) within ``reach``, and its distance, (N,) each.
+        """Nearest triangle of each point of (3, N) within ``reach``, and the distance, (N,) each.
 
         -1 and infinity beyond; -1 and NaN for points that are not finite.
         """
@@ -71,7 +71,7 @@ class TriangleTree:
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
         """Approximate :meth:`distances` of finite points: too large by at most share ``slack``.
 
-        For a point within ``limit`` the result only says that its distance is within it.
+        For a point within ``limit`` the result only says: within the limit.
         """
         if self.order is None:
             return self.distances(points)
@@ -83,7 +83,7 @@ class TriangleTree:
         return distances
 
     def _compare(self, points: F64) -> tuple[I64, F64]:
-        """Nearest triangle and its distance, (N,) each, by comparison with all triangles."""
+        """Nearest triangle and distance, (N,) each, by comparison with all triangles."""
         centres = self.corners.mean(axis=1)
         radii = np.linalg.norm(self.corners - centres[:, None], axis=2).max(axis=1)
         rounding = 1e-12 * float(np.abs(self.corners).max())

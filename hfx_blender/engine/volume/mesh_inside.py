@@ -6,7 +6,7 @@ number. The usual failures of rays (hits of edges and vertices, triangles along 
 occur:
 
 * Whether a triangle spans the ray is decided edge by edge, in the plane across the ray, by the
-  half-open rule of polygon filling. Triangles that share an edge compute the same number for it, so
+  half-open rule of polygon filling. Triangles that share an edge compute the same number, so
   that crossings of a closed mesh cancel whatever the rounding.
 * The height of a crossing is interpolated between the two edges that span the point, and so stays
   between them also for slivers and for triangles along the ray.
@@ -16,7 +16,6 @@ The result is therefore exact for a point within rounding of the given one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -40,107 +39,68 @@ _OUTSIDE: Final = -1
 _INSIDE: Final = -2
 
 
-@dataclass(frozen=True, eq=False)
-class _Spans:
-    """Triangles prepared for crossing tests: corners sorted by y, edges upwards.
+def _spans(corners: F64) -> F64:
+    """Triangles (F, 3, 3) prepared for crossing tests, (16, F), as ``hfx_grid`` has them.
 
-    Edges are low-high, low-middle and middle-high; slopes are x and z per y.
+    Corners are sorted by y. Rows: y of the low, middle and high corner; x of the low and the middle
+    corner, slopes in x per y of the edges low-high, low-middle and middle-high; the same in z;
+    orientation of the sorted corners, +1 or -1; two zeros.
     """
+    order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
+    even = (order[:, 1] - order[:, 0]) % 3 == 1
+    low, middle, high = np.moveaxis(np.take_along_axis(corners, order[:, :, None], 1), 1, 0)
+    starts, ends = np.stack([low, low, middle]), np.stack([high, middle, high])
+    climb = ends[..., 1] - starts[..., 1]
+    slopes = (ends - starts) / np.where(climb > 0.0, climb, np.inf)[..., None]
+    along_x, along_z = ((low[:, k], middle[:, k], *slopes[..., k]) for k in (0, 2))
+    signs, zeros = np.where(even, 1.0, -1.0), np.zeros(len(corners))
+    heights = low[:, 1], middle[:, 1], high[:, 1]
+    return np.stack([*heights, *along_x, *along_z, signs, zeros, zeros])
 
-    y_low: F64  # (F,) each
-    y_middle: F64
-    y_high: F64
-    start_x: F64  # (3, F)
-    start_z: F64
-    slope_x: F64
-    slope_z: F64
-    signs: I32  # (F,) +1 or -1: orientation of the sorted corners
 
-    @classmethod
-    def of(cls, corners: F64) -> _Spans:
-        """Prepare triangles (F, 3, 3): triangle, corner, axis."""
-        order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
-        even = (order[:, 1] - order[:, 0]) % 3 == 1
-        low, middle, high = np.moveaxis(np.take_along_axis(corners, order[:, :, None], 1), 1, 0)
-        starts, ends = np.stack([low, low, middle]), np.stack([high, middle, high])
-        climb = ends[..., 1] - starts[..., 1]
-        slopes = (ends - starts) / np.where(climb > 0.0, climb, np.inf)[..., None]
-        return cls(
-            y_low=low[:, 1].copy(),
-            y_middle=middle[:, 1].copy(),
-            y_high=high[:, 1].copy(),
-            start_x=starts[..., 0].copy(),
-            start_z=starts[..., 2].copy(),
-            slope_x=slopes[..., 0].copy(),
-            slope_z=slopes[..., 2].copy(),
-            signs=np.where(even, 1, -1).astype(np.int32),
-        )
+def _cross(spans: F64, triangles: I64, points: F64) -> tuple[I64, F64, F64]:
+    """Intersect vertical lines through points (3, n) with triangles (n,), pair by pair.
 
-    def packed(self) -> F64:
-        """All numbers of each triangle, (F, 16), as ``hfx_grid`` has them.
+    Returns
+    -------
+    pairs : (m,) int64
+        Indices of the pairs that cross, ascending.
+    heights : (m,) float64
+        z of each crossing.
+    signs : (m,) float64
+        Change of the winding number, +1 or -1.
+    """
+    y_low, y_middle, y_high = spans[:3]
+    y = points[1]
+    pairs = np.flatnonzero((y_low[triangles] <= y) & (y < y_high[triangles]))
+    triangles, x, y = triangles[pairs], points[0, pairs], y[pairs]
+    # The long edge spans every y of the triangle, and so does a short edge above or below the
+    # middle.
+    upper = y >= y_middle[triangles]
+    rises = y - y_low[triangles]
+    rises = np.stack([rises, np.where(upper, y - y_middle[triangles], rises)])
+    long_x, short_x = _on_edges(spans[3:8], triangles, upper, rises)
+    left = x < short_x
+    # The point is between the edges if it is left of exactly one. Both comparisons use the
+    # same rounded edge positions as the neighbours across these edges.
+    hit = np.flatnonzero(left != (x < long_x))
+    triangles = triangles[hit]
+    long_z, short_z = _on_edges(spans[8:13], triangles, upper[hit], rises[:, hit])
+    share = (x[hit] - long_x[hit]) / (short_x[hit] - long_x[hit])
+    signs = np.where(left[hit], spans[13, triangles], -spans[13, triangles])
+    return pairs[hit], long_z + share * (short_z - long_z), signs
 
-        y_low, y_middle, y_high; x of the lowest and the middle corner and the slopes in x; the same
-        in z; sign; two zeros.
-        """
-        zeros = np.zeros_like(self.y_low)
-        of_x, of_z = (
-            (starts[0], starts[2], *slopes)
-            for starts, slopes in (
-                (self.start_x, self.slope_x),
-                (self.start_z, self.slope_z),
-            )
-        )
-        return np.stack(
-            [
-                *(self.y_low, self.y_middle, self.y_high),
-                *of_x,
-                *of_z,
-                *(self.signs.astype(np.float64), zeros, zeros),
-            ],
-            axis=1,
-        )
 
-    def cross(self, triangles: I64, points: F64) -> tuple[I64, F64, I32]:
-        """Intersect vertical lines through points with triangles, pair by pair.
+def _on_edges(rows: F64, triangles: I64, upper: Bool, rises: F64) -> tuple[F64, F64]:
+    """Coordinates on the long and the spanning short edge, (n,) each.
 
-        Parameters
-        ----------
-        triangles : (n,) int64
-        points : (3, n) float64
-
-        Returns
-        -------
-        pairs : (m,) int64
-            Indices of the pairs that cross, ascending.
-        heights : (m,) float64
-            z of each crossing.
-        signs : (m,) int32
-            Change of the winding number, +1 or -1.
-        """
-        y = points[1]
-        pairs = np.flatnonzero((self.y_low[triangles] <= y) & (y < self.y_high[triangles]))
-        triangles, x, y = triangles[pairs], points[0, pairs], y[pairs]
-        # The long edge spans every y of the triangle; one of the two short edges spans the rest.
-        bent = self.y_middle[triangles]
-        upper = y >= bent
-        short = np.where(upper, len(self.signs) * 2, len(self.signs)) + triangles
-        long_rise = y - self.y_low[triangles]
-        short_rise = np.where(upper, y - bent, long_rise)
-        long_x = self.start_x[0, triangles] + long_rise * self.slope_x[0, triangles]
-        short_x = self.start_x.ravel()[short] + short_rise * self.slope_x.ravel()[short]
-        left = x < short_x
-        # The point is between the edges if it is left of exactly one. Both comparisons use the
-        # same rounded edge positions as the neighbours across these edges.
-        hit = np.flatnonzero(left != (x < long_x))
-        triangles, long_x, short_x = triangles[hit], long_x[hit], short_x[hit]
-        long_z = self.start_z[0, triangles] + long_rise[hit] * self.slope_z[0, triangles]
-        short_z = (
-            self.start_z.ravel()[short[hit]] + short_rise[hit] * self.slope_z.ravel()[short[hit]]
-        )
-        share = (x[hit] - long_x) / (short_x - long_x)
-        heights = long_z + share * (short_z - long_z)
-        signs = np.where(left[hit], self.signs[triangles], -self.signs[triangles])
-        return pairs[hit], heights, signs
+    ``rows`` (5, F) are starts and slopes of :func:`_spans`, ``rises`` (2, n) heights above the
+    starts of both edges.
+    """
+    low, middle, slope_long, slope_lower, slope_upper = (row[triangles] for row in rows)
+    on_long = low + rises[0] * slope_long
+    on_short = np.where(upper, middle, low) + rises[1] * np.where(upper, slope_upper, slope_lower)
+    return on_long, on_short
 
 
 class InsideGrid:
@@ -176,7 +136,7 @@ class InsideGrid:
 
         placed = np.rint(self._to_cells(vertices.T) * _SNAP) / _SNAP
         corners = placed.T[triangles]
-        self._spans = _Spans.of(corners)
+        self._spans = _spans(corners)
         self._fill(*covered_columns(corners, self._counts))
         self.compiled = self._packed(corners) if library() is not None else None
 
@@ -206,7 +166,7 @@ class InsideGrid:
         # The winding number of a voxel is that of the crossings above it in its column, as seen on
         # the line through the column's centre.
         middle = np.stack([columns // self._counts[1], columns % self._counts[1], first]) + 0.5
-        pairs, heights, signs = self._spans.cross(triangles, middle)
+        pairs, heights, signs = _cross(self._spans, triangles, middle)
         level = np.clip(heights.astype(np.int64), first[pairs], last[pairs])
         cells = columns[pairs] * (shape[1] + 1) + level
         crossings = np.bincount(cells, signs, minlength=size).reshape(shape[0], -1)
@@ -225,7 +185,7 @@ class InsideGrid:
         return structure("hfx_grid")(
             *(np.stack([self._low, self._high]), np.array(self._axes), self._scale[:, 0]),
             *(self._counts, self.voxels.astype(np.int64), self.run_offsets, self._beyond),
-            *(self._listed, bounds, self._spans.packed()),
+            *(self._listed, bounds, self._spans.T),
         )
 
     def contains(self, points: F64) -> Bool:
@@ -258,7 +218,7 @@ class InsideGrid:
             steps, owners = ramp(counts[chosen])
             owners = chosen[owners]
             triangles = self._listed[starts[owners] + steps]
-            pairs, heights, signs = self._spans.cross(triangles, placed.take(owners, axis=1))
+            pairs, heights, signs = _cross(self._spans, triangles, placed.take(owners, axis=1))
             owners = owners[pairs]
             above = heights >= placed[2, owners]
             winding = winding + np.bincount(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Repair of triangle meshes into closed, consistently oriented surfaces.
 
-A sound mesh is recognised with numpy alone. trimesh finds connected parts of a faulty one; its own
-``repair`` needs networkx, which the extension does not bundle.
+A sound mesh is recognised with numpy alone. trimesh finds connected parts of a faulty mesh;
+trimesh's own ``repair`` needs networkx, which the extension does not bundle.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
     """
     used, corners = _used(triangles, len(vertices))
     vertices = vertices[used]
+    # Equal vertices become adjacent in sorted order and get the same group.
     order = np.lexsort(vertices.T)
     new = np.ones(len(vertices), np.bool_)
     new[1:] = np.any(vertices[order[1:]] != vertices[order[:-1]], axis=1)
@@ -40,7 +41,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
 
 
 def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Sorted unique ids below ``count``, and the index among these of each entry of ``numbers``."""
+    """Sorted unique ids below ``count``, and the index of each entry of ``numbers`` among them."""
     occurs = np.zeros(count, np.bool_)
     occurs[numbers] = True
     return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
@@ -138,7 +139,7 @@ def _with_caps(
     """Close holes; raises InputError if the caps are too large. Returns the note as well."""
     from trimesh.graph import connected_component_labels
 
-    # Opposite uses of an edge cancel; the uncancelled ones form closed loops, the rims.
+    # Opposite uses of an edge cancel; uncancelled edges form closed loops, the rims.
     rim = _rim_edges(edge, triangles, uses)
     count = len(vertices)
     labels = connected_component_labels(rim, count)[rim[:, 0]]
@@ -188,7 +189,8 @@ def _turns(triangles: I32) -> Bool:
     """Mask of triangles to flip so that neighbours agree, the fewest in each connected piece.
 
     Each triangle has two nodes of a graph, as it is and flipped; links join consistent neighbours.
-    An orientable piece therefore has two components, and the one with fewer flipped triangles wins.
+    An orientable piece therefore has two components, and the component with fewer flipped triangles
+    wins.
     """
     from trimesh.graph import connected_component_labels, face_adjacency
 
@@ -196,6 +198,7 @@ def _turns(triangles: I32) -> Bool:
     pairs, shared = face_adjacency(triangles, return_edges=True)
     corners = triangles[pairs]  # (n, 2, 3)
     ahead = (corners == shared[:, None, :1]) & (np.roll(corners, -1, axis=2) == shared[:, None, 1:])
+    # Two triangles are consistent if they use the shared edge in opposite directions.
     differ = count * (ahead[:, 0].any(axis=1) == ahead[:, 1].any(axis=1))
     first_face, second_face = pairs.T
     links = np.stack(

@@ -21,7 +21,7 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
     """Nearest boundary points of inner points, and the outward unit normals there.
 
     Depth falls fastest towards the nearest boundary point, by 1 m/m. Where several points are
-    equally near, the result is one of these.
+    equally near, the result is any of these points.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
         for axis in range(3):
             shift = back[:, axis : axis + 1] * steps
             ahead, behind = (shape.depth_m(base + sign * shift, to_world) for sign in (1.0, -1.0))
+            # Central differences of depth along world axes.
             slopes[axis] = (ahead - behind) / (2.0 * steps)
         length = np.sqrt(np.einsum("in,in->n", slopes, slopes))
         is_sloped = length > 1e-6
@@ -91,6 +92,7 @@ def _by_neighbours(shape: Shape, points: F64) -> F64:
     """
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
+    # Golden-angle spiral: 64 evenly spread directions.
     golden = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(64)
     height = 1.0 - (2.0 * np.arange(64) + 1.0) / 64.0
     around = np.sqrt(1.0 - height * height)

@@ -15,7 +15,7 @@ from ..arrays import F64, Bool
 class Shape(Protocol):
     """A closed solid in *shape space*; points are (3, N) float64, one row for each axis.
 
-    The boundary belongs to the solid. NaN points are outside; no method raises on them.
+    The boundary belongs to the solid. NaN points are outside and raise nothing.
     """
 
     @property

@@ -71,16 +71,16 @@ class DeviceLimits:
     def joined(self, values: F64) -> F64:
         """Values (A, P) as a new array (columns,)."""
         columns = np.zeros_like(self.neutral)
-        for place in reversed(range(values.shape[1])):  # the strength last, over its repetitions
-            columns[self._columns[:, place]] = values[:, place]
+        for index in reversed(range(values.shape[1])):  # the strength last, over its repetitions
+            columns[self._columns[:, index]] = values[:, index]
         return columns
 
 
 def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) -> F64:
     """Rows advanced by an actuator's latency, to the nearest row.
 
-    Values within the latency after the first row would have to be sent before it. They stay at
-    their own rows, where these are otherwise neutral, and are felt late.
+    Values within the latency after the first row would have to be sent before. Such values
+    stay at their own rows, if these are otherwise neutral, and are felt late.
 
     Parameters
     ----------
@@ -100,6 +100,7 @@ def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) ->
     if not rows:
         return values
     early = np.concatenate([values[rows:], np.tile(neutral, (rows, 1))])
+    # Values too late to be advanced go where nothing else is played.
     is_free = (early[:rows] == neutral).all(axis=1)
     early[:rows][is_free] = values[:rows][is_free]
     return early
@@ -112,10 +113,10 @@ def rows_of(rate_hz: Fraction, latency_ms: float) -> int:
 
 
 def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:
-    """Hold values over update intervals: each interval takes the strongest of its rows.
+    """Hold values over update intervals: each interval takes the strongest row.
 
-    Intervals start at the first row; a row belongs to the interval in which it begins. A contact
-    shorter than an interval keeps its peak; a value comes at most one interval early.
+    Intervals start at the first row; a row belongs to the interval of its start. A contact
+    shorter than an interval keeps its peak; a value comes at most an interval early.
 
     Parameters
     ----------

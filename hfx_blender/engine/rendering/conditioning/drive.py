@@ -34,7 +34,7 @@ def drive_of(curves: Sequence[DriveCurve], amplitudes: F64, frequencies_hz: F64)
     curves : sequence of DriveCurve
         At least one, by ascending frequency.
     amplitudes, frequencies_hz : (...) float64
-        m/s^2 and Hz. The drive is that of amplitude 0 where one is not finite.
+        m/s^2 and Hz. Non-finite values count as amplitude 0.
     """
     amplitudes, hz = np.broadcast_arrays(amplitudes, frequencies_hz)
     is_number = np.isfinite(amplitudes) & np.isfinite(hz)
@@ -46,10 +46,11 @@ def drive_of(curves: Sequence[DriveCurve], amplitudes: F64, frequencies_hz: F64)
             for curve in curves
         ]
     )
-    place = np.interp(np.where(is_number, hz, 0.0), curve_hz, np.arange(len(curves)))
-    below = np.minimum(np.floor(place).astype(np.int64), len(curves) - 1)
+    # Fractional index of the frequency among the curves.
+    position = np.interp(np.where(is_number, hz, 0.0), curve_hz, np.arange(len(curves)))
+    below = np.minimum(np.floor(position).astype(np.int64), len(curves) - 1)
     above = np.minimum(below + 1, len(curves) - 1)
-    share = place - below
+    share = position - below
     low = np.take_along_axis(drives, below[None], axis=0)[0]
     high = np.take_along_axis(drives, above[None], axis=0)[0]
     return np.asarray(low * (1.0 - share) + high * share)

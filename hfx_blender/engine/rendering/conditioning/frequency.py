@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vibrations of different frequencies at one actuator.
 
-An actuator with a frequency control plays the frequency of the strongest contributor and keeps it
+An actuator with a frequency control plays the frequency of the strongest contributor
 until another contributor is clearly stronger, so that nearly equal contributors do not alternate.
 An actuator driven by a waveform plays the sum of all vibrations.
 """
@@ -86,6 +86,7 @@ class StrongestContributor:
         # Each row depends on the contributor held before, so the rest is decided row by row.
         for row in range(rows) if len(doubtful) else ():
             now, strongest = support[now_held, row, doubtful], most[row, doubtful]
+            # Hysteresis: keep the held contributor unless the strongest exceeds it by the margin.
             stays = (now > 0.0) & (strongest <= MARGIN * now)
             chosen[row, doubtful] = np.where(stays, now_held, best[row, doubtful])
             now_held = np.where(strongest > 0.0, chosen[row, doubtful], now_held)
@@ -145,6 +146,7 @@ class Partials:
             rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
             total[rows] += partial.amplitudes
         with np.errstate(divide="ignore", invalid="ignore"):
+            # Scale all partials of a row equally, so that their sum keeps the limit.
             share = np.where(total > highest, highest / total, 1.0)
         limited = []
         for partial in partials:
@@ -156,7 +158,7 @@ class Partials:
         return tuple(limited)
 
     def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
-        """Partial of an effect, each actuator's column advanced by its latency."""
+        """Partial of an effect, first to last row; columns advanced by the latencies."""
         parts = self._parts[name]
         rows = np.concatenate([part[0] for part in parts])
         values = np.concatenate([part[1] for part in parts]).astype(np.float64)

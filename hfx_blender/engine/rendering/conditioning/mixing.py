@@ -31,7 +31,7 @@ class Mixed:
 
 
 def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
-    """Combine one or more contributions of one modality by the rule of the modality.
+    """Combine at least one contribution of a modality, by the modality's rule.
 
     Temperatures add their deviations from each effect's neutral, winds add as vectors, vibrations
     by :func:`combine_vibration`, all the rest add.
@@ -105,7 +105,7 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine output of one or more modalities at actuators: native, and by substitution.
+    """Combine native output and substitutions at actuators; at least one entry.
 
     Substitutes have no direction, so winds add their speeds here.
     """

@@ -2,8 +2,8 @@
 """Waveforms of actuators driven as sound, for files and live output.
 
 Amplitude and frequency change linearly from value to value (a *ramp*); the phase is the exact
-integral of the frequency and never jumps. Each sample depends on its phase only, also in square and
-noise, so results do not depend on block sizes. Amplitudes are peaks; no wave exceeds its own.
+integral of the frequency and never jumps. Each sample depends on the phase only, also in square and
+noise, so results do not depend on block sizes. Amplitudes are peaks; no wave exceeds the amplitude.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def cycles_on_the_way(hz: tuple[F64, F64], share: F64, seconds: float) -> F64:
 
 
 def cycles_since_the_beginning(hz: F64, seconds: float, repeats: F64) -> F64:
-    """Phase of a new wave, in cycles, as if it had sounded since time 0.
+    """Phase of a new wave, in cycles, as of a wave since time 0.
 
-    Vibrations of one frequency are then in phase, and add.
+    Vibrations of equal frequency are then in phase, and add.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def kinds_of(waveforms: Sequence[Waveform]) -> I64:
 
 
 def cycles_until_it_repeats(kinds: I64) -> F64:
-    """Periods of waves of some kinds, in cycles; phases are stored modulo these."""
+    """Periods of waves of some kinds, in cycles; phases are stored modulo the period."""
     return np.where(kinds == WAVEFORMS.index("noise"), float(NOISE_REPEATS), 1.0)
 
 
@@ -86,6 +86,7 @@ def waves(
         Sample rate.
     """
     amplitude = amplitudes[0] * (1.0 - share) + amplitudes[1] * share
+    # Sines only, the common case, need no frequency.
     if not kinds.any():
         return np.asarray(amplitude * _sines(cycles, cycles))
     hz_now = hz[0] * (1.0 - share) + hz[1] * share
@@ -119,6 +120,7 @@ def _squares(cycles: F64, steps: F64) -> F64:
     halves = 2.0 * cycles
     number = np.floor(halves)
     into = halves - number
+    # Distance from the nearest edge in units of two samples, at most 1.
     rise = np.minimum(np.minimum(into, 1.0 - into) / np.clip(2.0 * steps, 1e-12, 0.5), 1.0)
     is_low = number - 2.0 * np.floor(0.5 * number)
     return np.asarray((1.0 - 2.0 * is_low) * rise * (2.0 - rise))
@@ -142,6 +144,7 @@ def noises(cycles: F64, _steps: F64) -> F64:
 
 def split_mix(count: int) -> U64:
     """First ``count`` outputs of SplitMix64 from seed 0 (Steele, Lea and Flood, OOPSLA 2014)."""
+    # Wrap-around of uint64 is the generator's arithmetic modulo 2^64.
     mixed = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -69,6 +69,7 @@ class ActuatorComplex:
             np.add.at(of_places, (rows[row][:, None], self.simplices[simplex]), weights)
         if np.array_equal(self.place_of, np.arange(len(self.places))):
             return of_places, distances
+        # Actuators at one place divide its share.
         crowd = np.bincount(self.place_of, minlength=len(self.places))
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
@@ -86,8 +87,11 @@ class ActuatorComplex:
         if not blend:
             return row[best], simplex[best], weights[best], least
         width = blend * least[row]
+        # Linear falloff of blending weights from 1 at the least distance to 0 at (1 + blend) times
+        # it.
         counts = np.divide(least[row] - distances, width, out=np.zeros_like(width), where=width > 0)
         counts = np.maximum(1.0 + counts, 0.0)
+        # Points on the complex keep their exact shares.
         on_it = least[row] <= _ON_IT_M
         counts[on_it] = 0.0
         counts[best[least <= _ON_IT_M]] = 1.0
@@ -114,7 +118,7 @@ class ActuatorComplex:
 
 
 def merged_places(positions: F64) -> tuple[F64, I64]:
-    """Merge equal positions (A, D) into places (P, D); return these and the place of each, (A,).
+    """Merge equal positions (A, D): places (P, D), and the place of each actuator, (A,).
 
     Places are in the order of their first actuator.
 

@@ -99,6 +99,7 @@ class SkinNeighbours:
         model, anchor = self._model, int(self._anchors[second])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
         source = self._skin.nearest(self._centres[first])
+        # Points of a path within the span have distances to both ends that sum to at most the span.
         away_m = np.linalg.norm(model.vertices - source.point, axis=1)
         away_m += np.linalg.norm(model.vertices - model.vertices[anchor], axis=1)
         inside = away_m <= MAX_SPAN_M + _ELLIPSOID_MARGIN_M
@@ -146,6 +147,7 @@ def parted(gains: F64, are_joined: AreJoined) -> F64:
         rows = np.intersect1d(where[a], where[b], assume_unique=True)
         power_a, power_b = gains[rows, a] ** 2, gains[rows, b] ** 2
         total = power_a + power_b
+        # From 0 at equal power to 1 where the pair's second actuator is silent.
         lead = np.divide(power_a - power_b, total, out=0.0 * total, where=total > 0.0)
         share[rows, a] = np.minimum(share[rows, a], 2.0 * lead)
         share[rows, b] = np.minimum(share[rows, b], -2.0 * lead)

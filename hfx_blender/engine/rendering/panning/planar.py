@@ -2,7 +2,7 @@
 """Barycentric rendering on a flat layout: the phantom sensation of a tactile pad.
 
 Schneider et al., UIST 2015: Delaunay triangulation of the actuators, barycentric coordinates of the
-virtual actuator in its triangle, and a law from these to gains.
+virtual actuator in its triangle, and a law from coordinates to gains.
 """
 
 from __future__ import annotations
@@ -55,6 +55,7 @@ class PlanarPanning:
         totals = np.zeros((len(points), len(self._complex.place_of) // len(_TURNS)))
         for first in range(0, len(points), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
+            # Copies of an actuator play together.
             shares = self._complex.shares(points[rows])[0]
             totals[rows] = shares.reshape(len(shares), len(_TURNS), -1).sum(axis=1)
         return gain(np.minimum(totals, 1.0), self._law)
@@ -79,7 +80,7 @@ def _closed(positions: F64, closed_m: float) -> ActuatorComplex:
     simplices = simplices_of(every)
     if np.any(simplices[:, 1] != simplices[:, 2]):
         # A square has two valid diagonals, and both ends need the same; a jitter common to all
-        # copies decides. Slivers along the hull that it creates are dropped.
+        # copies decides. Slivers along the hull created by the jitter are dropped.
         moved = np.random.default_rng(0).uniform(-_JITTER, _JITTER, places.shape) * extent
         simplices = simplices_of(np.concatenate([places + moved + shift for shift in shifts]))
         simplices = simplices[_heights(every[simplices]) > 10.0 * _JITTER * extent]

@@ -76,6 +76,7 @@ class _Axis:
             way = at - self._places[before]
         else:
             before, after = (after - 1) % count, after % count
+            # On a ring the last place is before the first.
             gap = np.mod(self._places[after] - self._places[before], self._period)
             gap[gap == 0.0] = self._period  # a single actuator
             way = np.mod(at - self._places[before], self._period)

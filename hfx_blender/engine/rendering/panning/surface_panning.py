@@ -68,7 +68,7 @@ class SurfaceNeighbours:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGains:
-    """Gains of A actuators for each vertex that they reach."""
+    """Gains of A actuators for each vertex within reach."""
 
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
@@ -93,6 +93,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     points = model.vertices.astype(np.float64)
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
     graph = edge_graph(model.vertices, model.triangles)
+    # Geodesic Voronoi cells; triangles of skin that touch three cells join their actuators.
     nearest, distance_m = _cells(graph, unique)
     cells = _meeting(model.triangles.astype(np.int64), nearest)
     pairs = np.unique(
@@ -114,6 +115,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     def at(where: F64) -> F64:
         return parted(gain(complex_.shares(where, _BLEND)[0], law), are_joined)
 
+    # Fade by each vertex's distance in spacings of its nearest actuator.
     span_m = _spacing(pairs, length_m, len(unique))
     near = np.flatnonzero(nearest >= 0)
     fade = np.clip(2.0 - distance_m[near] / span_m[nearest[near]], 0.0, 1.0)
@@ -192,7 +194,7 @@ def _dual(cells: I64, pairs: I64, count: int) -> I64:
 
 
 def _spacing(pairs: I64, length_m: F64, count: int) -> F64:
-    """Distance of each anchor to its farthest neighbour; a quarter span for a lone anchor."""
+    """Distance of each anchor to the farthest neighbour; a quarter span for a lone anchor."""
     longest = np.zeros(count)
     for end in pairs.T:
         np.maximum.at(longest, end, length_m)

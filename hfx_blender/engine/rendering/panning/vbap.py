@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vector-base amplitude panning over two or three neighbours (Pulkki 1997).
 
-Politis, Pugliese, Takala pan sound over any layout of loudspeakers in this way and propose it for
-touch: a direction is a linear combination of its neighbours' unit vectors; the coefficients,
+Politis, Pugliese, Takala pan sound over any layout of loudspeakers in this way and propose the same
+for touch: a direction is a linear combination of its neighbours' unit vectors; the coefficients,
 normalised to constant power, are the gains.
 """
 
@@ -113,6 +113,7 @@ def _triplets(units: F64) -> tuple[I64, I64]:
     outwards = np.abs(volumes) > 1e-6
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     middle = units.mean(axis=0)
+    # Qhull does not orient triangles; the mean of the sources is inside the hull.
     sign = np.sign(np.einsum("ij,ij->i", normals, corners[:, 0] - middle))
     outwards &= sign * np.einsum("ij,ij->i", normals, corners[:, 0]) > 0.0
     bases = triangles[outwards]
@@ -121,6 +122,7 @@ def _triplets(units: F64) -> tuple[I64, I64]:
             "directions: expected three or more that do not lie in one plane with the centre"
         )
     edges = np.sort(bases[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    # Edges of a single triangle are the rim of an open hull.
     edges, counts = np.unique(edges, axis=0, return_counts=True)
     return bases, edges[counts == 1]
 

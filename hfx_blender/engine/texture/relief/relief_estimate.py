@@ -70,6 +70,7 @@ def estimate(
     network_shape = _network_shape(size_m, min(texel))
     inputs = np.clip(_resampled(colours[..., :3], network_shape, tiles), 0.0, 1.0)
     network = estimated(inputs, tiles=tiles, weights=weights)
+    # The network's heights have no reliable scale: scale them to the mean of its slopes.
     pixels = HeightField(network.heights.astype(np.float64), (1.0, 1.0), tiles)
     steep = float(blurred_slope(pixels, 1.0).mean())
     scale = float(network.slope.mean()) / steep if steep > 0.0 else 0.0

@@ -183,10 +183,10 @@ def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
         part = padded[:, first : first + count + 2]
         shifts = np.stack([part[:, :, k : k + columns] for k in range(3)])
         shifts = shifts.reshape(3 * channels, (count + 2) * columns)
-        place = slice(first * columns, (first + count) * columns)
+        row_slice = slice(first * columns, (first + count) * columns)
         total = matrices[0] @ shifts[:, : count * columns]
         for k in (1, 2):
             total += matrices[k] @ shifts[:, k * columns : (k + count) * columns]
         total += bias[:, None]
-        result[:, place] = total
+        result[:, row_slice] = total
     return result.reshape(outputs, rows, columns)
