@@ -181,6 +181,7 @@ def followed(
         True if the row before is the previous sample, and in ``rows``.
     """
     count = len(block.indices)
+    # A single row (live) follows none.
     if count == 1:
         return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
     # is_before[k]: row k + 1 is requested and follows row k by one sample.

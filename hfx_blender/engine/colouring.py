@@ -68,6 +68,7 @@ class Spread:
 def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
     """Strength (n,) at a sample's vertices, 0..1 of full colour."""
     modality = MODALITIES[sample.stream.modality]
+    # Temperatures are relative to neutral; other strengths to 0.
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
         value -= neutral_temperature_c(is_contact)

@@ -111,6 +111,7 @@ class Engine:
         """
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
         for block in blocks:
+            # Counts of a begun block are held back until its samples are yielded.
             before = self.counters.copy()
             finish = self.begin(block)
             begun.append((block, finish, self.counters.since(before)))

@@ -143,6 +143,7 @@ class SampleRun:
         )
 
     def __iter__(self) -> Iterator[Sample]:
+        # Entries are per set, rows per sample.
         for k, j in enumerate(self.set_of.tolist()):
             entries = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
             yield Sample(

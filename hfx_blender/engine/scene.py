@@ -51,6 +51,7 @@ class TimeBase:
 
     def frame(self, index: int) -> Fraction:
         """Exact frame of a sample, fractional at a sub-frame."""
+        # One fraction without intermediate reductions: quick, and exact for any index.
         step = self._frames_per_sample
         return Fraction(
             self.frame_first * step.denominator + int(index) * step.numerator, step.denominator

@@ -75,6 +75,7 @@ class AllocentricAreas:
         if reach.is_clear(animated, body, effect.model_id):
             self._builder.counters.volume_tests += len(rows)
             return _no_samples
+        # Rows before the active rows are evaluated for motion between samples, but not reported.
         rows, reported, follows = followed(rows, posed, animated, block)
         skin = self._builder.skins.of(body, effect.model_id)
         bounds = reach.bounds(body, effect.model_id)
@@ -96,6 +97,7 @@ class AllocentricAreas:
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
+        # Positions counted by either half show whether the narrow phase ran.
         counters = self._builder.counters
         before = counters.vertices_posed
         finish_contacts = contacts.begin(query)

@@ -89,8 +89,8 @@ def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
     places = np.zeros((len(hits.vertices), 3), np.float32)
     normals = np.zeros_like(places)
     for part, shape, matrix, details in _by_row(animated, hits):
-        place, normal = nearest_surface(shape, details.places[:, part], matrix)
-        places[part], normals[part] = place.T, normal.T
+        boundary_points, normal = nearest_surface(shape, details.places[:, part], matrix)
+        places[part], normals[part] = boundary_points.T, normal.T
     return places, normals
 
 

@@ -75,17 +75,20 @@ class SpotSkin:
         ``1 - (d - h) / r``. ``focus`` (3,) is in rest space, and moved to the nearest point of the
         model.
         """
-        place = self._skin.nearest(focus)
-        largest = float(self._half_cell_m[place.corners].max())
+        skin_place = self._skin.nearest(focus)
+        largest = float(self._half_cell_m[skin_place.corners].max())
         reach = max(radius_m, largest) + 2.0 * largest
-        vertices, distances = self._skin.around(place, reach)
+        vertices, distances = self._skin.around(skin_place, reach)
         half = self._half_cell_m[vertices]
+        # Small discs are widened to the cell, so that their strength does not depend on the place.
         inner = np.maximum(radius_m, half)
         weights = np.clip((inner + half - distances) / (2.0 * half), 0.0, 1.0)
         weights = weights * falloff.weight(np.clip((inner + half - distances) / inner, 0.0, 1.0))
         significant = np.flatnonzero(weights > _LEAST)
         if not len(significant):  # a place far from all vertices of a coarse region
-            return place.corners[[int(np.argmax(place.weights))]].astype(np.int32), np.ones(1, "f4")
+            return skin_place.corners[[int(np.argmax(skin_place.weights))]].astype(
+                np.int32
+            ), np.ones(1, "f4")
         return vertices[significant].astype(np.int32), weights[significant].astype(np.float32)
 
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
@@ -96,12 +99,12 @@ class SpotSkin:
         """
         set_index = np.zeros(len(focus), np.int64)
         vertex_sets: list[tuple[I32, F32]] = []
-        for k, (place, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):
-            if k and radius == radii_m[k - 1] and bool((place == focus[k - 1]).all()):
+        for k, (position, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):
+            if k and radius == radii_m[k - 1] and bool((position == focus[k - 1]).all()):
                 if own_sets:
                     vertex_sets.append(vertex_sets[-1])
             else:
-                vertex_sets.append(self.weights(place[:3].astype(np.float64), radius, falloff))
+                vertex_sets.append(self.weights(position[:3].astype(np.float64), radius, falloff))
             set_index[k] = len(vertex_sets) - 1
         sizes = [len(ids) for ids, _ in vertex_sets]
         return SpotSets(

@@ -158,9 +158,9 @@ class SkinPaths:
                 if not len(path[inner]):
                     continue
                 middle = 0.5 * (path[first - 1 : -2 : 2] + path[first + 1 :: 2])
-                place = near.nearest(middle).place
-                moved = max(moved, float(np.abs(place - path[inner]).max()))
-                path[inner] = place
+                projected = near.nearest(middle).place
+                moved = max(moved, float(np.abs(projected - path[inner]).max()))
+                path[inner] = projected
             if moved <= _SETTLED_M:
                 break
         return path

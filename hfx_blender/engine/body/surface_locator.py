@@ -68,8 +68,8 @@ def barycentric(points: F64, corners: F64) -> F64:
         edge = corners[:, end] - corners[:, start]
         along = np.einsum("ij,ij->i", points - corners[:, start], edge)
         share = np.clip(along / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-30), 0.0, 1.0)
-        place = corners[:, start] + share[:, None] * edge
-        distance = np.linalg.norm(points - place, axis=1)
+        on_edge = corners[:, start] + share[:, None] * edge
+        distance = np.linalg.norm(points - on_edge, axis=1)
         nearer = distance < smallest
         smallest[nearer] = distance[nearer]
         weights[nearer] = 0.0

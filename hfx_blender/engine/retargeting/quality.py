@@ -195,7 +195,7 @@ def judge(
     is_right_side = (ends[target_shares.argmax(axis=1)] != opposite)[is_limb]
     sides = float(is_right_side.mean()) if is_limb.any() else 1.0
     joints_mm = {joint: 1000.0 * distance for joint, distance in joints_m.items()}
-    uncertain_mm = {place: 1000.0 * distance for place, distance in uncertain_m.items()}
+    uncertain_mm = {name: 1000.0 * distance for name, distance in uncertain_m.items()}
     return FitQuality(
         model.id, tuple(parts), sides, feet_forward, joints_mm, tuple(absent), uncertain_mm
     )

@@ -80,7 +80,7 @@ class TargetSurface:
         count = len(points)
         smallest = np.full(count, np.inf)
         triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
-        place, out = np.zeros((count, 3)), np.zeros((count, 3))
+        positions, normals_out = np.zeros((count, 3)), np.zeros((count, 3))
         for region, members in enumerate(self._members):
             queries = np.flatnonzero(shares[:, region] >= _SHARE)
             tree = self._tree(region) if len(queries) else None
@@ -107,9 +107,9 @@ class TargetSurface:
             won, row = queries[is_better], row[is_better]
             smallest[won] = distance[row]
             triangle[won], weights[won] = self.parent[piece[row]], inside[row]
-            place[won], out[won] = at[row], normal[row]
-        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
-        return SurfacePlaces(np.isfinite(smallest), triangle, weights, place, out)
+            positions[won], normals_out[won] = at[row], normal[row]
+        normals_out /= np.maximum(np.linalg.norm(normals_out, axis=1, keepdims=True), 1e-12)
+        return SurfacePlaces(np.isfinite(smallest), triangle, weights, positions, normals_out)
 
     def around(
         self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]

@@ -185,8 +185,8 @@ def weld(points: F64) -> I64:
     from trimesh.grouping import unique_rows
 
     size = float(np.ptp(points, axis=0).max()) or 1.0
-    first, place = unique_rows(points / size, digits=6)
-    return np.asarray(first[place])
+    first, group = unique_rows(points / size, digits=6)
+    return np.asarray(first[group])
 
 
 def connected_pieces(triangles: I64) -> I64:

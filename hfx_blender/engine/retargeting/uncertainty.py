@@ -130,8 +130,8 @@ def sentence(uncertain_mm: Mapping[str, float]) -> list[str]:
     """List of one sentence with the reported places, most uncertain first; empty without any."""
     parts = []
     for name, error_mm in sorted(uncertain_mm.items(), key=lambda item: -item[1]):
-        place, _, side = name.partition(".")
-        if error_mm > (HINGE_MM if place in ("knee", "elbow") else PLACE_MM):
+        stem, _, side = name.partition(".")
+        if error_mm > (HINGE_MM if stem in ("knee", "elbow") else PLACE_MM):
             words = {"L": "left ", "R": "right ", "": ""}[side]
-            parts.append(f"{words}{place} {error_mm:.0f} mm")
+            parts.append(f"{words}{stem} {error_mm:.0f} mm")
     return [f"these places are uncertain: {', '.join(parts)}"] if parts else []

@@ -53,6 +53,7 @@ class BoundSkins:
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:
         """Skin coverage shared by all bodies with bindings of the same models."""
         model = self.model(model_id)
+        # A fitted body has finer skin only if the finer model was fitted too.
         fine = finer_id(model, self._tolerance)
         if isinstance(binding, SurfaceBinding):
             fine = fine if fine in binding.anchors else None

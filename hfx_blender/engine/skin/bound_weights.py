@@ -63,6 +63,7 @@ class BoundWeights:
         if len(unweighted):
             weighted = np.flatnonzero(sums[owners] > 0.0)
             owners = np.concatenate([owners[weighted], unweighted])
+            # Unweighted vertices get weight 1 on the additional bone at rest.
             order = np.argsort(owners, kind="stable")
             owners = owners[order]
             bones = np.concatenate([bones[weighted], np.full(len(unweighted), rest_bone)])[order]

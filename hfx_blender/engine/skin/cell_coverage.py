@@ -112,12 +112,14 @@ class SkinCoverage:
         self.is_split = _is_split(model, tolerance)
         self.surface, owner = model, np.arange(len(model), dtype=np.int32)
         self.finer = finer
+        # Sampled on the finer model's triangles: ``owner`` maps its vertices to cells.
         if finer is not None and library.is_there():
             self.surface, owner = finer, cell_of_skin(model)[1]
         self.edge_m = tolerance.edge_m(float(spacing.max()))
         self.least_edge_m = tolerance.edge_m(float(spacing.min()))
         self._owner = owner
         self._spacing = spacing[owner]  # (skin vertices,)
+        # Clusters are limited by the number of skin vertices, not of cells.
         if self.surface is model:
             self.clusters = clusters_of(model)
         else:
@@ -129,6 +131,7 @@ class SkinCoverage:
 
     def _outlined(self) -> tuple[list[I32], F64]:
         """Outline (units, then corners around them) and margin of each cluster."""
+        # Skin vertices grouped by cell, then in the order of the cells in the clusters.
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
         step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
@@ -172,7 +175,7 @@ class BodySkin:
     ) -> None:
         self.skin, self.binding = skin, binding
         self._bind = bind
-        self.surface = bind(skin.surface, skin.outlines)
+        self.surface = bind(skin.surface, skin.outlines)  # posable skin
 
     @cached_property
     def vertices(self) -> PosableModel:

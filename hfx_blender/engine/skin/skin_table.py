@@ -120,9 +120,11 @@ class SkinTable:
         self._is_made = np.zeros(len(cells), np.bool_)
         self._cluster = np.repeat(np.arange(len(cells)), np.diff(self.starts))
 
+        # The first places of a cluster are its units, in the order of the cells.
         is_unit = np.arange(total) - self.starts[self._cluster] < self.unit_counts[self._cluster]
         self.cell_of = np.zeros(total, np.int64)
         self.cell_of[is_unit] = np.repeat(np.arange(len(self.cells)), counts[self.cells])
+        # A unit has a quad in each triangle around its vertex; without a split no quads.
         numbers = np.where(is_unit & is_split, np.diff(self.mesh.starts)[self.vertices], 0)
         self.quad_starts = np.concatenate([[0], np.cumsum(numbers, dtype=np.int64)])
         quads = int(self.quad_starts[-1])

@@ -90,6 +90,7 @@ class SkinnedModel:
     def pair_points(
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
+        # Matrices of all used bones at once, then picked per cluster and row.
         is_used = np.zeros(self._weights.bone_count + 1, np.bool_)
         for cluster, _ in cluster_slices(clusters):
             is_used[self.cluster_bones(cluster)] = True

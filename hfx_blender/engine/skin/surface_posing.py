@@ -97,6 +97,7 @@ class SurfaceModel(PointwiseModel):
         corners = surface[:, anchors.corners[vertices]].astype(np.float64)
         edge_1 = corners[:, :, 1] - corners[:, :, 0]
         edge_2 = corners[:, :, 2] - corners[:, :, 0]
+        # Offsets are along the unit normal of the posed triangle; none on degenerate triangles.
         normals = np.cross(edge_1, edge_2)
         lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
         normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)

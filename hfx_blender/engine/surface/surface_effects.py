@@ -175,6 +175,7 @@ def _parts(counts: I64) -> list[slice]:
     """Slices of successive times with at most 512 points, or a single time."""
     parts, first, total = [], 0, 0
     for k, count in enumerate(counts.tolist()):
+        # A time with more points than the limit is a batch of its own.
         if total and total + count > _POINTS_PER_BATCH:
             parts.append(slice(first, k))
             first, total = k, 0
@@ -226,10 +227,12 @@ def _gathered(
     times, starts = np.unique(time, return_index=True)
     strongest = np.maximum.reduceat(amplitude, starts)
     owner = np.repeat(np.arange(len(times)), np.diff(np.append(starts, len(contacts))))
+    # First of the strongest contacts of each row: its frequency is the row's.
     strongest_contacts = np.flatnonzero(amplitude == strongest[owner])
     chosen = strongest_contacts[np.searchsorted(strongest_contacts, starts)]
     frequencies = frequency[contacts][chosen]
     scale = np.where(strongest > 0.0, strongest, 1.0)[owner]
+    # Weights must stay above 0, even where the ratio underflows in float32.
     shares = np.maximum(amplitude / scale, np.finfo(np.float32).tiny)
     return SurfaceSamples(
         rows=rows[times],

@@ -127,7 +127,7 @@ def _finger_entries() -> dict[Words, str]:
         for name in names.split(","):
             word = name.strip()
             for around in ((), ("hand",), ("f",), ("finger",), ("hand", "finger"), ("fingers",)):
-                for phalanx in ((), *((each,) for each in _PHALANGES)):
+                for phalanx in ((), *((name,) for name in _PHALANGES)):
                     entries[frozenset((word, *around, *phalanx))] = f"finger {finger}"
             for marks in (
                 *(("metacarpal",), ("meta",), ("carpal",), ("in", "hand"), ("base",), ("palm",)),
