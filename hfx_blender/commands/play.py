@@ -201,7 +201,7 @@ def _opened(
     """
     from ..devices.configuration import load_device
     from ..devices.live import live_settings
-    from ..devices.live.played_track import PlayedTrack
+    from ..devices.live.track_playback import PlayedTrack
     from ..files import resources
     from ..formats.clip.container import SUFFIX
     from .played_clip import PlayedClip

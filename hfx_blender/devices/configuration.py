@@ -92,25 +92,29 @@ def is_file(name_or_path: str | Path) -> bool:
 
 
 def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
-    text = str(name_or_path)
-    if is_file(name_or_path):
-        return _on_side(Path(text)) or _read(Path(text))  # the latter raises: no such file
-    for parent in _folders(folder) if re.fullmatch(ID.pattern, text) else ():
-        device = _on_side(parent / (text + SUFFIX))
+    for path in _paths(name_or_path, folder):
+        device = _on_side(path)
         if device is not None:
             return device
+    text = str(name_or_path)
+    if is_file(name_or_path):
+        return _read(Path(text))  # raises: no such file, or no device with sides
     known = ", ".join(list_devices(folder)) or "none"
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
 
 
-def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
-    """File read by :func:`load_device` for the same arguments; None without a file."""
+def _paths(name_or_path: str | Path, folder: Path | None) -> list[Path]:
+    """Files of a name, by precedence; with ``_left`` or ``_right`` they need not exist."""
     text = str(name_or_path)
     if is_file(name_or_path):
-        paths = [Path(text)]
-    else:
-        paths = [parent / (text + SUFFIX) for parent in _folders(folder)]
-    for path in paths:
+        return [Path(text)]
+    is_name = re.fullmatch(ID.pattern, text) is not None
+    return [parent / (text + SUFFIX) for parent in _folders(folder) if is_name]
+
+
+def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
+    """File read by :func:`load_device` for the same arguments; None without a file."""
+    for path in _paths(name_or_path, folder):
         stem, _, side = path.stem.rpartition("_")
         sided = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
         for candidate in (path, sided):
@@ -130,6 +134,7 @@ def _on_side(path: Path) -> DeviceConfig | None:
     if side not in WEARABLE_SIDES or not written.is_file():
         return None
     device = _with_script(_read(written), written, path)
+    # A device without sides has no mirrored one.
     if device.side is None:
         return None
     return device if device.side == side else _mirrored(device)

@@ -128,11 +128,12 @@ def _answers(
         with _ScriptRun(script, device, answers) as run:
             batch: list[bytes] = []
             size = 0
-            for felt in _felt_by_row(track, renderer):
-                haptics = encode_haptics(times_s[row], felt, script_input[row])
+            for effects in _felt_by_row(track, renderer):
+                haptics = encode_haptics(times_s[row], effects, script_input[row])
                 batch.append(message(MessageKind.HAPTICS, 0, haptics))
                 size += len(batch[-1])
                 row += 1
+                # Batches save switches between the processes; small ones keep the progress smooth.
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
                     run.ask(batch)
                     batch, size = [], 0
@@ -189,23 +190,17 @@ def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
     nothing: FeltRuns = []
     row = 0  # next row to yield
     for block in blocks(track.header, track.runs()):
-        runs = [run for run in block if run.stream.body_id == renderer.body_id and len(run)]
-        gains = [renderer.gains(run) for run in runs]
-        # A merge of the runs' ascending indices; -1 ends each list and equals no index.
-        indices = [[*run.indices.tolist(), -1] for run in runs]
-        positions = [0] * len(runs)
-        for index in sorted({index for column in indices for index in column[:-1]}):
-            for _ in range(row, index):
-                yield nothing
-            effects = []
-            for n, k in enumerate(positions):
-                if indices[n][k] == index:
-                    effects.append((runs[n].one(k), gains[n][k]))
-                    positions[n] += 1
-            yield effects
+        by_row: dict[int, FeltRuns] = {}
+        for run in block:
+            if run.stream.body_id == renderer.body_id and len(run):
+                gains = renderer.gains(run)
+                for k, index in enumerate(run.indices.tolist()):
+                    by_row.setdefault(index, []).append((run.one(k), gains[k]))
+        for index in sorted(by_row):
+            yield from [nothing] * (index - row)
+            yield by_row[index]
             row = index + 1
-    for _ in range(row, track.header.time.sample_count):
-        yield nothing
+    yield from [nothing] * (track.header.time.sample_count - row)
 
 
 class _FaultError(Exception):
@@ -219,10 +214,7 @@ class _FaultError(Exception):
 class _ScriptRun:
     """Run of a script, row by row; a context manager that kills the worker at the end.
 
-    Parameters
-    ----------
-    answers : (T, columns) float64
-        Filled in place, row by row.
+    ``answers`` (T, columns) float64: filled in place, row by row.
     """
 
     def __init__(self, script: approval.DeviceScript, device: DeviceConfig, answers: F64) -> None:
@@ -269,6 +261,8 @@ class _ScriptRun:
         """
         while not self._is_ready or self._asked - self._answered > most:
             began = time.monotonic()
+            # The limit of a row starts with its predecessor's answer, or with its question after a
+            # pause.
             limit_s = self._went_on_at + (ROW_S if self._is_ready else START_S) - began
             if self._is_ready:
                 limit_s = min(limit_s, self._left_s)

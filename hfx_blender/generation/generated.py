@@ -48,7 +48,7 @@ _RECORD: Final = Record(
 
 @dataclass(frozen=True, eq=False)
 class Generated:
-    """Surface of a back end, before its files are written."""
+    """Surface of a back end, before the writing of files."""
 
     name: str  # stem of the file names
     colour: U8  # (H, W, 3) sRGB, bottom row first
@@ -63,7 +63,7 @@ class Generated:
 
 @dataclass(frozen=True, eq=False)
 class GeneratedFiles:
-    """Generated surface as read from its files; fields as of :class:`Generated`."""
+    """Generated surface as read from files; fields as of :class:`Generated`."""
 
     path: Path  # of the record
     name: str
@@ -107,6 +107,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
             "height": _codes(share),
             "roughness": _codes(np.clip(surface.roughness, 0.0, 1.0)),
         }
+        # 16 bits cover 0..full_slope, which the record names.
         full_slope = 0.0 if surface.slope is None else max(float(surface.slope.max()), 1e-9)
         if surface.slope is not None:
             pictures["slope"] = _codes(surface.slope / full_slope)
@@ -136,7 +137,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
 
 
 def read(path: Path) -> GeneratedFiles:
-    """Read a generated surface by the path of its record.
+    """Read a generated surface by the path of the record.
 
     Raises InputError: a file is missing, damaged, or differs from the hash in the record.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generation of surfaces in a process of its own, so that Blender never waits: both its sides.
+"""Generation of surfaces in a separate process, so that Blender never waits: both sides.
 
-The process takes one job and sends JSON messages ``{"share": 0..1}``, ``{"made": record's path}``
+The process takes a job and sends JSON messages ``{"share": 0..1}``, ``{"made": record's path}``
 and ``{"error": sentence}``.
 """
 
@@ -22,7 +22,7 @@ from .generated import Generated, write
 
 
 class GenerationProcess:
-    """Parent side: a process that does one job.
+    """Parent side: process of a job.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ def _of_picture(job: Mapping[str, Any], steps: NoticeableSteps | None) -> Genera
 
 
 def main() -> None:
-    """Child side: do the owner's job, write its surfaces and report each."""
+    """Child side: do the owner's job, write all surfaces and report each."""
     owner = Owner()
     job = decode_json(owner.receive().body)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Interpretation of English words: the kind of material and its qualities."""
+"""Interpretation of English words: kind of material and qualities."""
 
 from __future__ import annotations
 
@@ -90,6 +90,7 @@ class Interpretation:
         """
         times = self._counts.get(quality, 0)
         self._counts[quality] = times + 1
+        # "very very very" must not grow without bound.
         degree = min(max(degree, -_MOST_DEGREE), _MOST_DEGREE) * 0.5**times
         self.scale *= quality.scale**degree
         self.depth *= quality.depth**degree
@@ -323,6 +324,7 @@ class _TextReader:
         if quality == "deep" and following and following[0] in COLOURS:
             meaning = QUALITIES["deepcolour"]
         degree = self._degree
+        # "no rough" is smooth, but "no less rough" stays.
         if self._is_unwanted and degree > 0.0:
             degree = -degree
         self._result.add(meaning, degree)
@@ -339,6 +341,7 @@ class _TextReader:
             self._is_unwanted = False
             return
         is_aside = (self._is_aside and not self._is_reference) or self._is_shade(place)
+        # Materials aside count only if no more important material is named.
         weight = 0.0 if is_aside else meaning.weight + self._bonus
         named = NamedMaterial(word, place, meaning, weight, self._is_reference)
         self._result.materials.append(named)

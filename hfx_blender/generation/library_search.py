@@ -32,12 +32,8 @@ def generate(
 ) -> Generated:
     """Generate a surface from words and unwanted words; equal arguments give equal arrays.
 
-    Parameters
-    ----------
-    texels : int
-        Texels along each side, at least 16.
-    steps : NoticeableSteps, optional
-        Quantization of the haptic map; None: no quantization.
+    ``texels``: texels along each side, at least 16.
+    ``steps``: quantization of the haptic map; None: no quantization.
 
     Raises InputError: no word names a material, or a size is outside the range of touch.
     """
@@ -47,6 +43,7 @@ def generate(
     steering = _steering(meaning, shape, material)
     field, roughness = steered(material, steering, texels, seed)
     if meaning.depth_m is not None:
+        # A stated depth replaces the material's own.
         factor = meaning.depth_m / float(np.ptp(field.heights_m))
         field = type(field)(field.heights_m * factor, field.texel_m, field.tiles)
     colour = meaning.colour or strongest.meaning.colour
@@ -84,6 +81,7 @@ def _steering(
 ) -> Steering:
     scale = float(np.clip(meaning.scale, _LEAST_FACTOR, _MOST_FACTOR)) * shape.scale
     if meaning.period_m is not None:
+        # A stated size replaces all words about size.
         scale = meaning.period_m / material.period_m
     return Steering(
         scale,

@@ -144,6 +144,7 @@ def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None
             return text
     parts = []
     for name, value in inputs.items():
+        # Conditioning passes through nodes by inputs of the role's name.
         is_guided = name.startswith(_GUIDED) and not name.startswith(_OPPOSITE[role])
         if is_guided and isinstance(value, list):
             parts.append(_words(nodes, value, role, seen))

@@ -134,6 +134,7 @@ def open_blend(path: Path) -> None:
     bpy = start()
     from ..blender import blend_paths, linked_files
 
+    # A link to a pipe or device would hang Blender.
     blend_paths.refuse_endless(path)  # Blender reads linked files while opening the file
     try:
         # Blender does not look for a name without folder in the working folder.

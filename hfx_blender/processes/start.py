@@ -63,6 +63,7 @@ def start(
         raise OSError("this process is ending")
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
     process = subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
+    # Weak, as an entry must not keep ended processes alive.
     _started[process.pid] = weakref.ref(process)
     return process
 

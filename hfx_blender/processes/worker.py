@@ -117,6 +117,7 @@ class Worker:
             start_new_session=True,
         )
         threading.Thread(target=self._write, args=(self.process.stdin,), daemon=True).start()
+        # A thread for each pipe, as reading blocks.
         readers = {self._read: self.process.stdout, self._read_errors: self.process.stderr}
         self._readers = [
             threading.Thread(target=read, args=(stream,), daemon=True)

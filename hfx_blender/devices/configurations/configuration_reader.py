@@ -136,6 +136,7 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
         if "maximum" in bounds:
             bounds["maximum"].hold(Number(lowest, maximum, known.unit))
             highest = bounds.number("maximum")
+    # Above all limits: no device may be hotter than the modality allows.
     highest = min(highest, known.device_maximum)
     if lowest > highest:
         node.fail(f"a range that reaches below {highest:g} {known.unit}, the hottest allowed")

@@ -90,20 +90,20 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
         name,
         device.name,
         device,
-        places=tuple(place for place, _ in places.most_common()),
+        places=tuple(label for label, _ in places.most_common()),
         picture=picture if picture is not None and picture.is_file() else None,
     )
 
 
 def _place(actuator: Actuator) -> str:
     """Label of the body region at an actuator; :data:`ROOM` for an actuator of the room."""
-    place = actuator.place
-    if isinstance(place, BodyPlace):
+    position = actuator.place
+    if isinstance(position, BodyPlace):
         model = load_model(_MODEL)
-        on_part = np.isin(model.part, [PARTS.index(part) for part in place.parts])
-        distance = np.linalg.norm(model.vertices - np.array(place.centre_m), axis=1)
+        on_part = np.isin(model.part, [PARTS.index(part) for part in position.parts])
+        distance = np.linalg.norm(model.vertices - np.array(position.centre_m), axis=1)
         return region_at(model, int(np.argmin(np.where(on_part, distance, np.inf)))).label
-    if isinstance(place, VertexPlace):
-        first = place.sets[0]
+    if isinstance(position, VertexPlace):
+        first = position.sets[0]
         return region_at(load_model(first.model_id), first.vertices[0]).label
     return ROOM

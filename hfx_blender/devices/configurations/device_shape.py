@@ -112,6 +112,7 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
     if modality.is_silent_at_0:
         silent = Number(0, 0, note="0, at which the actuator is silent")
         return strict({"unit": unit, "minimum": silent, "maximum": value}, {"neutral": silent})
+    # Not silent at 0, as a temperature: any value up to the hottest allowed may be neutral.
     highest = f"{parameter.device_maximum:g} {parameter.unit}, the hottest allowed"
     low = Number(
         parameter.minimum,

@@ -153,6 +153,7 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
         )
     actuators, addresses = [], []
     scale = EYE_HEIGHT_M / MAP_EYE_HEIGHT_M
+    # Positions are scaled to the model's height, and projected to the skin of the bone's part.
     for k, node in enumerate(document.hold(_MAP)["nodes"].items(), 1):
         parts, side = _bone_parts(node)
         radius_m = node.number("radius", 0.02) * scale

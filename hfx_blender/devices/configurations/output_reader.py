@@ -93,12 +93,8 @@ def _bytes(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
 
 
 def _text(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
-    return TextEncoder(
-        start=node.get("start", ""),
-        separator=node.get("separator", " "),
-        full_scale=node.get("full_scale"),
-        stop=node.get("stop"),
-    )
+    start, separator = node.get("start", ""), node.get("separator", " ")
+    return TextEncoder(start, separator, node.get("full_scale"), node.get("stop"))
 
 
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:

@@ -30,12 +30,8 @@ class DelayQueue:
     No peak is lost where frames come faster than the device is updated: of all due frames
     each actuator plays the strongest value for an update, and then the newest value.
 
-    Parameters
-    ----------
-    tick : float
-        Seconds between two updates of the device.
-    keep_s : float
-        Frames older than the offset by more than this time, seconds, are dropped.
+    ``tick``: seconds between two updates of the device.
+    ``keep_s``: frames older than the offset by more than this time, seconds, are dropped.
     """
 
     def __init__(self, device: DeviceConfig, tick: float, keep_s: float) -> None:
@@ -57,6 +53,8 @@ class DelayQueue:
     def add(self, values: F64, now_s: float) -> None:
         """Append a frame that arrived at ``now_s``; drop frames that are too old."""
         if self._frames and now_s - self._frames[-1][0] < LEAST_APART_S:
+            # Replace the last frame, but keep its time, so that frames in quick succession become
+            # due.
             now_s = self._frames.pop()[0]
         self._frames.append((now_s, values))
         while self._frames[0][0] < now_s - self._oldest_s:
@@ -81,6 +79,7 @@ class DelayQueue:
             return newest  # frames with tones differ in length: only the newest is played
         strongest = self._strongest([values for _, values in due])
         if not np.array_equal(strongest, newest, equal_nan=True):
+            # The strongest values are played first, the newest frame with the next update.
             self._frames.appendleft(due[-1])
         return strongest
 

@@ -81,16 +81,13 @@ def identities(
     log, simulator            the configuration's id
     ========================  ===================================================================
 
-    Parameters
-    ----------
-    target : mapping
-        As for :func:`.opening.open_output`.
-    label : str
-        Label of the device that a server chose; "" without a server.
+    ``target``: as for :func:`.opening.open_output`.
+    ``label``: label of the device that a server chose; "" without a server.
     """
     kind = target.get("kind")
     numbers = tuple(map(str, range(len(device.actuators))))
     if kind == "serial":
+        # A serial number follows the board to any port; a port without one is known by its path.
         real = _real_port(str(target.get("port")))
         for port in serial_ports():
             if _real_port(port.name) == real and port.usb is not None and port.serial:
@@ -107,6 +104,7 @@ def identities(
     if kind == "audio":
         first = target.get("first_channel", 1)
         vibrating = [a.type.modality == "vibration" for a in device.actuators]
+        # Only vibration actuators have a channel, one after another.
         channels = np.cumsum(vibrating) - 1 + (first if isinstance(first, int) else 1)
         slots = (
             str(channel) if is_played else "none"
@@ -154,12 +152,8 @@ class _StoredBudget:
 class DutyBudgetStore:
     """Duty budgets of all devices of this process, and their files.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the files; created when needed.
-    clock : Clock
-        Clock of the device threads.
+    ``folder``: folder of the files; created when needed.
+    ``clock``: clock of the device threads.
     """
 
     def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:

@@ -31,10 +31,7 @@ _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 class Channels:
     """Channels of a device: the columns that are sent, their limits and scales.
 
-    Parameters
-    ----------
-    strengths_only : bool
-        Only the strength of each actuator, for outputs that take no frequency.
+    ``strengths_only``: only the strength of each actuator, for outputs that take no frequency.
 
     Attributes
     ----------
@@ -129,6 +126,7 @@ def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
             "side": side,
             "Side": side.capitalize(),
         }
+        # No str.format: an address could reach attributes of its arguments.
         for key, fact in facts.items():
             template = template.replace("{" + key + "}", fact)
         addresses.append(template)
@@ -161,6 +159,7 @@ class FrameEncoder:
             line = how.start + how.separator.join(str(int(number)) for number in numbers)
             return line.encode("ascii") + b"\n"
         body = numbers.astype(_NUMPY_TYPES[how.number]).tobytes()
+        # The checksum covers the numbers, without header and footer.
         check = {
             "none": b"",
             "xor": bytes([reduce(xor, body, 0)]),

@@ -18,11 +18,10 @@ from ...engine.rendering.device_config import (
     WireEncoder,
 )
 from ..configurations.output_reader import is_local
-from ..transports.csv_log import CsvLog
+from ..transports.log_outputs import CsvLog, Simulator
 from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder
 from .output import Output, OutputLostError
-from .simulator import Simulator
 
 KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
 

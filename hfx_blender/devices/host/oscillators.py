@@ -76,6 +76,8 @@ class Oscillators:
         target[1] = np.clip(target[1], 0.0, 0.5 * self._rate_hz)
         share = min(self._done / self._steps, 1.0)
         here = self._from * (1.0 - share) + self._to * share
+        # The phase goes on through the change; a start from silence takes that of the time since
+        # 0.
         cycles = self._cycles_at(np.array([self._done]))[0] % self._repeats
         is_start = here[0] == 0.0
         # A silent end of a ramp gets the frequency of the sounding end: no glide in fades.

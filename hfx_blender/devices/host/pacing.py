@@ -37,10 +37,7 @@ class Ramp:
     the first step of the ramp, and the last values before the next frame reach the target. An
     actuator with a single update in a frame jumps to the target, without delay.
 
-    Parameters
-    ----------
-    tick : float
-        Seconds between two calls of :meth:`at`.
+    ``tick``: seconds between two calls of :meth:`at`.
 
     Attributes
     ----------
@@ -95,6 +92,7 @@ class Ramp:
         if self.share >= 1.0:
             self._here = self._to.copy()
         else:
+            # Each actuator has steps of its own update interval; frequencies and silence jump.
             shares = self._share(since_s, self._intervals_s)
             with np.errstate(invalid="ignore", over="ignore"):
                 between = self._from + shares * (self._to - self._from)
@@ -158,8 +156,10 @@ class Pace:
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start
             silent = self._neutral[first]
+            # Silence passes at once, without waiting for an update.
             if given[first] == silent:
                 self._strongest[columns] = self._neutral[columns]
+            # An update is due: the strongest values since the last update.
             elif now_s >= self._next_s[k]:
                 strongest = self._strongest[columns]
                 if abs(strongest[0] - silent) > abs(given[first] - silent):

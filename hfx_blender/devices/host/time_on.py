@@ -190,12 +190,8 @@ class TimeOn:
 
         A step counts as on if the actuator is on at the start or the end of the step, else as rest.
 
-        Parameters
-        ----------
-        is_requested : (A,) bool
-            Actuators to be on from now to the next call.
-        step_s : float
-            Time since the last call, seconds; 0: not known.
+        ``is_requested`` (A,) bool: actuators to be on from now to the next call.
+        ``step_s``: time since the last call, seconds; 0: not known.
         """
         if not self.is_limited:
             return np.zeros(self._count, np.bool_)

@@ -47,18 +47,16 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
 
     At most :data:`MAX_TONES`, the strongest first.
 
-    Parameters
-    ----------
-    partials : iterable of Partial
-        Partials of a single row at W = ``width`` actuators.
-    numbers : mapping
-        Tone numbers by effect id; a merged tone has the number of the first effect.
+    ``partials``: partials of a single row at W = ``width`` actuators.
+    ``numbers``: tone numbers by effect id; a merged tone has the number of the first effect.
     """
     merged: list[tuple[int, F64, F64]] = []
     for partial in partials:
         amplitudes, hz = partial.amplitudes[0], partial.frequencies_hz[0]
         if not amplitudes.any():
             continue
+        # A partial joins the first tone of its effect, or of equal frequency at all actuators
+        # where it sounds.
         for k, (number, sum_, sum_hz) in enumerate(merged):
             sounds = amplitudes > 0.0
             differs = np.abs(hz - sum_hz.max())[sounds].max() > _ALIKE_HZ
@@ -68,6 +66,7 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
                 break
         else:
             merged.append((numbers[partial.effect_id], amplitudes, hz))
+    # Without the weakest tones, so that a frame has a bound.
     merged = sorted(merged, key=lambda tone: -float(tone[1].max()))[:MAX_TONES]
     if not merged:
         return Tones.none(width)
@@ -146,6 +145,7 @@ class Sounding:
         here = _between(self._from, self._to, share)
         is_finite = np.isfinite(here.amplitudes) & np.isfinite(here.frequencies_hz)
         totals = np.where(is_finite, np.maximum(here.amplitudes, 0.0), 0.0)
+        # Sines of different frequencies add in power.
         totals = np.sqrt((np.minimum(totals, self._highest) ** 2).sum(axis=0))
         strengths = wanted[self.columns]
         raised = wanted.copy()
@@ -173,6 +173,8 @@ class Sounding:
         hz = np.where(finite, self._here.frequencies_hz, 0.0)
         plays = (requested > 0.0) & np.isfinite(requested)
         with np.errstate(over="ignore", invalid="ignore"):
+            # All tones of an actuator are scaled by the share of its strength that passed the
+            # guard.
             amplitudes *= np.where(plays, limited_ / np.where(plays, requested, 1.0), 0.0)
         amplitudes = np.minimum(np.nan_to_num(amplitudes), self._highest)
         # Actuators without a sounding tone: what passed the guard comes from plain values.
@@ -210,6 +212,7 @@ def _between(start: Tones, end: Tones, share: float) -> Tones:
     """
     if share >= 1.0:
         return end
+    # Tones of both sets, in a common order; 0 where a set lacks a tone.
     numbers = list(dict.fromkeys([*start.numbers.tolist(), *end.numbers.tolist()]))
     (a, a_hz), (b, b_hz) = _in_order(start, numbers), _in_order(end, numbers)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -168,6 +168,7 @@ def decode_frame(content: bytes) -> Frame | None:
     plain = decode_cobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None
+    # The CRC-32 covers everything before it.
     body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])
     version, kind, sequence = _HEAD.unpack(body[: _HEAD.size])
     if version != VERSION or zlib.crc32(body) != crc:

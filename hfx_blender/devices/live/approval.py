@@ -102,6 +102,7 @@ def approve(script: DeviceScript) -> None:
     Raises InputError: a file has changed since then, or the list of approvals cannot be read.
     Raises OutputError: the list cannot be written.
     """
+    # The user approves the bytes that were shown, not a later version.
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has just changed; read it again.")
     path = str(script.path.absolute())

@@ -141,6 +141,7 @@ class LiveClient:
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
+        # A CONNECT with a known number closes the earlier device first.
         self.pipe.send(MessageKind.CONNECT, state.number, encode_json(request))
         self.pipe.send(MessageKind.ARM, state.number)
         return state
@@ -195,6 +196,7 @@ class LiveClient:
         Muting a device discards unsent moments: call :meth:`show` again.
         """
         for number, gain in gains.items():
+            # Newly muted: unsent values are void, and a pause silences the device at once.
             if not gain and self._gains.get(number, 1.0):
                 self.pipe.void(EVERY_DEVICE)
                 self.pipe.void(number)

@@ -156,6 +156,7 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
         The device is on no port, and a device with another serial number is on ``name``.
     """
     at_name = serial_number_of(name, ports)
+    # Without numbers to compare, the name of the port decides.
     if not serial_number or not at_name or at_name == serial_number:
         return name
     for port in ports:

@@ -51,6 +51,7 @@ class _Driven:
         is rejected and the second accepted, so that a repeated datagram stays rejected.
         """
         rises = number > self.number
+        # A lower number after a silence: the second datagram of a restarted game is accepted.
         if not rises and now_s - self.heard_s > DEAD_MAN_S:
             rises = self.first is not None and number > self.first
             self.first = number
@@ -130,6 +131,7 @@ class GameDoor:
         if len(datagram) < _HEAD.size:
             return None
         mark, token, number, length = _HEAD.unpack_from(datagram)
+        # Compared in constant time, so that the token cannot be guessed byte by byte.
         if mark != _MARK or not hmac.compare_digest(token, self.token):
             return None
         driven = self._driven.get(datagram[_HEAD.size : _HEAD.size + length])

@@ -61,6 +61,7 @@ class BhapticsOutput:
                 dots[position].append({"index": index, "intensity": int(level)})
         is_on = {position for position, entries in dots.items() if entries}
         frames = [self._frame(p, dots[p]) for p in self._positions if p in is_on]
+        # A frame would hold for 100 ms, so silence is sent as "turnOff", once.
         frames += [self._off(position) for position in sorted(self._was_on - is_on)]
         self._was_on = is_on
         if frames:

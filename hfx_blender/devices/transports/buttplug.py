@@ -330,6 +330,7 @@ class ButtplugOutput:
             return
         shares = self._channels.fractions(self._channels.values(values))
         silent = self._channels.fractions(self._channels.neutral)
+        # Silence passes the rate limit, so that a stop is never late.
         if now < self._given_s + self.command_interval_s and (shares != silent).any():
             return
         commands = []
@@ -337,6 +338,7 @@ class ButtplugOutput:
             zip(shares, silent, self._ranges, strict=True)
         ):
             level = _level(float(share), float(rest), low, high)
+            # A server keeps the last level of an output.
             if level != self._given[k]:
                 self._given[k] = level
                 commands.append(self._output(k, level))
@@ -376,6 +378,7 @@ class ButtplugOutput:
         served = self._server.devices or []
         fitting = [x for x in served if x.fits(self._how)]
         name = unit or had_before.get((key, device_id), "")
+        # Without a name a free device is preferred; one in use gives a clear message.
         free = [x for x in fitting if are_free([(*key, x.index)])]
         device = chosen(name, fitting) if name else next(iter(free or fitting), None)
         if device is None:
@@ -427,6 +430,7 @@ def _level(share: float, rest: float, low: int, high: int) -> int:
     """
     if low >= 0:
         return round(low + share * (high - low))
+    # Above rest the positive half, below it the negative half of the range.
     if share >= rest:
         return round(high * (share - rest) / max(1.0 - rest, 1e-9))
     return round(low * (rest - share) / max(rest, 1e-9))

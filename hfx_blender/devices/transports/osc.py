@@ -38,6 +38,7 @@ def bundles(messages: list[bytes]) -> list[bytes]:
     bundle = _BUNDLE
     for content in messages:
         element = osc_types.write_int(len(content)) + content
+        # A full bundle is complete, unless the message alone exceeds the limit.
         if len(bundle) + len(element) > MAX_DATAGRAM and bundle != _BUNDLE:
             complete.append(bundle)
             bundle = _BUNDLE

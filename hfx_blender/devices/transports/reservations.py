@@ -20,12 +20,8 @@ _lock = threading.Lock()
 def reserve(keys: Iterable[Hashable], name: str) -> Keys:
     """Reserve all keys of an output, or none; the result is for :func:`release`.
 
-    Parameters
-    ----------
-    keys : iterable of hashable
-        Ports, devices or channels of the output, under all names.
-    name : str
-        Name of the output in the message.
+    ``keys``: ports, devices or channels of the output, under all names.
+    ``name``: name of the output in the message.
 
     Raises OutputLostError: a key is reserved by another output.
     """
@@ -66,6 +62,7 @@ def computer(host: str) -> str:
         address = ipaddress.ip_address("127.0.0.1" if name == "localhost" else name)
     except ValueError:
         return name
+    # ::ffff:127.0.0.1 is 127.0.0.1.
     address = getattr(address, "ipv4_mapped", None) or address
     if address.is_loopback or address.is_unspecified or _is_own(address):
         return "this computer"

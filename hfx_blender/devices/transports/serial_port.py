@@ -120,6 +120,7 @@ class SerialPort:
         while self._rest or self._next:
             if not self._rest:
                 self._rest, self._next = self._next, b""
+            # A stalled port writes nothing: the rest waits for the next call.
             written = self._written(self._rest)
             if not written:
                 return
@@ -171,5 +172,6 @@ def reserve_port(name: str) -> Keys:
         number = os.stat(real).st_rdev if os.name == "posix" else 0
     except OSError as error:
         raise OutputLostError(f"{name} is not there ({error.strerror}).") from None
+    # The device number identifies a port with several device files.
     keys = {("port", real), *([("port number", number)] if number else [])}
     return reserve(keys, name)

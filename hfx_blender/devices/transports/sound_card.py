@@ -38,12 +38,8 @@ class SoundCard:
 
     Full scale is the largest amplitude limit of the actuators.
 
-    Parameters
-    ----------
-    interface : str
-        Part of the card's name, or the number; "": the system's default.
-    first_channel : int
-        Channel of the first actuator, from 1.
+    ``interface``: part of the card's name, or the number; "": the system's default.
+    ``first_channel``: channel of the first actuator, from 1.
 
     Raises
     ------
@@ -164,6 +160,7 @@ class SoundCard:
         """Fill PortAudio's buffer; called in its thread."""
         outdata[:] = 0.0
         with self._lock:
+            # Dead-man switch: this thread goes on when the device thread hangs.
             if time.monotonic() - self._values_s > DEAD_MAN_S:
                 self._silence()
             outdata[:, self._first :] = self._waves.block(frames)

@@ -161,6 +161,7 @@ class WebSocket:
         self._socket.sendall(b"".join(self._protocol.data_to_send()))
         content = b""
         while self._protocol.state is State.CONNECTING:
+            # The limit holds for the whole handshake, not for each read.
             self._socket.settimeout(max(until - time.monotonic(), 0.001))
             try:
                 content = self._socket.recv(_RECEIVED)
@@ -223,6 +224,7 @@ class WebSocket:
             self._lost = self._lost or "the connection was closed by the server"
             return
         self._on_tick()
+        # A server that reads nothing would let a stop wait for ever.
         if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
             self._lost = _STALLED
 

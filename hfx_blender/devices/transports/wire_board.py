@@ -31,10 +31,7 @@ _MOST_NOISE: Final = 100
 class WireBoard:
     """Output to a board with this project's firmware; waits for the answer of the board.
 
-    Parameters
-    ----------
-    port : SerialPort
-        Open port, closed by :meth:`close`.
+    ``port``: open port, closed by :meth:`close`.
 
     Raises OutputLostError: the board does not answer, or has too few channels for the device.
     """
@@ -133,6 +130,7 @@ class WireBoard:
 
     def _check_ready(self, payload: bytes) -> None:
         reported = wire.decode_ready(payload)
+        # The CRC of the configuration identifies the session.
         if reported is None or reported[0] != self._crc:
             return  # of an earlier session
         if reported[1] < len(self._channels):

@@ -113,6 +113,7 @@ def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values:
                 "level": float(run.levels[0]),
             }
         )
+        # Arrays are named by the number of their effect.
         arrays[f"{k} parameters"] = run.parameters[0]
         arrays[f"{k} vertices"] = run.vertices
         arrays[f"{k} weights"] = run.weights

@@ -188,6 +188,7 @@ def _runs(
     driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
     first = dict.fromkeys(ARRAYS, 0)
     runs = []
+    # Optional arrays hold rows only of runs with them: ``first`` is the next unread row.
     for k, index in enumerate(arrays["streams"].tolist()):
         part = slice(int(ends[k]), int(ends[k + 1]))
         more: dict[str, Any] = {}

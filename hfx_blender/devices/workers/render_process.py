@@ -112,6 +112,7 @@ class RenderProcess:
             return
         kind, limit_s = MessageKind.MOMENT, MOMENT_S
         questions: Questions = {}
+        # A scene goes before a moment, which may belong to it.
         if self._scene is not None:
             kind, limit_s = MessageKind.SCENE, SCENE_S
             body, self._scene, self._is_preparing = self._scene, None, True

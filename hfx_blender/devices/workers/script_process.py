@@ -41,12 +41,8 @@ _WATCH_S: Final = 0.05
 class ScriptProcess:
     """Process of a device's script, as :class:`.device_thread.Script`; thread-safe.
 
-    Parameters
-    ----------
-    request : mapping
-        ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
-    fault, log : callable
-        Take a sentence; called in threads, as answers are.
+    ``request``: ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
+    ``fault``, ``log``: take a sentence; called in threads, as answers are.
     """
 
     def __init__(
@@ -77,6 +73,7 @@ class ScriptProcess:
             self.close()
             if self._approval.is_withdrawn():
                 raise ScriptRefusedError(WITHDRAWN)
+            # The deque holds the last three faults.
             if len(self._faults) == FAULTS and self._faults[-1] - self._faults[0] < FAULTS_WITHIN_S:
                 raise ScriptRefusedError(
                     f"its script stays off after {FAULTS} faults within "
@@ -130,6 +127,7 @@ class ScriptProcess:
     def _ask_next(self) -> None:
         if self._worker is None or not self._is_ready or self._next is None:
             return
+        # Idle: the deadline is set while a question is in progress.
         if self._deadline_s is None:
             (body, self._answer), self._next = self._next, None
             self._number = (self._number + 1) % _NUMBERS

@@ -87,6 +87,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     path, configuration = Path(request["path"]), Path(request["configuration"])
     source = path.read_bytes()
     name, folder = request["device"], request.get("folder")
+    # Of the bytes that are run below, so that no change in between can pass.
     mark = fingerprint_of(source, configuration.read_bytes())
     if mark != request["fingerprint"]:
         raise PermissionError(f"{path.name} has changed since it was approved")

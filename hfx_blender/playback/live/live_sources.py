@@ -19,7 +19,7 @@ from .latency import recorded_runs
 
 if TYPE_CHECKING:
     from ...devices.live.client import LiveClient
-    from ...devices.live.played_track import PlayedTrack
+    from ...devices.live.track_playback import PlayedTrack
     from ...devices.workers.live_frame import LiveFrame
     from ...engine.samples import Stream
 
@@ -149,7 +149,7 @@ class TrackSource:
         return self.track is not None
 
     def open(self, context: bpy.types.Context) -> None:
-        from ...devices.live.played_track import PlayedTrack
+        from ...devices.live.track_playback import PlayedTrack
 
         scene = context.scene
         path = self._path(scene)

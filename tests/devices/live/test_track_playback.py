@@ -24,7 +24,7 @@ from raw_server import RawServer
 from test_render_process import HEADER, STREAMS, felt, places
 
 from hfx_blender import cli
-from hfx_blender.devices.live.played_track import PlayedTrack
+from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.devices.workers.live_frame import decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter

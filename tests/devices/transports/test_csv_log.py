@@ -9,7 +9,7 @@ from bench_devices import device, heat, vibration
 
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
-from hfx_blender.devices.transports import csv_log
+from hfx_blender.devices.transports import log_outputs
 
 
 def test_a_log_has_a_row_for_each_thing_that_was_sent(tmp_path):
@@ -38,7 +38,7 @@ def test_a_log_overwrites_nothing_and_ends_before_the_disk_is_full(tmp_path, mon
     with pytest.raises(OutputLostError, match="exists already"):
         open_output(device(heat()), {"kind": "csv", "path": path})
     assert path.read_text() == "mine"
-    monkeypatch.setattr(csv_log, "MAX_BYTES", 200)
+    monkeypatch.setattr(log_outputs, "CSV_BYTES", 200)
     output = open_output(device(heat()), {"kind": "csv", "path": tmp_path / "other.csv"})
     with pytest.raises(OutputLostError, match="full"):
         for _ in range(100):

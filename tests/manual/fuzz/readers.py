@@ -24,7 +24,7 @@ from hfx_blender.commands.played_clip import PlayedClip
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import imported_layouts
 from hfx_blender.devices.configurations.configuration_reader import device_from
-from hfx_blender.devices.live.played_track import PlayedTrack
+from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.engine.body import model as body_model
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.track import TrackReader

@@ -1,20 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Log files of outputs: new regular files, or logs of the same kind of output.
+"""Outputs to log files in place of hardware: simulator (JSON lines) and CSV.
 
-Only logs are overwritten. Pipes and device nodes are not opened: opening a pipe may block, and
-opening a device node may have effects.
+A log is a new regular file, or an earlier log of a simulator. Pipes and device nodes are not
+opened: opening a pipe may block, and opening a device node may have effects.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import stat
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from .output import OutputLostError
+from ...engine.arrays import F64
+from ...engine.rendering.device_config import DeviceConfig
+from ..host.encoders import Channels
+from ..host.output import OutputLostError
+
+SIMULATOR_BYTES: Final = 64 << 20
+"""Size at which a simulator's log is emptied, bytes: half an hour of a large device."""
+
+CSV_BYTES: Final = 256 << 20
+"""Size at which a CSV log ends with an error, bytes, so that it cannot fill the disk."""
 
 MOST_BYTES: Final = 1 << 28
 """Largest existing log that is read and overwritten, bytes; outputs write smaller ones."""
@@ -26,6 +37,109 @@ _FLAGS: Final = (
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )
+_START: Final = b'{"time_s": '
+
+
+class Simulator:
+    """Output to a log file; without a path, values are discarded.
+
+    Parameters
+    ----------
+    path : Path, optional
+        Log with lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
+        times are of the system's monotonic clock. Only logs of simulators are overwritten.
+
+    Raises
+    ------
+    OutputLostError
+        The file is not a simulator's log, is no regular file, or cannot be written.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._size = 0
+        self._file = None if path is None else LogFile(path, _is_log)
+
+    def send(self, values: F64) -> None:
+        self._write({"time_s": time.monotonic(), "values": values.tolist()})
+
+    def stop(self) -> None:
+        with suppress(OutputLostError):
+            self._write({"time_s": time.monotonic(), "stop": True})
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, content: dict[str, object]) -> None:
+        if self._file is None or self._file.is_closed:
+            return
+        line = json.dumps(content).encode() + b"\n"
+        if self._size + len(line) > SIMULATOR_BYTES:
+            self._file.empty()
+            self._size = 0
+        self._file.write(line)
+        self._size += len(line)
+
+
+def _is_log(content: bytes) -> bool:
+    """Test that all lines of a file are a simulator's; the last line may be cut off."""
+    *lines, rest = content.split(b"\n")
+    return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
+
+
+def _is_line(line: bytes) -> bool:
+    if not line.startswith(_START):
+        return False
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    return set(entry) in ({"time_s", "values"}, {"time_s", "stop"})
+
+
+class CsvLog:
+    """Output to a new CSV file: ``time_s`` since the start, ``event`` (values, stop), channels.
+
+    Raises OutputLostError: the file exists already, or cannot be written.
+    """
+
+    def __init__(self, device: DeviceConfig, path: Path) -> None:
+        self._channels = Channels(device)
+        self._began_s = time.monotonic()
+        self._left = CSV_BYTES
+        self._path = path
+        self._file = LogFile(path)
+        units = [f"{actuator}.{control}" for actuator, control in self._channels.names]
+        try:
+            self._write(",".join(["time_s", "event", *units]))
+        except OutputLostError:
+            self.close()
+            raise
+
+    def send(self, values: F64) -> None:
+        """Write a row for values (columns,)."""
+        self._row("values", self._channels.values(values))
+
+    def stop(self) -> None:
+        """Write a row of neutral values, unless the log has been closed."""
+        with suppress(OutputLostError):
+            if not self._file.is_closed:
+                self._row("stop", self._channels.neutral)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _row(self, event: str, values: F64) -> None:
+        now = time.monotonic() - self._began_s
+        self._write(",".join([f"{now:.4f}", event, *(f"{value:g}" for value in values)]))
+
+    def _write(self, line: str) -> None:
+        content = line.encode("ascii") + b"\n"
+        self._left -= len(content)
+        if self._left < 0:
+            raise OutputLostError(f"{self._path} is full: a log takes {CSV_BYTES >> 20} MiB.")
+        self._file.write(content)
 
 
 class LogFile:

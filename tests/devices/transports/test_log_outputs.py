@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.host import simulator
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.transports import log_outputs
 
 BAND = load_device("forearm_band_left")
 VALUES = np.tile([1.0, 100.0], 8)
@@ -132,7 +132,7 @@ def test_what_is_no_regular_file_is_not_opened(tmp_path, kind, what):
 
 
 def test_a_full_log_begins_anew_and_is_a_log_still(tmp_path, monkeypatch):
-    monkeypatch.setattr(simulator, "MAX_BYTES", 1000)
+    monkeypatch.setattr(log_outputs, "SIMULATOR_BYTES", 1000)
     path = tmp_path / "log.jsonl"
     output = opened("simulator", path)
     for _ in range(50):
