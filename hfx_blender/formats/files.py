@@ -51,9 +51,7 @@ def format_of(path: Path) -> FormatInfo:
     known = ", ".join(
         info.read_suffix or info.suffix for info in [*checked, *_formats_without_check()]
     )
-    raise InputError(
-        f"{path}: is {title_of(path)}, of no format that is known here; known are {known}."
-    )
+    raise InputError(f"{path}: is {title_of(path)}, which is no known format; known are {known}.")
 
 
 def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
@@ -64,7 +62,7 @@ def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     for path in files:
         if path != target and path.is_file() and not _is_written_by_hfx(path):
             raise OutputError(
-                f"{path}: cannot be written (a file of this name is there that HFX did not make); "
+                f"{path}: cannot be written (another program's file has this name); "
                 f"'{target.name}' needs this name: choose another target."
             )
 
@@ -253,7 +251,7 @@ def facts_of(path: Path) -> dict[str, Any]:
         "file": str(path),
         "format": info.title,
         "bytes": path.stat().st_size,
-        "valid": f"no, {len(errors)} errors ('hfx validate' tells them)" if errors else "yes",
+        "valid": f"no, {len(errors)} errors (run 'hfx validate' for a list)" if errors else "yes",
     }
     return facts | (info.function("facts")(path) if info.facts else _facts_of_signals(path))
 

@@ -143,7 +143,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             "track",
             "HapticTrack",
             ".hfxtrack",
-            dialog=("Haptic Track", "Everything that is felt, for any device (.hfxtrack)", 0),
+            dialog=("Haptic Track", "Samples of all effects, for any device (.hfxtrack)", 0),
             read="files:read_track",
         ),
         FormatInfo(
@@ -152,7 +152,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".hjif",
             dialog=(
                 "MPEG HJIF",
-                "Everything that is felt, in MPEG's haptics format, with .glb meshes",
+                "Samples of all effects in MPEG's haptics format, with .glb meshes",
                 1,
             ),
             companions=(".glb",),
@@ -168,7 +168,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             "jsonl",
             "JSON Lines of samples",
             ".samples.jsonl",
-            dialog=("JSON Lines", "Everything that is felt, sample by sample, for game engines", 2),
+            dialog=("JSON Lines", "Samples of all effects as lines of JSON, for game engines", 2),
             read_suffix=".jsonl",
             write_track="jsonl.jsonl_samples:export",
             check="jsonl.jsonl_samples:validate",
@@ -181,15 +181,15 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             dialog=("glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 3),
             own_start=rb'.{20}\{"asset":\{"version":"2\.0","generator":"HFX"',
             check="glb.glb_reader:validate",
-            unchecked="only what HFX reads of it was checked; all rules of glTF are those of "
-            "Khronos' gltf-validator",
+            unchecked="only the members used by HFX were checked; Khronos' gltf-validator "
+            "checks all rules of glTF",
             facts="glb.glb_reader:facts",
         ),
         FormatInfo(
             "clip",
             "game clip",
             ".hfxclip",
-            dialog=("Game Clip", "What devices play, for players in games (.hfxclip)", 18),
+            dialog=("Game Clip", "Output of devices, for players in games (.hfxclip)", 18),
             write_played="clip.clip_writer:write",
             check="clip.clip_rules:validate",
             facts="clip.clip_writer:facts",
@@ -352,7 +352,7 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
     for name in names:
         if name in _REMOVED:
             instead = _REMOVED[name][0]
-            raise UsageError(f"{option} {name}: is read, but written no more; use {instead}")
+            raise UsageError(f"{option} {name}: is read, but no longer written; use {instead}")
         if name not in known:
             raise UsageError(f"{option} {name}: expected one of {', '.join(known)}")
 
@@ -365,7 +365,7 @@ def target_of(path: Path) -> FormatInfo:
     for removed, (instead, suffix) in _REMOVED.items():
         if path.name.endswith(suffix):
             raise UsageError(
-                f"{path}: '{suffix}' was the suffix of {removed}, which is written no more; use "
+                f"{path}: '{suffix}' was the suffix of {removed}, which is no longer written; use "
                 f"'{FORMATS[instead].suffix}', or '--to {instead}' with any name"
             )
     targets = [FORMATS[id] for id in TARGETS]

@@ -726,7 +726,7 @@ def test_weights_become_gains(tmp_path):
 
 def test_a_track_that_nobody_felt_is_refused(tmp_path):
     with track_of(tmp_path, "pressure", "painted", [0.0, 0.0]) as track:
-        with pytest.raises(InputError, match="nothing is felt"):
+        with pytest.raises(InputError, match="no samples on a body"):
             from_track.write(track, (), tmp_path / "y")
     assert not list(tmp_path.glob("y*"))
 
@@ -807,5 +807,5 @@ def test_what_a_document_cannot_hold_of_a_track_is_told(tmp_path):
         )
     with TrackReader(tmp_path / "x.hfxtrack") as track:
         turning, changing = from_track.write(track, (), tmp_path / "turning").left_out
-    assert "one direction" in turning and turning.endswith("1 (Rain)")
-    assert "at first" in changing and changing.endswith("1 (Rain)")
+    assert "changing direction" in turning and turning.endswith("1 (Rain)")
+    assert "first sample" in changing and changing.endswith("1 (Rain)")

@@ -39,7 +39,7 @@ Played = Sequence[tuple[DeviceConfig, Raster]]
 def sections_of(
     header: TrackHeader, played: Played, texts: Texts, title: str
 ) -> tuple[dict[str, Records], Written]:
-    """Sections of the devices' output of a track, and notes on losses.
+    """Sections of device output, time and named clips of a track; second, notes on skipped clips.
 
     Parameters
     ----------
@@ -235,9 +235,7 @@ def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
     for named_clip in named_clips(header):
         rows = sample_range(named_clip.clip, header.time)
         if rows is None:
-            notes.append(
-                f"clip '{named_clip.name}' is outside the exported frames, so it is not in it"
-            )
+            notes.append(f"clip '{named_clip.name}' is outside the exported frames and left out")
             continue
         loops = named_clip.name.casefold().endswith(_LOOPS)
         rows_of_clips.append(

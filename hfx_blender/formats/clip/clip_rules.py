@@ -208,7 +208,11 @@ def _numbers(sections: Sections) -> list[Finding]:
 
 
 def _rows(sections: Sections) -> list[Finding]:
-    """Check the rows of each actuator: ascending from 0, with a set of values each."""
+    """Check the rows of each actuator, and the number of values.
+
+    Rows start at 0, ascend strictly and are below the clip's row count; each row has a value per
+    column.
+    """
     actuators, rows = sections["ACTR"], sections["ROWS"].astype(np.int64)
     if not len(actuators):
         return []
@@ -265,7 +269,7 @@ def _clips(sections: Sections) -> list[Finding]:
     taken: set[str] = set()
     for k, name in enumerate(texts_at(sections, clips["name"])):
         if name in taken:
-            findings.append(_finding(f"CLIP[{k}].name", f"is '{name}', as another one's"))
+            findings.append(_finding(f"CLIP[{k}].name", f"is '{name}', as another clip's"))
             break
         taken.add(name)
     return findings

@@ -60,7 +60,7 @@ def sections_of(
     bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
     unskinned_names = [b.name for b in recorder.scene.bodies if b not in skinned]
-    lost += counted(unskinned_names, "bodies that follow their mesh cannot be posed by a player")
+    lost += counted(unskinned_names, "bodies following a mesh cannot be posed by a player")
     for body in skinned:
         bodies.add(body)
     sections = bodies.sections()

@@ -318,15 +318,15 @@ def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
 
 
 def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
-    """Add the ticks of a companion pattern to a signal.
+    """Add the ticks of a companion pattern to a signal, sorted by time.
 
     Raises InputError if the companion is unreadable; an envelope of the companion is reported as
-    lost.
+    lost. ``name`` is the companion's path for messages.
     """
     (ticking,), _ = decode(content, name)
     left_out, notes = ticking.left_out, ticking.notes
     if (ticking.amplitude.values > 0.0).any():
-        left_out += (f"{Path(name).name}: has more than ticks, which are all that is taken",)
+        left_out += (f"{Path(name).name}: only the ticks are taken",)
     return replace(
         signal,
         transients=tuple(

@@ -90,10 +90,10 @@ def findings(document: Any) -> list[Finding]:
     if report.has_errors:
         return report.findings
     if "Version" not in document:
-        message = f"'Version' is missing: not every player takes that; it is {_VERSION}"
+        message = f"'Version' is missing, which some players refuse; the version is {_VERSION}"
         report.warn("VERSION", None, message)
     elif document["Version"] != _VERSION:
-        message = f"{document['Version']:g}: phones do not play it; they know {_VERSION}"
+        message = f"{document['Version']:g}: phones do not play it, only version {_VERSION}"
         report.warn("VERSION", (None, "Version"), message)
     # Beyond the schema: a single kind per entry, durations, value ranges and order of points.
     for k, entry in enumerate(document["Pattern"]):
@@ -104,7 +104,7 @@ def findings(document: Any) -> list[Finding]:
         if "Continuous" in event.get("EventType", ""):
             duration = event.get("EventDuration")
             if duration is None:
-                report.error("DURATION-MISSING", (location, "Event"), "it has no EventDuration")
+                report.error("DURATION-MISSING", (location, "Event"), "'EventDuration' is missing")
             elif duration > MAX_EVENT_S:
                 message = f"lasts {duration:g} s, the most is {MAX_EVENT_S:g} s"
                 report.error("DURATION", (location, "Event"), message)
@@ -180,7 +180,7 @@ def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _check_range(parameter: dict[str, Any], report: Report, place: Any) -> None:
-    """Warn about a parameter value outside its range."""
+    """Warn about a parameter value outside its range; +-1e9 for parameters without a range."""
     name, value = parameter["ParameterID"], parameter["ParameterValue"]
     low, high = _RANGES.get(name, (-1e9, 1e9))
     if not low <= value <= high:

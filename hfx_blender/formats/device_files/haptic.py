@@ -65,7 +65,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     for signal in signals:
         lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
         if lost:
-            left_out.append(f"'{signal.name}': {lost} ticks at the same time as a stronger one")
+            left_out.append(f"'{signal.name}': {lost} ticks at the time of a stronger tick")
         # Readers refuse an emphasis weaker than the envelope: document() raises the emphasis.
         raised = sum(
             tick.amplitude < float(signal.amplitude.at(tick.time_s)) - 1e-6
@@ -165,7 +165,9 @@ def _findings(document: Any) -> list[Finding]:
         # them.
         times = np.array([point["time"] for point in points], np.float32)
         for k in (np.flatnonzero(np.diff(times) < 0.0) + 1).tolist():
-            report.error("ORDER", ((location, name), k), "its time is before the last one's")
+            report.error(
+                "ORDER", ((location, name), k), "the time is before that of the last point"
+            )
     first, last = amplitude[0]["time"], amplitude[-1]["time"]
     if last <= first:
         message = "the envelope has no duration: Lofelt's reader takes it, Meta's does not"

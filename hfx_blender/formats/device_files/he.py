@@ -193,11 +193,11 @@ def _write_fitting(
             (few,) = simplified_signals([signal], value)
             content = build(few)
             if content is not None and value > tolerance:
-                notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
+                notes.append(f"'{signal.name}': {limit}, so kept within {value:.1%}")
             value *= _COARSER
         if content is None:
             refused.append(
-                f"'{signal.name}': {limit}; this one needs more even if it is simplified "
+                f"'{signal.name}': {limit}; this signal needs more even if simplified "
                 f"to {_COARSEST:.0%} of full scale. Export a shorter range"
             )
             continue

@@ -225,7 +225,7 @@ def _check_events(
     for k, entry in enumerate(pattern):
         event, here = entry["Event"], ((place, k), "Event")
         if event[time] < last:
-            report.error("ORDER", here, f"begins at {event[time]} ms, before the one before it")
+            report.error("ORDER", here, f"begins at {event[time]} ms, before the event before")
         last = max(last, event[time])
         curve = event["Parameters"].get("Curve")
         if event["Type"] == "transient":

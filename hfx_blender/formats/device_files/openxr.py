@@ -75,7 +75,7 @@ def held(frequencies: FrequencyRange) -> FrequencyRange:
 
 
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
-    """Document of signals, a channel each."""
+    """Document of signals, a channel each; frequencies are clipped to the extension's limits."""
     hertz = held(frequencies)
     return {
         "format": FORMAT,
@@ -170,7 +170,11 @@ def _findings(document: Any) -> list[Finding]:
         last = -1
         for i, frame in enumerate(channel["frames"]):
             if frame["start"] <= last:
-                report.error("ORDER", (location, i), "it does not begin after the frame before it")
+                report.error(
+                    "ORDER",
+                    (location, i),
+                    "begins before the end of the last frame or at its start",
+                )
             last = frame["start"]
             for name in ("amplitudePoints", "frequencyPoints", "transients"):
                 times = [point["time"] for point in frame.get(name, [])]

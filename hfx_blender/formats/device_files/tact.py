@@ -53,6 +53,8 @@ _GAP_MS: Final = 500  # longest silence within an effect
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
     """Write a file for each kind of suit with a motor for any of the signals.
 
+    A single file is ``stem.tact``, several are ``stem.<kind>.tact``.
+
     Parameters
     ----------
     signals : sequence of Signal
@@ -77,14 +79,14 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         ),
         *counted(
             [signal.name for signal in played if sharing[motors[signal.name]] > 1],
-            "of several actuators at one motor only the strongest at a time counts",
+            "where actuators share a motor, the strongest at each time counts",
         ),
     )
     weak = [
         signal.name for signal in played if np.rint(100.0 * signal.amplitude.values.max()) < 1.0
     ]
     notes = (
-        "strengths change every 20 ms, in steps of 1 %; a motor's frequency is its own",
+        "strengths change every 20 ms, in steps of 1 %; the motors set the frequency",
         *counted(weak, "actuators too weak for steps of 1 % are silent"),
     )
     return Written(tuple(files), left_out, notes)
@@ -107,7 +109,11 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 def document(
     signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
 ) -> dict[str, Any]:
-    """Document of the signals for a kind of suit; TooLargeError beyond the memory limit."""
+    """Document of the signals for a kind of suit, in steps of 20 ms from 0.
+
+    Raises TooLargeError beyond the memory limit; ``name`` is the title and the file's name in
+    messages.
+    """
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
@@ -272,7 +278,10 @@ _FADES: Final = {
 
 
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
-    """Piece of a dot between two times, with a fade."""
+    """Piece of a dot between two times, at 100 Hz, with a fade; an unknown fade is constant.
+
+    ``level`` is clipped to 0..1.
+    """
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
     times = start_s + max(end_s - start_s, 0.0) * np.array(shares)

@@ -116,7 +116,10 @@ def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
 
 
 def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, float] | None:
-    """Centre of an actuator in rest space, m; None for an actuator in the room."""
+    """Centre of an actuator in rest space, m, mirrored in x for a mirrored device.
+
+    For vertices the mean of the first vertex set; None for an actuator in the room.
+    """
     position = actuator.place
     if isinstance(position, BodyPlace):
         x, y, z = position.centre_m

@@ -166,7 +166,7 @@ class BodyRecorder:
             is_sheared |= move(document, joint, times, turned(matrices))
             children.append(len(document.json["nodes"]) - 1)
         if is_sheared.any():
-            notes.append(f"bones of body '{body.name}' are sheared, which moving nodes cannot be")
+            notes.append(f"bones of body '{body.name}' are sheared, which glTF cannot animate")
         node_indices = [root]
         if children:
             document.json["nodes"][root]["children"] = children

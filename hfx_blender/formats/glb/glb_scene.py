@@ -99,7 +99,7 @@ class VolumeRecorder:
             volume.values.append(values[finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded motion as arrays for transfer between processes."""
+        """Recorded motion as arrays for transfer between processes, of active volumes only."""
         arrays = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:
@@ -110,7 +110,7 @@ class VolumeRecorder:
         return arrays
 
     def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
-        """Ascending first active samples of the volumes in :meth:`arrays` of several recorders."""
+        """Sorted distinct first active samples of the volumes in :meth:`arrays` of recorders."""
         firsts = (
             next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
             for k in self._volumes
@@ -158,7 +158,7 @@ class VolumeRecorder:
             nodes.append(self._add(document, volume, triggers, bodies, notes))
         # Triggers refer to perceptions by modality, so they stay valid without a file.
         if triggers and hjif_name is None:
-            notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
+            notes.append("the glTF scene has no HJIF file, so its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
         shown = [*roots, *nodes]
         document.json["scenes"] = [{"nodes": shown} if shown else {}]  # glTF forbids empty lists
@@ -193,10 +193,10 @@ class VolumeRecorder:
         times = self._scene.time.times_s(indices)
         times = times - self._scene.time.times_s(np.array([0]))[0]
         if move(document, node, times, placed).any():
-            notes.append(f"volume '{effect.name}' is sheared, which a moving node cannot be")
+            notes.append(f"volume '{effect.name}' is sheared, which glTF cannot animate")
         index = len(document.json["nodes"]) - 1
         if volume.changes_shape:
-            notes.append(f"volume '{effect.name}' changes its shape; the first one is written")
+            notes.append(f"volume '{effect.name}' changes its shape; the first shape is written")
         # Any body touching the volume fires the trigger.
         trigger: dict[str, Any] = {"type": _COLLISION, "nodes": [*bodies, index]}
         if primitive is not None:

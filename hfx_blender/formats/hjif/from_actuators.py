@@ -41,7 +41,10 @@ _SAMPLING_HZ: Final = 8000  # unit of the stored duration
 def write(
     raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
-    """Write ``stem.hjif``; OutputError for an unwritable file; no partial file remains."""
+    """Write ``stem.hjif`` with a channel per actuator; strengths are relative to neutral values.
+
+    Raises OutputError for an unwritable file; no partial file remains.
+    """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
     within = f"curves are within {tolerance:.1%} of full scale"

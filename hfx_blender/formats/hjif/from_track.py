@@ -61,7 +61,7 @@ def write(
     driven = [effect.name for effect in track.header.effects if effect.kind == "actuators"]
     notes = (
         *(
-            f"'{clean(effect_name)}' drives single actuators: it is not felt on a body"
+            f"'{clean(effect_name)}' drives single actuators, not a body: left out"
             for effect_name in driven
         ),
         f"curves are within {tolerance:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
@@ -95,7 +95,7 @@ def compose(
         collected[run.stream].add(run)
     groups = _groups(header, collected)
     if not groups:
-        raise NothingFeltError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
+        raise NothingFeltError(f"{track.path}: has no samples on a body, and HJIF needs some.")
     # Avatars are numbered by the models in use: a model without samples gets no mesh file.
     avatars = {
         id: {"id": k + 1, "lod": 0, "type": "Custom", "mesh": quote(f"{name}.{id}{glb.SUFFIX}")}
@@ -231,8 +231,10 @@ def _loss(
     ]
     left_out = (
         *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
-        *counted(turning, "it holds one direction of a wind, and none of those that turn"),
-        *counted(changing, "painted areas that change are written as they are at first"),
+        *counted(turning, "winds with a changing direction have no direction in HJIF"),
+        *counted(
+            changing, "painted areas with changing vertices are written as at their first sample"
+        ),
     )
     return Written(left_out=tuple(map(clean, left_out)))
 
@@ -250,7 +252,11 @@ def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualM
 def _places(
     stream: Stream, collected: _Collected, track: TrackReader, masks: U32
 ) -> Iterator[Place]:
-    """Yield the channels of an effect on a body, strengths in the modality's unit."""
+    """Yield the channels of an effect on a body, with dense strengths in the modality's unit.
+
+    Temperatures are relative to neutral, frequencies clipped to ``MAX_HZ``; the last row lasts one
+    period.
+    """
     effect = track.header.effect(stream)
     count = track.header.time.sample_count
     period_s = 1.0 / float(track.header.time.rate_hz)

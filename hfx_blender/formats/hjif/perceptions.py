@@ -21,7 +21,7 @@ from .semantics import MAX_CHANNELS
 SUFFIX: Final = FORMATS["hjif"].suffix
 DATE: Final = "2024-01-01T00:00:00+00:00"  # constant, so equal scenes give equal bytes
 
-TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
+TOO_WEAK: Final = "silent, as too weak for the tolerance"
 """Note on the places of :func:`too_weak_places`."""
 
 

@@ -197,7 +197,7 @@ def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> Non
                 tell = report.warn if is_taken else report.error
                 tell("ACTUATOR-TARGET", here, "is outside of the resolution")
     elif "actuator_target" in channel:
-        message = "there is no actuator_resolution that it could be in"
+        message = "'actuator_resolution' is missing"
         report.error("ACTUATOR-TARGET", (place, "actuator_target"), message)
     direction = channel.get("direction")
     if direction is not None:

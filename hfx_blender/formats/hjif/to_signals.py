@@ -186,7 +186,7 @@ def _envelope(
         parts.pieces.append(piece_of(whole, gain))
     # Curves of other modalities have no frequency, so they cannot be mixed with waves.
     if parts.curves and (parts.pieces or parts.transients):
-        parts.lost["are curves beside waves or ticks"] += len(parts.curves)
+        parts.lost["are curves in a channel with waves or ticks"] += len(parts.curves)
     left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())
     shared = (
         perception["perception_modality"],

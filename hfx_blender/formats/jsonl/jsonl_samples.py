@@ -327,7 +327,7 @@ class _Rules:
     def _check_sample(self, value: dict[str, Any], place: Place) -> None:
         """Check time, ids, parameters and vertices of a sample."""
         if value["t"] < self._time_s:
-            message = "its time is before that of the sample before it"
+            message = "the time is before the last sample"
             self._report.error("ORDER", place, message)
         self._time_s = value["t"]
         effect = self._effects.get(value["effect"])
@@ -341,4 +341,4 @@ class _Rules:
         if highest is None:
             self._report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
         elif highest >= self._models.get(effect["model"], 0):
-            self._report.error("SET-VERTEX", place, "its set has vertices that the model has not")
+            self._report.error("SET-VERTEX", place, "the set has vertices beyond the model")

@@ -95,7 +95,10 @@ def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
 
 
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
-    """Parse a PLY header: byte order ("" for text), data before the vertices, count, columns."""
+    """Parse a PLY header: byte order ("" for text), data before the vertices, count, columns.
+
+    Raises InputError for a broken header, list properties of vertices, or too many vertices.
+    """
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     order, count, columns, element, before = None, -1, [], "", False
     try:

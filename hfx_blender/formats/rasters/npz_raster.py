@@ -122,7 +122,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
     read: list[Raster] = []
     findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
     if read and not read[0].columns:
-        message = "it has no columns: nothing can be played of it"
+        message = "there are no columns to play"
         findings.append(Finding("NPZ-COLUMNS", "columns", message, "warning"))
     return findings
 

@@ -29,10 +29,10 @@ def raster_of(
     """Sample signals at ``RATE_HZ`` as the raster of a device; returns raster, losses and notes.
 
     A signal plays on the vibration actuator of the same name, or on the actuator with a bHaptics
-    dot of this name. A single signal without such an actuator plays on all vibration actuators.
-    Full scale is the largest amplitude of each actuator. Raises InputError for a device without
-    vibration actuators or without matching names, and TooLargeError for too long signals; ``name``
-    is the file's name in messages.
+    dot of this name. A single signal without such an actuator plays on all vibration actuators;
+    everything else stays neutral. Full scale is the largest amplitude of each actuator. Raises
+    InputError for a device without vibration actuators or without matching names, and TooLargeError
+    for too long signals; ``name`` is the file's name in messages.
     """
     played = _played(signals, device, name)
     columns = [
@@ -69,7 +69,7 @@ def raster_of(
     if is_limited:
         left_out.append(f"frequencies beyond those that '{device.id}' plays are at its limits")
     left_out += [
-        f"'{name}': {count} ticks weaker than what else plays at their time are not in it"
+        f"'{name}': {count} ticks weaker than the envelope are left out"
         for name, count in hidden.items()
         if count
     ]

@@ -152,5 +152,5 @@ def several_frequencies(raster: Raster) -> tuple[str, ...]:
         high[rows] = np.where(sounds, np.maximum(high[rows], partial.frequencies_hz), high[rows])
     mixed = (high - low > _SAME_HZ).any(axis=0)
     names = [name for name, is_it in zip(raster.waveform_actuators, mixed, strict=True) if is_it]
-    text = "it holds one frequency at a time, that of the strongest, and WAV all of them"
-    return counted(names, f"{text}; actuators that play several at once")
+    text = "the format holds the strongest frequency at each time (WAV holds all)"
+    return counted(names, f"{text}; actuators with several at once")

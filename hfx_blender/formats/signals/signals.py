@@ -327,7 +327,7 @@ def mixed(
             pitch[side, part] = np.where(stronger, hertz, pitch[side, part])
     left_out: tuple[str, ...] = ()
     if sums.max(initial=0.0) > 1.0 + 1e-9:
-        left_out = (f"'{name}': what sounds together adds up to more than full scale: cut to it",)
+        left_out = (f"'{name}': overlapping vibrations exceed full scale: clipped",)
     amplitude = clipped(_stepped(times, sums), 0.0, 1.0)
     # In time order, gaps between pieces (0 Hz) take the frequency of the last piece.
     flat = pitch.T.ravel()

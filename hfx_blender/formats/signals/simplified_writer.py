@@ -32,6 +32,9 @@ def simplified_writer(
 ) -> SignalWriter:
     """Create a ``write_signals`` for simplified signals, with a note on the largest error.
 
+    Further notes name stretches silenced by the tolerance. If a file exceeds the reader's limits,
+    the note says so instead.
+
     Parameters
     ----------
     write_few : callable

@@ -53,7 +53,7 @@ def write(rendered: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Pat
         [signal], DEFAULT_TOLERANCE, frequency_hz=pitch_tolerance(frequencies)
     )
     if few.is_silent:
-        raise InputError(f"{path}: nothing of this stroke would be felt; nothing was written.")
+        raise InputError(f"{path}: this stroke is silent; no file was written.")
     write_json(kind.document(few, frequencies), path)
     (read,), _ = kind.decode(read_bytes(path), path.name)
     note = error_note([(signal, read)], WHOLE_MS if kind is he else 0.0)

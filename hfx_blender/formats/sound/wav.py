@@ -100,7 +100,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write the output of a device as ``stem.wav``; ``tolerance`` is not used."""
+    """Write a device's output as ``stem.wav`` with a channel list; ``tolerance`` is not used."""
     path = stem.with_name(stem.name + SUFFIX)
     write(raster, device, path)
     files = path, path.with_name(path.name + SIDECAR_SUFFIX)
@@ -134,7 +134,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     vibrating, pairs, full_scale = vibration_of(raster, device)
     if not vibrating or full_scale == 0.0:
         raise InputError(
-            f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
+            f"Device '{device.id}' has no vibration actuators, and a WAV file plays only these; "
             "export it as CSV."
         )
     names = tuple(actuator.id for actuator in vibrating)
