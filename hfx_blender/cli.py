@@ -83,7 +83,8 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         console.result({"error": str(error)})
         return error.exit_code
     except process_end.TerminatedError as ended:
-        console.warn(f"hfx: {ended}")
+        if process_end.claims_farewell():
+            console.warn(f"hfx: {ended}")
         process_end.answered()
         return ended.exit_code
     except KeyboardInterrupt:  # in the process of another program

@@ -59,6 +59,7 @@ class _SignalState:
 
 _state = _SignalState()
 _ending = threading.Lock()  # acquired once, by the thread that ends the process
+_farewell = threading.Lock()  # acquired once, by the thread that writes the farewell
 
 
 def end_on_signals(*, at_once: bool = False) -> None:
@@ -100,6 +101,11 @@ def check() -> None:
     if threading.current_thread() is threading.main_thread():
         _state.is_unwinding = True
         raise TerminatedError(_state.number)
+
+
+def claims_farewell() -> bool:
+    """True once: the caller writes the sentence about the end by a signal, no other thread."""
+    return _farewell.acquire(blocking=False)
 
 
 def answered() -> None:
@@ -162,9 +168,12 @@ def _end_by_force(number: int) -> NoReturn:
 
 def _end(number: int) -> NoReturn:
     text = f"hfx: {farewell(number)}\n".encode()
-    if _state.writes_farewell and not _state.is_answered:  # answered: written by the main thread
-        # Not through sys.stderr, whose lock the main thread may hold.
-        _in_time(lambda: os.write(2, text), _WRITING_S)
+    if claims_farewell():
+        if _state.writes_farewell:
+            # Not through sys.stderr, whose lock the main thread may hold.
+            _in_time(lambda: os.write(2, text), _WRITING_S)
+    elif not _state.is_answered:  # the main thread is writing the sentence at this moment
+        time.sleep(_WRITING_S)
     os._exit(128 + number)
 
 
