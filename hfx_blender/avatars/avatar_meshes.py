@@ -124,9 +124,9 @@ def choosing_skin(
     if cached is None:
         choice = skin_parts.skin_of(load_avatar(), targets, mapping, layer)
         numbers = yield from within(choice, 0.5, 1.0)
-        fit_cache.write(key, {"found": numbers}, {})
+        fit_cache.write(key, {"numbers": numbers})
     else:
-        numbers = cached[0]["found"]
+        numbers = cached["numbers"]
     # Without a mesh that follows the bones, fitting the largest mesh reports the fault.
     largest = max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))
     return [meshes[k] for k in numbers] or [largest]

@@ -12,7 +12,8 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,33 +64,54 @@ def _code_hash() -> bytes:
     return digest.digest()
 
 
-def read(key: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
-    """Cached values and arrays; None if there are none. Marks the entry as the newest."""
+def read(key: str) -> dict[str, Any] | None:
+    """Cached document; None if missing or unreadable. Marks the entry as the newest."""
     path = _path(key)
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        values = json.loads(arrays.pop("meta").tobytes())
+            document = json.loads(stored["meta"].tobytes())
+            for name in set(stored.files) - {"meta"}:
+                *groups, last = name.split("/")
+                reduce(getitem, groups, document)[last] = stored[name]
         path.touch()
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, LookupError, TypeError, zipfile.BadZipFile):
         return None
-    return values, arrays
+    return document
 
 
-def write(key: str, values: Mapping[str, object], arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a result into the cache, and delete the least recently used entries above the limit."""
+def write(key: str, document: Mapping[str, object]) -> None:
+    """Write nested dictionaries of JSON values and arrays into the cache.
+
+    The least recently used entries above the limit are deleted.
+    """
     path = _path(key)
-    meta = np.frombuffer(json.dumps(values).encode(), np.uint8)
+    arrays: dict[str, np.ndarray] = {}
+    values = json.dumps(_without_arrays(document, "", arrays))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
-            write_npz(file, {"meta": meta, **arrays})
+            write_npz(file, {"meta": np.frombuffer(values.encode(), np.uint8), **arrays})
         entries = path.parent.glob(f"{'[0-9a-f]' * len(key)}.npz")  # no file of another name
         oldest_first = sorted(entries, key=lambda entry: entry.stat().st_mtime)
         for entry in oldest_first[:-_MOST]:
             entry.unlink(missing_ok=True)
     except (OSError, HfxError):  # a full disk, a folder that cannot be written
         return
+
+
+def _without_arrays(
+    group: Mapping[str, object], prefix: str, arrays: dict[str, np.ndarray]
+) -> dict[str, object]:
+    """Copy of nested dictionaries without arrays, which are added to ``arrays`` by path."""
+    values: dict[str, object] = {}
+    for name, value in group.items():
+        if isinstance(value, np.ndarray):
+            arrays[prefix + name] = value
+        elif isinstance(value, Mapping):
+            values[name] = _without_arrays(value, f"{prefix}{name}/", arrays)
+        else:
+            values[name] = value
+    return values
 
 
 def _path(key: str) -> Path:

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -15,12 +14,12 @@ from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import props, retarget, skin_parts
 from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.layers import Layer
-from ..engine.retargeting.quality import FitQuality, PartQuality, joint_faults, lost_part
+from ..engine.retargeting.quality import FitQuality, joint_faults, lost_part
 from ..engine.retargeting.target import TargetAvatar
 from ..engine.stepwise import within
 from ..errors import InputError
 from . import avatar_meshes, fit_cache
-from .stored_fits import Fit, arrays_of, model_ids, model_of_arrays, worst_first
+from .stored_fits import Fit, document_of, fit_of, model_ids, worst_first
 
 _ONLY_BONES = (
     "felt by its bones only, because {reason}: the haptic body has the standard shape, stretched "
@@ -52,19 +51,18 @@ def fitting(
     hashes = [load_model(model_id).content_hash for model_id in model_ids()]
     # The key covers everything that the fit depends on, so that a cached fit is exact.
     key = fit_cache.key_of("fit", targets, mapping, names, rigid, layer, hashes)
-    fit = _read_cached(key)
-    if fit is None:
+    cached = fit_cache.read(key)
+    if cached is not None:
+        fit = fit_of(cached)
+    else:
         try:
             steps = _fitting_models(targets, names, rigid, mapping, layer)
             fit = yield from within(steps, 0.1, 1.0)
         except InputError as error:
             raise InputError(f"Armature '{armature.name}': {error}") from None
-        _write_cached(key, fit)
-    warnings = (
-        *(() if fit.by_bones else normal_notes),
-        *prop_notes,
-        *fit.warnings,
-    )  # bones: no normals
+        fit_cache.write(key, document_of(fit))
+    # A fit by bones uses no normals.
+    warnings = (*(() if fit.by_bones else normal_notes), *prop_notes, *fit.warnings)
     return replace(fit, meshes=tuple(meshes), warnings=warnings, notes=mapping.report)
 
 
@@ -105,48 +103,6 @@ def _fitting_models(
         return Fit((), fitted, tuple(qualities), tuple(_fault_lines(qualities)))
     placed = retarget.fit_by_bones(models, avatar, target, mapping)
     return Fit((), tuple(placed), (), (_ONLY_BONES.format(reason=no_surface),), by_bones=True)
-
-
-def _read_cached(key: str) -> Fit | None:
-    """Fit from the cache; None if there is no entry."""
-    cached = fit_cache.read(key)
-    if cached is None:
-        return None
-    values, arrays = cached
-    bones = tuple(values["bones"])
-    models = tuple(
-        model_of_arrays(
-            model_id, model_hash, bones, {n: arrays[f"{model_id} {n}"] for n in values["of"]}
-        )
-        for model_id, model_hash in values["models"]
-    )
-    qualities = tuple(_quality_of(quality) for quality in values["quality"])
-    return Fit((), models, qualities, tuple(values["warnings"]), by_bones=values["by_bones"])
-
-
-def _quality_of(values: Mapping[str, Any]) -> FitQuality:
-    """Fit quality from the JSON values of a cache entry."""
-    parts = tuple(PartQuality(**part) for part in values["parts"])
-    return FitQuality(**{**values, "parts": parts})
-
-
-def _write_cached(key: str, fit: Fit) -> None:
-    """Write a fit into the cache."""
-    arrays = {model.model_id: arrays_of(model) for model in fit.models}
-    values = {
-        "models": [(model.model_id, model.model_hash) for model in fit.models],
-        "bones": fit.models[0].bone_names,
-        "of": list(arrays[fit.models[0].model_id]),
-        "quality": [asdict(quality) for quality in fit.quality],
-        "warnings": fit.warnings,
-        "by_bones": fit.by_bones,
-    }
-    flat = {
-        f"{model_id} {name}": array
-        for model_id, model_arrays in arrays.items()
-        for name, array in model_arrays.items()
-    }
-    fit_cache.write(key, values, flat)
 
 
 def _face_outwards(

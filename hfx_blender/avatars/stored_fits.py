@@ -77,6 +77,13 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
         "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
         "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
         "shapes": json.dumps([mesh_copies.steady_shape(mesh.data) for mesh in fit.meshes]),
+        **document_of(fit),
+    }
+
+
+def document_of(fit: Fit) -> dict[str, Any]:
+    """Fit as nested dictionaries of values and arrays, without the meshes."""
+    return {
         "bones": "\n".join(fit.models[0].bone_names),
         "models": {m.model_id: {"hash": m.model_hash, **arrays_of(m)} for m in fit.models},
         "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
@@ -84,6 +91,21 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
         "notes": "\n".join(fit.notes),
         "by_bones": fit.by_bones,
     }
+
+
+def fit_of(document: Mapping[str, Any]) -> Fit:
+    """Fit of a document of :func:`document_of`; no meshes."""
+    bones = tuple(document["bones"].split("\n"))
+    models = (
+        model_of_arrays(model_id, stored["hash"], bones, stored)
+        for model_id, stored in document["models"].items()
+    )
+    warnings, notes = (_lines(document[kind]) for kind in ("warnings", "notes"))
+    return Fit((), tuple(models), _qualities(document), warnings, notes, document["by_bones"])
+
+
+def _lines(text: str) -> tuple[str, ...]:
+    return tuple(filter(None, text.split("\n")))
 
 
 def _stored_quality(quality: FitQuality) -> dict[str, object]:
@@ -103,10 +125,13 @@ def _stored_quality(quality: FitQuality) -> dict[str, object]:
 def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
     """Quality of each model's fit, as measured at fitting; empty without a fit."""
     fit = _stored_fit(armature)
-    if fit is None:
-        return []
+    return [] if fit is None else list(_qualities(fit))
+
+
+def _qualities(document: Mapping[str, Any]) -> tuple[FitQuality, ...]:
+    """Quality of each model in a document."""
     qualities = []
-    for model_id, stored in fit["quality"].items():
+    for model_id, stored in document["quality"].items():
         columns = [list(stored[name]) for name in _MEASURES]
         parts = [
             PartQuality(name, *values)
@@ -115,7 +140,7 @@ def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
         qualities.append(
             FitQuality(model_id, tuple(parts), stored["sides"], stored["feet_forward"])
         )
-    return qualities
+    return tuple(qualities)
 
 
 def worst_first(qualities: Sequence[FitQuality]) -> list[PartQuality]:
@@ -140,7 +165,7 @@ def _badness(part: PartQuality) -> float:
 def messages_of(armature: bpy.types.Object, field: str) -> list[str]:
     """Texts of a stored fit: ``field`` is "warnings" or "notes"; empty without a fit."""
     fit = _stored_fit(armature)
-    return [] if fit is None else list(filter(None, fit[field].split("\n")))
+    return [] if fit is None else list(_lines(fit[field]))
 
 
 def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, float]:

@@ -171,7 +171,7 @@ def test_an_overridden_point_moves_on_its_path_but_its_path_is_the_other_file_s(
         (bpy.ops.hfx.slide_spot, {"place": (0.09, 0.076, 1.35)}),
         (bpy.ops.hfx.draw_path, {"stroke": [{"name": "", "place": (0, 0.05, 1.2), "time": 0.0}]}),
     ):
-        with pytest.raises(RuntimeError, match=r"is that of anna\.blend.*make the effect local"):
+        with pytest.raises(RuntimeError, match=r"belongs to anna\.blend.*make the effect local"):
             operator(**options)
     assert list(point[paths.PATH]) == before
     bpy.ops.hfx.slide_spot(place=(0.09, 0.076, 1.35), along_path=True)

@@ -206,7 +206,7 @@ def test_libraries_of_libraries_that_go_and_come_back(
         report = json.loads((tmp_path / "out" / "user.report.json").read_text())
         assert report["made_from"]["files"][f"//lib/{path.name}"] is None
         [told] = [text for text in report["warnings"] if f"'//lib/{path.name}'" in text]
-        assert "is not there" in told
+        assert "is missing" in told
         capsys.readouterr()
         arguments = ["export", str(blend), "-o", str(tmp_path / "strict"), "--device", "none"]
         assert cli.run([*arguments, "--strict"]) == 3
