@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks a plan: at a few times what it reads is compared with what Blender evaluates."""
+"""Comparison of a reading plan with Blender's own evaluation at a few times."""
 
 from __future__ import annotations
 
@@ -14,42 +14,43 @@ from ..engine.scene import AnimationBlock, SceneDescription
 from .description.scene_description import HapticObjects
 from .reading_plan import Plan
 from .stepped import stepping
-from .stepped.scene_rows import EffectRow, PoseRow, Row, effects_agree
+from .stepped.scene_rows import EffectRow, PoseRow, SceneRow, effects_agree
 from .stepped.simulation import has_simulation_anywhere
 from .stepped.stepped_reading import SteppedReading
 from .stepped.stepped_rows import objects_of
 
 _PROBES = 5
 
-Agrees = Callable[[Plan, list[Row]], bool]
-"""Test that a plan gives at single times what Blender evaluated."""
+Agrees = Callable[[Plan, list[SceneRow]], bool]
+"""Function that compares a plan's readings with rows of Blender's evaluation."""
 
 
 def checked(
     plan: Plan,
-    found: HapticObjects,
+    haptics: HapticObjects,
     scene: SceneDescription,
     reading: SteppedReading,
     indices: I64,
     agrees: Agrees,
 ) -> Plan:
-    """A plan, or the cheapest one that costs more, that agrees with the user's own scene.
+    """Cheapest plan, from ``plan`` upwards, that agrees with the user's own scene at a few
+    samples.
 
     Parameters
     ----------
     indices : (n,) int64
-        Samples at which something can be felt, of which a few are compared.
+        Samples with possible effects, of which :data:`_PROBES` are compared.
     agrees : callable
     """
-    # The user's scene evaluates what nobody feels, too. Simulations in it that were not played
-    # through must not be disturbed, and cannot be felt.
-    is_disturbed = found.simulation is None and has_simulation_anywhere(found.scene)
-    in_own_scene = plan.in_own_scene or (stepping.runs_code(found.read) and not is_disturbed)
+    # The user's scene also evaluates objects that are not felt. Unplayed simulations among them
+    # must not be disturbed, so such a scene is compared in a scratch scene.
+    is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
+    in_own_scene = plan.in_own_scene or (stepping.runs_code(haptics.read) and not is_disturbed)
     is_sampled = bool(plan.effects or plan.bodies or plan.presampled)
     if plan.in_own_scene == in_own_scene and not is_sampled:
         return plan
     probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-    truth = _as_evaluated(found, scene, reading, probes.tolist(), in_own_scene)
+    truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene)
     if agrees(plan, truth):
         return plan
     if plan.presampled:
@@ -72,30 +73,30 @@ def checked(
 
 
 def _as_evaluated(
-    found: HapticObjects,
+    haptics: HapticObjects,
     scene: SceneDescription,
     reading: SteppedReading,
     probes: list[int],
     in_own_scene: bool,
-) -> list[Row]:
-    """Effects and bodies as Blender evaluates them."""
-    bodies = range(len(found.bodies))
+) -> list[SceneRow]:
+    """Rows of all active effects and bodies as Blender evaluates them at samples."""
+    bodies = range(len(haptics.bodies))
     if in_own_scene:
-        stepped = stepping.own_scene(found)
+        stepped = stepping.own_scene(haptics)
     else:
-        objects = objects_of(found, scene, found.active, bodies)
-        stepped = stepping.scratch_scene(found.scene, objects)
-    # Places and values are compared, for which no mesh is needed.
-    reading.far = frozenset(found.active)
+        objects = objects_of(haptics, scene, haptics.active, bodies)
+        stepped = stepping.scratch_scene(haptics.scene, objects)
+    # Placements and values are compared, so boxes replace meshes.
+    reading.far = frozenset(haptics.active)
     with stepped as stepper:
-        return [reading.read(index, stepper, found.active, bodies) for index in probes]
+        return [reading.read(index, stepper, haptics.active, bodies) for index in probes]
 
 
-def is_same(row: Row, block: AnimationBlock) -> bool:
-    """Test that a block of one time equals what was read at that time."""
+def is_same(row: SceneRow, block: AnimationBlock) -> bool:
+    """Test that the first time of a block equals a row up to rounding."""
     for k, read_effect in row.effects.items():
         effect = block.effects[k]
-        other = EffectRow(
+        block_row = EffectRow(
             float(effect.levels[0]),
             effect.parameters[0].tolist(),
             _first(effect.matrices),
@@ -104,18 +105,18 @@ def is_same(row: Row, block: AnimationBlock) -> bool:
             place=_first(effect.place),
             drive=_first(effect.drive),
         )
-        if not effects_agree(read_effect, other):
+        if not effects_agree(read_effect, block_row):
             return False
     for k, pose in enumerate(block.poses):
         if not pose.valid[0]:
             continue
         read = row.poses[k]
-        other_pose = PoseRow(pose.to_world[0], _first(pose.bones), _first(pose.surface))
-        if read is None or not read.nearly_equals(other_pose):
+        block_pose = PoseRow(pose.to_world[0], _first(pose.bones), _first(pose.surface))
+        if read is None or not read.nearly_equals(block_pose):
             return False
     return True
 
 
 def _first(values: Any) -> Any:
-    """Values of the first time; None where there are none."""
+    """First entry of an array; None for None."""
     return None if values is None else values[0]

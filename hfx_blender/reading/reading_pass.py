@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One pass through the times of a scene, as its plan says: blocks of what is where.
+"""One reading pass over the times of a scene, by a plan: blocks of animation.
 
-Effects and bodies that are stepped are read at single times; of volumes among them that are
-near no skin only the places.
+Stepped effects and bodies are read at single times; of volumes far from skin only placements.
 """
 
 from __future__ import annotations
@@ -27,37 +26,39 @@ from .curves.curve_reading import CurveBody, CurveEffect, EffectChunks
 from .description import response_values
 from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
 from .reading_plan import Plan
-from .stepped.scene_rows import Row, effect_block, pose_block, silence
+from .stepped.scene_rows import SceneRow, effect_block, pose_block, silence
 from .stepped.stepped_reading import SteppedReading
 from .stepped.stepped_rows import SteppedRows, SteppedScenes
 from .stepped.stepped_volumes import FarVolumes
 
 
 class ReadingPass:
-    """One pass through the times of a scene, or through few single ones (``spots``, ascending).
-
-    Volumes that have to be stepped are silent while they are near no skin, unless ``with_far``.
+    """One pass over the times of a scene.
 
     Parameters
     ----------
     always_posed : bool
-        Bodies are posed at all times, also while no effect needs them.
+        Bodies are posed at all times, also without effects that need poses.
     stack : ExitStack
-        Scenes are stepped until it is left.
+        Scenes are stepped until the stack is closed.
+    spots : (n,) int64, optional
+        Ascending sample indices, if only these are read.
+    with_far : bool
+        Stepped volumes are read also while far from skin.
 
     Attributes
     ----------
     stepped_effects, stepped_bodies : tuple of int
-        By their numbers in the scene, as all below; what is neither stepped nor dormant is read
-        from F-curves.
+        Indices in the scene description, like all below. Other active objects are read from
+        F-curves.
     dormant : tuple of int
-        Effects of which nothing is read.
+        Effects that are not read.
     in_scene : frozenset of int
-        Active effects that need the poses of bodies while they are on.
+        Active effects that need posed bodies.
     curves : EffectChunks
-        Effects that are read from F-curves.
+        Effects read from F-curves.
     rows : SteppedRows or None
-        Effects and bodies at single times; None where nothing is stepped.
+        Reader of stepped effects and bodies; None without any.
     far_volumes : FarVolumes
     counters : ReadingCounters
     """
@@ -65,7 +66,7 @@ class ReadingPass:
     def __init__(
         self,
         plan: Plan,
-        found: HapticObjects,
+        haptics: HapticObjects,
         scene: SceneDescription,
         reading: SteppedReading,
         *,
@@ -75,29 +76,33 @@ class ReadingPass:
         with_far: bool = False,
     ) -> None:
         self.plan = plan
-        self.stepped_effects = tuple(k for k in found.active if k not in plan.effects)
-        self.stepped_bodies = tuple(k for k in range(len(found.bodies)) if k not in plan.bodies)
-        self.dormant = tuple(sorted({*range(len(found.effects))}.difference(found.active)))
-        self.in_scene = frozenset(k for k in found.active if found.effects[k].hfx.kind in IN_SCENE)
+        self.stepped_effects = tuple(k for k in haptics.active if k not in plan.effects)
+        self.stepped_bodies = tuple(k for k in range(len(haptics.bodies)) if k not in plan.bodies)
+        self.dormant = tuple(sorted({*range(len(haptics.effects))}.difference(haptics.active)))
+        self.in_scene = frozenset(
+            k for k in haptics.active if haptics.effects[k].hfx.kind in IN_SCENE
+        )
         self.always_posed = always_posed
         self.counters = reading.counters
         self.curves = EffectChunks(plan.effects, self._frames, spots=spots)
-        self._exact_frames = ExactFrames.of(found.scene, scene.time)
+        self._exact_frames = ExactFrames.of(haptics.scene, scene.time)
         self._key_indices: dict[CurveEffect | CurveBody, F64] = {}
         areas = [effect.area for effect in scene.effects]
         self._impacts = {
             k for k, area in enumerate(areas) if isinstance(area, HapticVolume) and area.has_impacts
         }
-        self.found = found
+        self.found = haptics
         self.scene = scene
         self._reading = reading
         is_judged = spots is None and not plan.is_sequential and not with_far
-        # Of meshes only boxes are read where places and values are compared.
+        # Comparisons need placements and values only, so boxes replace meshes.
         reading.far = frozenset(() if spots is None else self.stepped_effects)
-        self.far_volumes = FarVolumes(found, scene, self.stepped_effects if is_judged else ())
+        self.far_volumes = FarVolumes(haptics, scene, self.stepped_effects if is_judged else ())
         self.rows = self._stepped_rows(stack)
 
     def _stepped_rows(self, stack: ExitStack) -> SteppedRows | None:
+        """Reader of stepped rows in the own scene or in scratch scenes; None if nothing is
+        stepped."""
         effects, bodies = self.stepped_effects, self.stepped_bodies
         if self.plan.in_own_scene:
             scenes = SteppedScenes.own(self.found, stack)
@@ -110,22 +115,26 @@ class ReadingPass:
         return SteppedRows(scenes, self._reading, bodies, self.far_volumes, count)
 
     def _frames(self, indices: I64) -> F64:
-        """Frames of the animation at samples."""
+        """Frames of the animation (n,) at samples."""
         return animation_frames(self.found.scene, sample_frames(self.scene.time, indices))
 
-    @np.errstate(invalid="ignore", over="ignore")  # what is no number is told by the engine
+    @np.errstate(invalid="ignore", over="ignore")  # the engine reports NaN
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
-        """Poses and places at samples without a gap between them."""
+        """Read placements, poses and values at consecutive samples.
+
+        ``history`` and ``future`` are the numbers of samples that belong to the
+        neighbouring blocks.
+        """
         frames, count = self._frames(indices), len(indices)
         effects = self._from_curves(indices)
         may_be_on = self.far_volumes.may_be_on(frames)
-        wanted = self._times_on(effects, count) | may_be_on.any(axis=0) | self.always_posed
+        is_posed = self._times_on(effects, count) | may_be_on.any(axis=0) | self.always_posed
         in_full = self._in_full(may_be_on.any(axis=1))
-        rows = self._rows(indices, wanted, in_full, may_be_on.any(axis=1))
+        rows = self._rows(indices, is_posed, in_full, may_be_on.any(axis=1))
         effects |= {k: self._effect_of(k, rows) for k in in_full}
         effects |= {k: silence(count, self._modality(k)) for k in self.dormant}
-        wanted |= self._times_on({k: effects[k] for k in in_full}, count)
-        poses = self._poses(frames, wanted, rows)
+        is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
+        poses = self._poses(frames, is_posed, rows)
         own = rows[history : len(rows) - future]
         effects |= self._far_effects(rows, poses, may_be_on.any(axis=1), own)
         return AnimationBlock(
@@ -137,7 +146,7 @@ class ReadingPass:
         )
 
     def _from_curves(self, indices: I64) -> dict[int, EffectBlock]:
-        """Effects that are read from F-curves."""
+        """Blocks of the effects that are read from F-curves."""
         effects = {k: self.curves.read(k, indices) for k in self.plan.effects}
         for k, effect in effects.items():
             if effect.response is not None:
@@ -157,45 +166,45 @@ class ReadingPass:
         return effects
 
     def _at(self, motion: Motion) -> Motion:
-        """Motion at sample indices with fractions, from motion at frames of the animation."""
+        """Motion as a function of fractional sample indices, from one of animation frames."""
         return lambda indices: motion(self._exact_frames.at(indices))
 
     def _keys(self, curves: CurveEffect | CurveBody) -> F64:
-        """Sample indices, with fractions, at which an effect or a body may turn."""
+        """Fractional sample indices of an effect's or a body's keys, cached."""
         if curves not in self._key_indices:
             self._key_indices[curves] = self._exact_frames.indices(curves.key_frames)
         return self._key_indices[curves]
 
     def _times_on(self, effects: dict[int, EffectBlock], count: int) -> Bool:
-        """Times (T,) at which an effect that needs poses is on."""
+        """Mask (T,) of times with an active effect that needs poses; NaN levels count as active."""
         on = np.zeros(count, np.bool_)
         for k in self.in_scene & effects.keys():
             on |= ~(effects[k].levels <= 0.0)
         return on
 
     def _in_full(self, may_be_on: Bool) -> list[int]:
-        """Stepped effects of which all is read at once; far volumes (N,) that are off are not."""
+        """Stepped effects to read completely; inactive far volumes are removed from ``in_full``."""
         far = self.far_volumes
         far.in_full -= {k for k, on in zip(far.numbers, may_be_on, strict=True) if not on}
         left_out = {*far.numbers} - far.in_full
         return [k for k in self.stepped_effects if k not in left_out]
 
     def _rows(
-        self, indices: I64, wanted: Bool, in_full: Sequence[int], may_be_on: Bool
-    ) -> list[Row]:
-        """Rows of what is stepped; of effects nothing where all of them are off.
+        self, indices: I64, is_posed: Bool, in_full: Sequence[int], may_be_on: Bool
+    ) -> list[SceneRow]:
+        """Stepped rows; without active effects only the bodies are read.
 
-        ``may_be_on`` are the far volumes (N,) that may be.
+        ``may_be_on`` (N,) selects far volumes.
         """
         if self.rows is None:
-            return [Row(index) for index in indices.tolist()]
+            return [SceneRow(index) for index in indices.tolist()]
         if in_full or may_be_on.any():
-            return self.rows.read(indices, wanted, in_full, self.in_scene, may_be_on)
-        return self.rows.read_bodies(indices, wanted)
+            return self.rows.read(indices, is_posed, in_full, self.in_scene, may_be_on)
+        return self.rows.read_bodies(indices, is_posed)
 
-    def _poses(self, frames: F64, wanted: Bool, rows: list[Row]) -> list[PoseBlock]:
-        """Bodies, posed where they are wanted."""
-        poses = {k: body.read(frames, wanted) for k, body in self.plan.bodies.items()}
+    def _poses(self, frames: F64, is_posed: Bool, rows: list[SceneRow]) -> list[PoseBlock]:
+        """Poses of all bodies; stepped or sampled, with motion between samples for impacts."""
+        poses = {k: body.read(frames, is_posed) for k, body in self.plan.bodies.items()}
         if self._impacts:
             for k, body in self.plan.bodies.items():
                 poses[k] = replace(
@@ -209,35 +218,38 @@ class ReadingPass:
         return [poses[k] for k in range(len(poses))]
 
     def _far_effects(
-        self, rows: list[Row], poses: list[PoseBlock], may_be_on: Bool, own: list[Row]
+        self, rows: list[SceneRow], poses: list[PoseBlock], may_be_on: Bool, own: list[SceneRow]
     ) -> dict[int, EffectBlock]:
-        """Volumes of which only the places were read: of those that come near skin, the rest.
+        """Blocks of far volumes: silent while far, completed by a second reading on
+        approach.
 
-        What has to be read again is read in full from now on, until it is far again. ``own`` are
-        the rows of the block without those beside it.
+        Volumes read twice are read completely until they are far again. ``own`` are the
+        rows without those of neighbouring blocks.
         """
-        far, reading, found = self.far_volumes, self._reading, dict[int, EffectBlock]()
+        far, reading, far_blocks = self.far_volumes, self._reading, dict[int, EffectBlock]()
         is_near = may_be_on
         if is_near.any():
             places = far.places(rows)
             is_near = is_near & far.are_near(places, poses)
         nearby = {k for k, near in zip(far.numbers, is_near, strict=True) if near}
-        again = [k for k in far.numbers if k in nearby - far.in_full and not reading.is_settled(k)]
+        reread = [k for k in far.numbers if k in nearby - far.in_full and not reading.is_settled(k)]
         for n, k in enumerate(far.numbers):
             if k not in nearby:
                 reading.count_far(self.scene.effects[k].name, own[0].index, len(own))
                 if k not in far.in_full:
-                    found[k] = silence(len(rows), self._modality(k))
+                    far_blocks[k] = silence(len(rows), self._modality(k))
             elif reading.is_settled(k):
-                found[k] = reading.placed(k, places.matrices[:, n], places.there[:, n])
-        if again and self.rows is not None:
-            self.rows.add_effects(rows, again)
-            found |= {k: self._effect_of(k, rows) for k in again}
+                far_blocks[k] = reading.placed(k, places.matrices[:, n], places.there[:, n])
+        if reread and self.rows is not None:
+            self.rows.add_effects(rows, reread)
+            far_blocks |= {k: self._effect_of(k, rows) for k in reread}
         far.in_full = {k for k in nearby if not reading.is_settled(k)}
-        return found
+        return far_blocks
 
-    def _effect_of(self, which: int, rows: list[Row]) -> EffectBlock:
+    def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:
+        """Block of one stepped effect."""
         return effect_block([row.effects[which] for row in rows], self._modality(which))
 
     def _modality(self, which: int) -> str:
+        """Modality of an effect by index."""
         return self.scene.effects[which].modality

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plans the reading of each effect and body: from F-curves, or by stepping through a scene.
+"""Reading plan: each effect and body is read from F-curves or by stepping a scene.
 
-What follows from F-curves alone is sampled whole blocks at a time. The rest is stepped, in a
-scratch scene of what is needed where that gives the same, else in the user's own scene.
+F-curves are sampled in whole blocks. Other objects are stepped, in a scratch scene where that gives
+equal results, else in the user's scene.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from .stepped import stepping
 
 @dataclass(frozen=True)
 class Plan:
-    """Effects and bodies, by their place in the scene's lists, that are read from F-curves."""
+    """Effects and bodies read from F-curves, by index, and how all others are read."""
 
     effects: dict[int, CurveEffect] = field(default_factory=dict)
     bodies: dict[int, CurveBody] = field(default_factory=dict)
-    reason: str = ""  # why not all of them; empty if all
+    reason: str = ""  # why some are stepped; empty if none
     in_own_scene: bool = False
-    presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies Blender has to pose
-    in_one_go: bool = False  # the own scene is read from its first sample on, one after another
-    is_sequential: bool = False  # a handler may do otherwise if it goes back in time
+    presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies posed by Blender
+    in_one_go: bool = False  # the own scene must be read in order
+    is_sequential: bool = False  # a handler may depend on the order of frames
 
     @property
     def note(self) -> str:
-        """Note for the report on how the scene was read."""
+        """Sentence for the report on how the scene was read."""
         if not self.reason:
             return "sampled F-curves, stepped no scene"
         where = "the whole scene" if self.in_own_scene else "a scratch scene"
@@ -44,7 +44,7 @@ class Plan:
 def plan_of(
     found: HapticObjects, scene: SceneDescription, shapes: effect_values.ShapeCache
 ) -> Plan:
-    """Cheapest plan to read a scene, as far as is known without trying."""
+    """Cheapest plan for a scene, before any comparison with Blender."""
     handler = stepping.foreign_handler()
     if handler is not None:
         return Plan(reason=handler, in_own_scene=True, in_one_go=True, is_sequential=True)
@@ -82,7 +82,7 @@ def plan_of(
 def _presampled(
     found: HapticObjects, scene: SceneDescription, plan: Plan
 ) -> dict[int, PresampledRig]:
-    """Rigs, among the bodies that are stepped, whose keyed channels are sampled beforehand."""
+    """Rigs, among stepped bodies, with keyed bones that can be sampled in advance."""
     presampled = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):

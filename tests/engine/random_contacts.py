@@ -17,8 +17,7 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.reference.boundary import nearest
 from hfx_blender.engine.reference.cells import Skin
 from hfx_blender.engine.reference.contact import Body, Contact, Volume, contact
-from hfx_blender.engine.reference.motion import turns
-from hfx_blender.engine.reference.pose import moved, world_points
+from hfx_blender.engine.reference.pose import is_rotating, moved, world_points
 from hfx_blender.engine.samples import Sample, SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -228,8 +227,8 @@ class RandomContact:
         before, steps = self.before(row), (1,)
         if before is not None:
             matrices, to_world = self.animated.matrices, self.pose.to_world
-            is_turning = turns(matrices[before], matrices[row])
-            is_turning |= turns(to_world[before], to_world[row])
+            is_turning = is_rotating(matrices[before], matrices[row])
+            is_turning |= is_rotating(to_world[before], to_world[row])
             steps = STEPS if is_turning else steps
         volume, with_details = Volume(self.animated, self.falloff), bool(self.record)
         for each in steps:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest place of a volume's boundary to places inside, as it is in the world.
+"""Nearest boundary points of volumes from points inside, measured in the world.
 
-A convex volume is where each of its supporting planes says it is. The distance of a place inside to
-the plane with the normal w is ``H(w) - w . x``, H the volume's support function (Schneider, "Convex
-Bodies: The Brunn-Minkowski Theory", section 1.7), and the depth is the least of these over all w.
-Under a placing matrix A a plane with the normal w gets the normal ``A^-T w``: so in the world the
-distance is ``(H(w) - w . x) / |A^-T w|``, H and x still in shape space.
+A convex volume is the intersection of its supporting half spaces. The distance from a point inside
+to the plane with normal w is ``H(w) - w . x``, H the volume's support function (Schneider, "Convex
+Bodies: The Brunn-Minkowski Theory", section 1.7); the depth is the minimum over all w. Under a
+placing matrix A, a plane's normal w becomes ``A^-T w``, so the world distance is ``(H(w) - w . x) /
+|A^-T w|`` with H and x in shape space.
 """
 
 from __future__ import annotations
@@ -21,26 +21,25 @@ from ..volume.shape import Shape
 from .pose import moved
 from .shapes import contains, nearest_on_triangles
 
-_STARTS: Final = 256  # directions that are tried first
-_KEPT: Final = 4  # of them, from which the least is searched
-_ROUNDS: Final = 16  # each halves the step, so that its square is rounding in the end
+_STARTS: Final = 256  # directions of the first search
+_KEPT: Final = 4  # best directions, refined separately
+_ROUNDS: Final = 16  # each halves the step, so that the last squared step is below rounding
 
 
 def nearest(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64, F64]:
-    """Nearest places of the boundary, outward unit normals there, and distances.
+    """Nearest boundary points, outward unit normals there, and distances.
 
     Parameters
     ----------
-    shape : Shape
     points : (3, N) float64
-        Inside, shape space.
+        Inside the volume, shape space.
     to_world : (4, 4) float64
         Placing matrix.
 
     Returns
     -------
     places, normals : (3, N) float64
-        World space. Where several places are equally near, one of them.
+        World space; one of several equally near points.
     depths : (N,) float64
         Metres; 0 for points outside.
     """
@@ -60,7 +59,7 @@ def nearest(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64, F64]:
 
 
 def support(shape: Shape, directions: F64) -> F64:
-    """Largest ``w . x`` of any x in a convex shape, for directions w (3, ...)."""
+    """Support function: largest ``w . x`` of a convex shape for directions w (3, ...)."""
     x, y, z = np.abs(directions)
     if isinstance(shape, Cuboid):
         return np.asarray(x + y + z)
@@ -72,19 +71,22 @@ def support(shape: Shape, directions: F64) -> F64:
 
 
 def _distances(shape: Shape, points: F64, to_world: F64, directions: F64) -> F64:
-    """World distances of points (3, N) to the planes with normals ``directions`` (3, N, ...)."""
+    """World distances of points (3, N) to the supporting planes of normals (3, N, ...)."""
     stretched = np.tensordot(np.linalg.inv(to_world[:3, :3]).T, directions, 1)
-    more = directions.ndim - points.ndim
-    along = (directions * points.reshape(*points.shape, *[1] * more)).sum(axis=0)
-    found: F64 = (support(shape, directions) - along) / np.sqrt(np.square(stretched).sum(axis=0))
-    return found
+    extra_axes = directions.ndim - points.ndim
+    projections = (directions * points.reshape(*points.shape, *[1] * extra_axes)).sum(axis=0)
+    distances: F64 = (support(shape, directions) - projections) / np.sqrt(
+        np.square(stretched).sum(axis=0)
+    )
+    return distances
 
 
 def _nearest_plane(shape: Shape, points: F64, to_world: F64) -> F64:
     """Normals (3, N) of the nearest supporting planes, shape space.
 
-    H has kinks at faces, where the least may lie: along the axes for a cuboid and for caps, all
-    round for the side of a cylinder or capsule. Elsewhere it is smooth.
+    H has kinks at flat faces, where the minimum may lie: along the axes of a cuboid and of
+    caps. H is smooth elsewhere, so a search from many directions finds the minimum: around the
+    side of a cylinder or capsule, and over the sphere.
     """
     count, candidates = points.shape[1], []
     if isinstance(shape, Cuboid | Cylinder):
@@ -97,14 +99,14 @@ def _nearest_plane(shape: Shape, points: F64, to_world: F64) -> F64:
         candidates.append(_searched(shape, points, to_world, round_z, is_flat=True))
     if isinstance(shape, Sphere | Capsule):
         candidates.append(_searched(shape, points, to_world, _directions(), is_flat=False))
-    every = np.concatenate(candidates, axis=2)
-    best = _distances(shape, points, to_world, every).argmin(axis=1)
-    found: F64 = every[:, np.arange(count), best]
-    return found
+    normals = np.concatenate(candidates, axis=2)
+    best = _distances(shape, points, to_world, normals).argmin(axis=1)
+    nearest_normals: F64 = normals[:, np.arange(count), best]
+    return nearest_normals
 
 
 def _directions() -> F64:
-    """Directions spread evenly over the sphere along a spiral (Vogel, 1979), (3, S)."""
+    """Directions (3, S), evenly spread over the sphere on a spiral (Vogel, 1979)."""
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_STARTS)
     height = 1.0 - (2.0 * np.arange(_STARTS) + 1.0) / _STARTS
     radius = np.sqrt(1.0 - height**2)
@@ -112,42 +114,48 @@ def _directions() -> F64:
 
 
 def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat: bool) -> F64:
-    """Local minima (3, N, K) near the best starts: from each one, steps across it that shrink.
+    """Local minima (3, N, K) near the best starting directions, by shrinking steps.
 
-    Starts are taken evenly in shape space and evenly in the world, where the shape may be a needle.
+    Starting directions are even in shape space and even in the world, where the shape may be a
+    needle.
     """
     in_world = to_world[:3, :3].T @ starts
-    if is_flat:  # seen along the axis
+    # In the plane normal to the axis the world metric is 2 x 2: its singular vectors map directions
+    # between both spaces.
+    if is_flat:  # as seen along the axis
         in_world = np.linalg.svd(np.linalg.inv(to_world[:3, :3])[:2].T, full_matrices=False)
         in_world = np.linalg.inv(np.diag(in_world[1]) @ in_world[2]) @ starts[:2]
         in_world = np.concatenate([in_world, np.zeros((1, _STARTS))])
     starts = np.concatenate([starts, in_world / np.linalg.norm(in_world, axis=0)], axis=1)
-    every = np.repeat(starts[:, None], points.shape[1], axis=1)
-    order = np.argsort(_distances(shape, points, to_world, every), axis=1)[:, :_KEPT]
-    here = starts[:, order]  # (3, N, K)
+    candidates = np.repeat(starts[:, None], points.shape[1], axis=1)
+    order = np.argsort(_distances(shape, points, to_world, candidates), axis=1)[:, :_KEPT]
+    best = starts[:, order]  # (3, N, K)
     step = 4.0 / np.sqrt(_STARTS)
     for _ in range(_ROUNDS):
         step *= 0.5
         for _ in range(2):
-            here = _moved_to_least(shape, points, to_world, here, step, is_flat)
-    return here
+            best = _moved_to_least(shape, points, to_world, best, step, is_flat)
+    return best
 
 
 def _moved_to_least(
-    shape: Shape, points: F64, to_world: F64, here: F64, step: float, is_flat: bool
+    shape: Shape, points: F64, to_world: F64, directions: F64, step: float, is_flat: bool
 ) -> F64:
-    """Best of some directions (3, N, K) and of those a step aside from them."""
-    axis = np.zeros_like(here)
+    """Best of directions (3, N, K) and their neighbours at a distance ``step``."""
+    axis = np.zeros_like(directions)
     axis[2] = 1.0
     if not is_flat:
-        steep = np.abs(here[2]) > 0.9
+        steep = np.abs(directions[2]) > 0.9
         axis[0, steep], axis[2, steep] = 1.0, 0.0
-    one = np.cross(axis, here, axis=0)
-    one /= np.linalg.norm(one, axis=0)
-    aside = [one] if is_flat else [one, np.cross(here, one, axis=0)]
-    tried = [here, *(here + sign * step * each for each in aside for sign in (1.0, -1.0))]
-    tried = [each / np.linalg.norm(each, axis=0) for each in tried]
-    found = np.stack([_distances(shape, points, to_world, each) for each in tried])
-    best = found.argmin(axis=0)
-    chosen: F64 = np.take_along_axis(np.stack(tried), best[None, None], 0)[0]
-    return chosen
+    tangent = np.cross(axis, directions, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=0)
+    offsets = [tangent] if is_flat else [tangent, np.cross(directions, tangent, axis=0)]
+    candidates = [
+        directions,
+        *(directions + sign * step * offset for offset in offsets for sign in (1.0, -1.0)),
+    ]
+    candidates = [d / np.linalg.norm(d, axis=0) for d in candidates]
+    distances = np.stack([_distances(shape, points, to_world, d) for d in candidates])
+    best = distances.argmin(axis=0)
+    least: F64 = np.take_along_axis(np.stack(candidates), best[None, None], 0)[0]
+    return least

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of skin, and the places at which they are sampled.
+"""Cells of skin around vertices, and their sample points.
 
-A vertex of a perceptual model stands for its *cell*: the skin nearer to it than to its
-neighbours, each distance counted in the neighbour's own spacing. In HFX Studio (Danieau et al.,
-VRST 2018), where perceptual models are from, a contact is a vertex inside a volume. Here a contact
-has a weight, the share of the cell that is inside, so that nothing between two vertices is lost.
+The *cell* of a vertex of a perceptual model is the skin nearer to the vertex than to its
+neighbours, with each distance divided by the neighbour's own spacing. In HFX Studio (Danieau et
+al., VRST 2018), the origin of perceptual models, a contact is a vertex inside a volume. Here a
+contact has a weight, the inside fraction of the cell, so that contacts between two vertices are
+felt.
 
-In a triangle with corners 0, 1, 2 the part of corner 0 is the *quad* from the corner over a place
-on the edge to 1 and a place in the middle to a place on the edge to 2. Each quad is sampled at
-``n`` by ``n`` places, each in the middle of its part of the quad.
+In a triangle with corners 0, 1, 2 the part of corner 0 is the *quad* from the corner over a point
+on the edge to 1 and a point in the middle to a point on the edge to 2. Each quad has ``n`` by ``n``
+samples, each in the middle of its part of the quad.
 """
 
 from __future__ import annotations
@@ -25,19 +26,18 @@ from ..body.model import PerceptualModel
 from ..body.temperature_cells import cell_of_skin
 
 _SPACING: Final = np.sqrt(2.0 / np.sqrt(3.0))
-"""Spacing of the vertices of an even pattern of triangles whose cells, hexagons, have area 1."""
+"""Vertex spacing of an even triangle pattern with hexagonal cells of area 1."""
 
-_MOST: Final = 256  # samples along a quad, however large
-_AT_ONCE: Final = 1 << 16  # samples: 100 MB where their paths have 64 steps
-_VERTEX_SHARE: Final = 0.01  # of a cell that its vertex itself stands for at most
-_CREASE: Final = 0.25  # of a triangle's size: a higher bulge is a crease
-_FLAT: Final = 0.1  # of the distance of samples: a lower bulge is none
+_MOST: Final = 256  # samples along a quad's side at most
+_AT_ONCE: Final = 1 << 16  # samples per block: 100 MB of paths with 64 steps
+_VERTEX_SHARE: Final = 0.01  # largest fraction of a cell that its vertex represents
+_CREASE: Final = 0.25  # fraction of a triangle's size: a higher bulge is a crease
+_FLAT: Final = 0.1  # fraction of the sample distance: a lower bulge is flat
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """Distance of skin from the sample that stands for it: a share of the spacing of vertices,
-    within limits."""
+    """Largest distance of skin from its sample: a fraction of the vertex spacing, within limits."""
 
     share: float = 1.0 / 8.0
     least_m: float = 0.00025
@@ -50,17 +50,17 @@ EXACT: Final = Fineness()
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Model whose vertices feel, and the model whose triangles its cells are sampled on."""
+    """Perceptual model, and the model with the triangles that its cells are sampled on."""
 
     model: PerceptualModel
     surface: PerceptualModel
-    owner: I32  # (vertices of the surface,) the vertex of the model whose cell they are in
+    owner: I32  # (V of the surface,) model vertex whose cell holds each surface vertex
 
     @classmethod
     def of(cls, model: PerceptualModel, finer: PerceptualModel | None = None) -> Skin:
         """Skin of a model, sampled on its own triangles or on those of a finer model.
 
-        On limbs vertices of the temperature model are 150 mm apart: too far to follow the skin.
+        On limbs, temperature vertices are 150 mm apart, too far to approximate the skin.
         """
         if finer is None:
             return cls(model, model, np.arange(len(model), dtype=np.int32))
@@ -69,50 +69,50 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Places of skin, each of which stands for a share of a cell's area."""
+    """Sample points of skin with their fractions of cell areas."""
 
-    cells: I64  # (N,) vertices of the model
-    corners: I64  # (3, N) vertices of the surface
-    shares: F64  # (3, N) of the corners: barycentric coordinates
-    heights: F64  # (N,) above the flat triangle, in units of the square root of twice its area
-    areas: F64  # (N,) of the cell's area; they sum to 1 for each cell
+    cells: I64  # (N,) model vertices
+    corners: I64  # (3, N) surface vertices
+    shares: F64  # (3, N) barycentric coordinates
+    heights: F64  # (N,) above the flat triangle, in units of sqrt(2 * area)
+    areas: F64  # (N,) fractions of the cell's area; sum 1 in each cell
 
     def posed(self, points: F64, handedness: float) -> F64:
-        """Positions (3, N) on a surface whose vertices are at ``points`` (3, V).
+        """Positions (3, N) on a surface with vertices ``points`` (3, V).
 
-        ``handedness`` is -1 where the body is mirrored: normals then point inwards.
+        ``handedness`` is -1 for mirrored bodies, with inward normals.
         """
         zero, one, two = (points[:, corner] for corner in self.corners)
-        cross = np.cross(one - zero, two - zero, axis=0)  # as long as twice the area
+        cross = np.cross(one - zero, two - zero, axis=0)  # length: twice the area
         doubled = np.sqrt(np.einsum("in,in->n", cross, cross))
-        size = np.sqrt(
-            np.where(doubled > 0.0, doubled, 1.0)
-        )  # unit normal times size: cross / size
+        size = np.sqrt(np.where(doubled > 0.0, doubled, 1.0))
         flat = zero * self.shares[0] + one * self.shares[1] + two * self.shares[2]
         bulged: F64 = flat + handedness * cross * (self.heights / size)
         return bulged
 
 
 def vertex_samples(model: PerceptualModel) -> Samples:
-    """The test of HFX Studio (Danieau et al., 2018): a vertex alone stands for its cell."""
-    every, count = np.arange(len(model)), len(model)
+    """Samples of HFX Studio's test (Danieau et al., 2018): each vertex represents its cell."""
+    indices, count = np.arange(len(model)), len(model)
     shares = np.stack([np.ones(count), np.zeros(count), np.zeros(count)])
-    return Samples(every, np.stack([every] * 3), shares, np.zeros(count), np.ones(count))
+    return Samples(indices, np.stack([indices] * 3), shares, np.zeros(count), np.ones(count))
 
 
 class Cells:
-    """All quads of a skin at rest; :meth:`samples` gives their samples, some cells at a time."""
+    """Quads of a skin at rest; :meth:`samples` yields their samples."""
 
     def __init__(self, skin: Skin, fineness: Fineness) -> None:
         surface, self._skin = skin.surface, skin
         spacing = _SPACING * np.sqrt(skin.model.areas_m2.astype(np.float64))[skin.owner]
         distance = np.clip(fineness.share * spacing, fineness.least_m, fineness.most_m)
         turned = [np.roll(surface.triangles, -k, axis=1) for k in range(3)]
-        self._corners = np.concatenate(turned).T.astype(np.int64)  # (3, Q), each quad's own first
+        self._corners = np.concatenate(turned).T.astype(np.int64)  # (3, Q), the own one first
         points = [surface.vertices[corner].astype(np.float64).T for corner in self._corners]
         normals = [surface.normals[corner].astype(np.float64).T for corner in self._corners]
         unit = self._corners[0]
 
+        # A point of a triangle belongs to the corner with the smallest barycentric-weighted
+        # distance: the edge is divided in proportion of the corners' spacings.
         near = 1.0 / np.sqrt(np.maximum(surface.areas_m2, 1e-12)).astype(np.float64)
         zero, one, two = (near[corner] for corner in self._corners)
         whole = zero + one + two
@@ -130,17 +130,18 @@ class Cells:
         self._bulges[:, is_flat] = 0.0
 
     def _steps_within(self, squares: tuple[F64, F64, F64], distance: F64) -> I64:
-        """Samples along each side of the quads, so that no skin of a part is farther than
-        ``distance`` from its sample: that is, the corners of the part."""
+        """Samples along each side (Q,), so that skin is no farther than ``distance`` from
+        its sample."""
         most = np.ceil(self._reach(squares, np.inf) / distance - 1e-9)
         steps = np.ceil(self._reach(squares, most) / distance - 1e-9)
         return np.clip(steps, 1, _MOST).astype(np.int64)
 
     def _reach(self, squares: tuple[F64, F64, F64], steps: F64 | float) -> F64:
-        """Longest way from a sample to a corner of its part, times ``steps``, (Q,) metres.
+        """Largest distance from a sample to a corner of its part, times ``steps``, (Q,)
+        metres.
 
-        The place of (s, t) is bilinear: the way is half a step in s and in t, times the derivatives
-        halfway there, and longest towards a corner of the quad, a quarter of a step from it.
+        The position is bilinear in (s, t): the distance is half a step in s and in t times
+        the derivatives there, largest towards a corner of the quad, a quarter step from it.
         """
         longest = np.zeros(len(self._doubled))
         low, high = 0.25 / np.maximum(steps, 1.0), 1.0 - 0.25 / np.maximum(steps, 1.0)
@@ -156,21 +157,20 @@ class Cells:
         return reach
 
     def samples(self, cells: I64 | None = None) -> Iterator[Samples]:
-        """All samples, or those of some cells, those of a cell together, in blocks that stay
-        small."""
+        """Yield all samples, or those of some cells, in blocks of bounded size with whole cells."""
         owner, count = self._skin.owner.astype(np.int64), len(self._skin.model)
         sizes = np.bincount(owner[self._corners[0]], self._steps**2, count)
-        is_asked = np.full(count, cells is None)
-        is_asked[cells] = True
-        total = np.cumsum(np.where(is_asked, sizes, 0.0))
-        block = np.where(is_asked, total // _AT_ONCE, -1).astype(np.int64)  # of each cell
+        is_selected = np.full(count, cells is None)
+        is_selected[cells] = True
+        total = np.cumsum(np.where(is_selected, sizes, 0.0))
+        block = np.where(is_selected, total // _AT_ONCE, -1).astype(np.int64)
         quad_block, unit_block = block[owner[self._corners[0]]], block[owner]
         for number in range(int(block.max(initial=-1)) + 1):
             quads = np.flatnonzero(quad_block == number)
             yield self._samples_of(quads, np.flatnonzero(unit_block == number))
 
     def _samples_of(self, quads: I64, units: I64) -> Samples:
-        """Samples of some quads, and of the vertices of the surface that they are around."""
+        """Samples of some quads and of the surface vertices that the quads surround."""
         owner, total = self._skin.owner.astype(np.int64), len(self._skin.surface)
         counts = self._steps[quads] ** 2
         quad = np.repeat(quads, counts)
@@ -178,17 +178,17 @@ class Cells:
         n = self._steps[quad]
         s, t = (step // n + 0.5) / n, (step % n + 0.5) / n
         edge, other, inner, inner_2 = (
-            each[quad] for each in (self._edge, self._other, self._inner, self._inner_2)
+            values[quad] for values in (self._edge, self._other, self._inner, self._inner_2)
         )
         one = s * (1.0 - t) * edge + s * t * inner
         two = (1.0 - s) * t * other + s * t * inner_2
-        # The Jacobian of (one, two) by (s, t), times twice the triangle's area, is the area there.
+        # The Jacobian of (one, two) by (s, t) times twice the triangle's area is the area element.
         jacobian = edge * other + s * edge * (inner_2 - other) + t * other * (inner - edge)
         areas = jacobian * self._doubled[quad] / n**2
         by_one, by_two, between = self._bulges[:, quad]
         heights = (1.0 - one - two) * (one * by_one + two * by_two) + one * two * between
 
-        # The vertex is a sample, too, of as much as the others, but at most a hundredth.
+        # The vertex is a sample too: with an equal fraction, but at most a hundredth of its cell.
         unit = self._corners[0, quad]
         of_units = np.bincount(unit, areas, total)
         of_units[units] = np.where(of_units[units] > 0.0, of_units[units], 1.0)
@@ -197,39 +197,39 @@ class Cells:
         numbers = np.bincount(unit, minlength=total)
         own = np.where(numbers > 0, np.minimum(1.0 / (numbers + 1.0), _VERTEX_SHARE), 1.0)
         areas = areas / of_units[unit] * (unit_shares * (1.0 - own))[unit]
-        nothing = np.zeros(len(units))
+        zeros = np.zeros(len(units))
         return Samples(
             np.concatenate([owner[units], owner[unit]]),
             np.concatenate([np.stack([units] * 3), self._corners[:, quad]], axis=1),
             np.concatenate(
                 [
-                    np.stack([nothing + 1.0, nothing, nothing]),
+                    np.stack([zeros + 1.0, zeros, zeros]),
                     np.stack([1.0 - one - two, one, two]),
                 ],
                 axis=1,
             ),
-            np.concatenate([nothing, heights]),
+            np.concatenate([zeros, heights]),
             np.concatenate([(unit_shares * own)[units], areas]),
         )
 
 
 @lru_cache(maxsize=4)
 def cells_of(skin: Skin, fineness: Fineness) -> Cells:
-    """Cells of a skin; kept, as every sample in time needs them."""
+    """Cells of a skin, cached, because every time needs them."""
     return Cells(skin, fineness)
 
 
 def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> F64:
-    """Coefficients of the bulge of skin over its triangles, (3, Q): of edges 01, 02 and 12.
+    """Bulge coefficients of skin above its triangles, (3, Q): edges 01, 02 and 12.
 
-    Phong tessellation (Boubekeur and Alexa, 2008) moves a place with barycentric coordinates l to
-    the mean, weighted by them, of its projections onto the planes at the corners. Its height above
-    the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``, where ``m_i`` is
-    the corner's normal times its cosine to the triangle's. Half of it has the true sagitta of a
-    circle and of a sphere, to second order.
+    Phong tessellation (Boubekeur and Alexa, 2008) moves a point with barycentric coordinates l
+    to the mean, weighted by l, of its projections onto the planes at the corners. Its height
+    above the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``, with
+    ``m_i`` the corner's normal times its cosine to the triangle's normal. Half of it equals the
+    sagitta of a circle and of a sphere, to second order.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        upright = [each * (_dot(each, cross) / doubled) for each in normals]
+        upright = [normal * (_dot(normal, cross) / doubled) for normal in normals]
         bulges = np.stack(
             [
                 0.5 * _dot(points[j] - points[i], upright[j] - upright[i]) / np.sqrt(doubled)
@@ -240,6 +240,6 @@ def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> 
     return np.clip(bulges, -_CREASE, _CREASE)
 
 
-def _dot(one: F64, other: F64) -> F64:
-    product: F64 = np.einsum("in,in->n", one, other)
+def _dot(first: F64, second: F64) -> F64:
+    product: F64 = np.einsum("in,in->n", first, second)
     return product

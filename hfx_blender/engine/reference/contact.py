@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of a body's skin with a volume: the share of each cell that is inside.
+"""Contact of a body's skin with a volume: the inside fraction of each cell.
 
-The weight of a vertex is the mean strength of the volume over its cell. What passes between two
-samples is felt at the later one, as much of it as was inside at one moment, by skin that did not
-feel the volume at the sample before.
+The weight of a vertex is the mean strength of the volume over its cell. Contacts between two
+samples count at the later sample: the largest fraction that was inside at one moment, for cells
+without contact at the earlier sample.
 """
 
 from __future__ import annotations
@@ -17,37 +17,36 @@ import numpy as np
 from ..arrays import F64, I64
 from ..scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..volume.shape import Falloff, Shape
-from . import motion
 from .boundary import nearest
 from .cells import EXACT, Fineness, Samples, Skin, cells_of, vertex_samples
-from .pose import moved, world_points
+from .pose import is_rotating, moved, placement_between, world_points
 from .shapes import strength
 from .sweep import along, passage
 
-_WHOLE: Final = 1.0 - 1e-9  # a sum of shares that is 1 but for rounding
-_LOOKED_UP: Final = 5  # places of a passage at which strength is looked up
+_WHOLE: Final = 1.0 - 1e-9  # a sum of fractions that equals 1 up to rounding
+_LOOKED_UP: Final = 5  # positions of a passage with a strength lookup
 _TURNING_STEPS: Final = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Skin on a body, sampled in its cells, or at its vertices only where ``fineness`` is None."""
+    """Skin of a posed body, sampled in cells, or at vertices only with ``fineness`` None."""
 
     skin: Skin
     binding: SkinBinding | SurfaceBinding
     pose: PoseBlock
     fineness: Fineness | None = EXACT
-    cells: I64 | None = None  # the only ones that may feel anything, where that is known
+    cells: I64 | None = None  # only cells that may be in contact; None: all
 
     def samples(self) -> Iterator[Samples]:
-        """All samples of the skin, in blocks; those of a cell are in one block."""
+        """Yield all samples of the skin in blocks with whole cells."""
         if self.fineness is None:
             yield vertex_samples(self.skin.model)
         else:
             yield from cells_of(self.skin, self.fineness).samples(self.cells)
 
     def world_points(self, row: int, samples: Samples | None = None) -> F64:
-        """World positions (3, N) of samples, or of the model's own vertices."""
+        """World positions (3, N) of samples, or of the model's vertices."""
         if samples is None:
             return world_points(self.skin.model, self.binding, self.pose, row)
         points = world_points(self.skin.surface, self.binding, self.pose, row)
@@ -57,7 +56,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Volume of an effect, with a placing matrix and a shape at each row."""
+    """Volume of an effect with a placing matrix and a shape at each row."""
 
     effect: EffectBlock
     falloff: Falloff
@@ -67,24 +66,24 @@ class Volume:
         return self.effect.shapes[int(self.effect.shapes_at(np.array([row]))[0])]
 
     def matrix(self, row: int) -> F64:
-        """Matrix (4, 4) from shape space to the world at a row."""
+        """Shape space to world (4, 4) at a row."""
         assert self.effect.matrices is not None
         matrix: F64 = self.effect.matrices[row]
         return matrix
 
     def strength(self, points: F64, row: int) -> F64:
-        """Contact weights (N,) of points (3, N) in the shape space of a row."""
+        """Strengths 0..1 (N,) at points (3, N) in the shape space of a row."""
         return strength(self.shape(row), self.falloff, points)
 
 
 @dataclass(frozen=True, eq=False)
-class Details:
-    """Place and beginning of the contact of each vertex; shape space."""
+class ReferenceDetails:
+    """Position and beginning of the contact of each vertex, shape space."""
 
-    places: F64  # (3, V) of the contact; 0 where there is none
-    since: F64  # (V,) its beginning, a share of the time since the sample before; else NaN
-    entries: F64  # (3, V) where skin was inside first, if it began since
-    ways: F64  # (3, V) velocity there, per whole time between two samples
+    places: F64  # (3, V) of the contact; 0 without contact
+    since: F64  # (V,) beginning, a fraction of the time since the sample before; NaN if earlier
+    entries: F64  # (3, V) of the first inside point, for a beginning since the sample before
+    ways: F64  # (3, V) velocity there, per time between two samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ class Contact:
     """Contact of all vertices of a model at one sample."""
 
     weights: F64  # (V,) 0 to 1
-    details: Details | None
+    details: ReferenceDetails | None
 
 
 def contact(
@@ -108,71 +107,66 @@ def contact(
 
     Parameters
     ----------
-    body : Body
-    volume : Volume
-    row : int
     before : int, optional
-        The row of the sample before, from which motion is followed.
+        Row of the sample before, for contacts in between.
     steps : int, optional
-        Straight steps that follow turning; 1 where nothing turns.
+        Straight steps of a rotation; default: enough for it, 1 without rotation.
     with_details : bool
-        Whether places and beginnings are wanted, too.
+        Also compute positions and beginnings.
 
-    Notes
-    -----
-    The *place* of a contact is its vertex where that is inside, else the deepest sample of its
-    cell; of a contact that is over already, the deepest halfway through its passage.
+    The position of a contact is its vertex if inside, else the deepest sample of its cell; of a
+    contact that is over, the deepest sample halfway through its passage.
     """
     count, to_shape = len(body.skin.model), np.linalg.inv(volume.matrix(row))
     details = None
     own = moved(to_shape, body.world_points(row))
     has_vertex = volume.strength(own, row) > 0.0
     if with_details:
-        nothing = np.zeros((3, count))
-        details = Details(
-            np.where(has_vertex, own, 0.0), np.full(count, np.nan), nothing, nothing.copy()
+        zeros = np.zeros((3, count))
+        details = ReferenceDetails(
+            np.where(has_vertex, own, 0.0), np.full(count, np.nan), zeros, zeros.copy()
         )
-    found = Contact(np.zeros(count), details)
+    result = Contact(np.zeros(count), details)
     for samples in body.samples():
         points = moved(to_shape, body.world_points(row, samples))
-        felt = volume.strength(points, row)
-        found.weights[:] += _summed(samples, felt, count)  # other blocks hold other cells
-        is_in = (felt > 0.0) & ~has_vertex[samples.cells]
-        _place(found, volume, row, samples.cells[is_in], points[:, is_in])
+        strengths = volume.strength(points, row)
+        result.weights[:] += _summed(samples, strengths, count)  # blocks hold disjoint cells
+        is_in = (strengths > 0.0) & ~has_vertex[samples.cells]
+        _place(result, volume, row, samples.cells[is_in], points[:, is_in])
         if before is not None:
-            _follow(found, body, volume, samples, (before, row), steps)
-    found.weights[found.weights > _WHOLE] = 1.0
-    return found
+            _follow(result, body, volume, samples, (before, row), steps)
+    result.weights[result.weights > _WHOLE] = 1.0
+    return result
 
 
 def _summed(samples: Samples, weights: F64, count: int) -> F64:
-    """Sums over the samples of each cell, by area, (V,)."""
+    """Area-weighted sums (V,) over the samples of each cell."""
     return np.asarray(np.bincount(samples.cells, samples.areas * weights, count), np.float64)
 
 
-def _place(found: Contact, volume: Volume, row: int, cells: I64, points: F64) -> None:
-    """Place contacts at the deepest of some points (3, N) of their cells (N,)."""
-    if found.details is None:
+def _place(result: Contact, volume: Volume, row: int, cells: I64, points: F64) -> None:
+    """Set contact positions to the deepest of points (3, N) of their cells (N,), in place."""
+    if result.details is None:
         return
     depths = nearest(volume.shape(row), points, volume.matrix(row))[2]
     order = np.lexsort((depths, cells))
     last = order[np.flatnonzero(np.diff(cells[order], append=-1))]
-    found.details.places[:, cells[last]] = points[:, last]
+    result.details.places[:, cells[last]] = points[:, last]
 
 
 def _follow(
-    found: Contact,
+    result: Contact,
     body: Body,
     volume: Volume,
     samples: Samples,
     rows: tuple[int, int],
     steps: int | None,
 ) -> None:
-    """Add what passed between two rows, of cells without contact at the first of them."""
+    """Add contacts between two rows, for cells without contact at the first row, in place."""
     before, row = rows
     path = _path(body, volume, samples, rows, steps)
     start = volume.strength(path[0], before)
-    is_open = _summed(samples, start, len(found.weights)) == 0.0
+    is_open = _summed(samples, start, len(result.weights)) == 0.0
     first, last = passage(volume.shape(row), path)
     entered = np.flatnonzero(np.isfinite(first) & is_open[samples.cells])
     if not len(entered):
@@ -183,36 +177,36 @@ def _follow(
         first[entered],
         last[entered],
     )
-    # Without falloff all is at full strength, also where a point leaves the volume for a while.
+    # Without falloff the strength is 1, also if a point leaves the volume for a moment.
     strongest = np.full(len(entered), float(volume.falloff.is_flat))
     for share in np.linspace(0.0, 1.0, _LOOKED_UP):
-        place = along(path, first + share * (last - first))[0]
-        strongest = np.maximum(strongest, volume.strength(place, row))
-    peaks = _peaks(cells, first, last, samples.areas[entered] * strongest, len(found.weights))
-    is_over = (found.weights == 0.0)[cells]
+        positions = along(path, first + share * (last - first))[0]
+        strongest = np.maximum(strongest, volume.strength(positions, row))
+    peaks = _peaks(cells, first, last, samples.areas[entered] * strongest, len(result.weights))
+    is_over = (result.weights == 0.0)[cells]
     middle = along(path[..., is_over], (0.5 * (first + last))[is_over])[0]
-    _place(found, volume, row, cells[is_over], middle)
-    found.weights[:] = np.maximum(found.weights, peaks)
-    if found.details is not None:
+    _place(result, volume, row, cells[is_over], middle)
+    result.weights[:] = np.maximum(result.weights, peaks)
+    if result.details is not None:
         order = np.lexsort((first, cells))
         order = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
         cells, entries = cells[order], along(path[..., order], first[order])
-        found.details.since[cells] = first[order]
-        found.details.entries[:, cells], found.details.ways[:, cells] = entries
+        result.details.since[cells] = first[order]
+        result.details.entries[:, cells], result.details.ways[:, cells] = entries
 
 
 def _path(
     body: Body, volume: Volume, samples: Samples, rows: tuple[int, int], steps: int | None
 ) -> F64:
-    """Ways of samples between two rows, in straight steps, (steps + 1, 3, N) shape space.
+    """Paths of samples between two rows in straight steps, (steps + 1, 3, N) shape space.
 
-    Skin moves straight in the body's own space, between its places there at both rows.
+    Skin moves straight in the body's space between its positions there at both rows.
     """
     ends = [body.world_points(row, samples) for row in rows]
     volumes = [volume.matrix(row) for row in rows]
     bodies = [body.pose.to_world[row] for row in rows]
     if steps is None:
-        is_turning = motion.turns(*volumes) or motion.turns(*bodies)
+        is_turning = is_rotating(*volumes) or is_rotating(*bodies)
         steps = _TURNING_STEPS if is_turning else 1
     path = np.zeros((steps + 1, *ends[0].shape))
     for k, (points, matrix) in zip((0, steps), zip(ends, volumes, strict=True), strict=True):
@@ -222,16 +216,17 @@ def _path(
     ]
     for k in range(1, steps):
         share = k / steps
-        to_world = motion.between(bodies[0], bodies[1], share)
-        to_shape = np.linalg.inv(motion.between(volumes[0], volumes[1], share))
+        to_world = placement_between(bodies[0], bodies[1], share)
+        to_shape = np.linalg.inv(placement_between(volumes[0], volumes[1], share))
         path[k] = moved(to_shape @ to_world, (1.0 - share) * own[0] + share * own[1])
     return path
 
 
 def _peaks(cells: I64, first: F64, last: F64, shares: F64, count: int) -> F64:
-    """Largest sum of shares of each cell's samples that are inside at one moment, (V,).
+    """Largest sum of fractions (V,) of a cell's samples inside at one moment.
 
-    Shares are added and taken away again in the order of time; at one time, first added.
+    Fractions are added at first and subtracted at last times; at equal times additions come
+    first.
     """
     key, when = np.tile(cells, 2), np.concatenate([first, last])
     change = np.concatenate([shares, -shares])

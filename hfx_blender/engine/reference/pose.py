@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Positions of a body's skin at one time."""
+"""Positions of a body's skin at one time, and placements between two samples.
+
+Between samples the origin of an object moves straight, its axes rotate about the origin by the
+shortest way and stretch evenly, like keys of location, rotation and scale. A matrix is a rotation
+after a symmetric stretch (polar decomposition; Shoemake and Duff, "Matrix animation and polar
+decomposition", 1992).
+"""
 
 from __future__ import annotations
 
@@ -17,8 +23,7 @@ from ..scene import PoseBlock, SkinBinding, SurfaceAnchors, SurfaceBinding
 def world_points(
     model: PerceptualModel, binding: SkinBinding | SurfaceBinding, pose: PoseBlock, row: int
 ) -> F64:
-    """World positions of all vertices of a model on a body at one row of its pose, (3, V); kept,
-    and not to be changed."""
+    """World positions (3, V) of a model's vertices on a body at a row; a cached read-only array."""
     if isinstance(binding, SkinBinding):
         assert pose.bones is not None
         fitted = binding.fitted.get(model.id)
@@ -34,44 +39,44 @@ def world_points(
 
 def moved(matrix: F64, points: F64) -> F64:
     """Points (3, N) under an affine matrix (4, 4) or (3, 4)."""
-    there: F64 = matrix[:3, :3] @ points + matrix[:3, 3:]
-    return there
+    transformed: F64 = matrix[:3, :3] @ points + matrix[:3, 3:]
+    return transformed
 
 
 def by_bones(model: PerceptualModel, bone_names: tuple[str, ...], bones: F64) -> F64:
-    """Linear blend skinning, (3, V) in the armature's space.
+    """Linear blend skinning: positions (3, V) in armature space.
 
-    A vertex is where its bones take it, each by its matrix (3, 4) from the rest pose, weighted:
-    the sum of ``w_b M_b p`` over its bones b, the weights ``w_b`` made to sum to 1
-    (Magnenat-Thalmann et al., "Joint-dependent local deformations for hand animation and object
-    grasping", 1988; Blender's Armature modifier). A vertex that no bone moves stays at rest.
+    A vertex is the sum of ``w_b M_b p`` over its bones b, with matrices ``M_b`` (3, 4) from the
+    rest pose and weights ``w_b`` normalised to sum 1 (Magnenat-Thalmann et al.,
+    "Joint-dependent local deformations for hand animation and object grasping", 1988; Blender's
+    Armature modifier). A vertex without weights stays at rest.
 
     Raises
     ------
     ValueError
-        A bone that moves something is missing.
+        A bone with weights is missing from the pose.
     """
     weights, count = model.weights, len(model)
     owner = np.repeat(np.arange(count), np.diff(weights.offsets))
     number = {name: k for k, name in enumerate(bone_names)}
     bone = np.array([number.get(name, -1) for name in model.bone_names], np.int64)[weights.bones]
     if (bone < 0).any():
-        missing = {model.bone_names[each] for each in weights.bones[bone < 0].tolist()}
+        missing = {model.bone_names[b] for b in weights.bones[bone < 0].tolist()}
         raise ValueError(f"bones missing from the pose: {sorted(missing)}")
     values = weights.values.astype(np.float64)
     total = np.bincount(owner, values, count)
     rest = model.vertices.astype(np.float64)
-    each = np.einsum("nij,nj->ni", bones[bone, :, :3], rest[owner]) + bones[bone, :, 3]
-    blended = np.stack([np.bincount(owner, values * part, count) for part in each.T])
+    contributions = np.einsum("nij,nj->ni", bones[bone, :, :3], rest[owner]) + bones[bone, :, 3]
+    blended = np.stack([np.bincount(owner, values * part, count) for part in contributions.T])
     is_moved = total > 0.0
     points: F64 = np.where(is_moved, blended / np.where(is_moved, total, 1.0), rest.T)
     return points
 
 
 def on_surface(anchors: SurfaceAnchors, surface: npt.NDArray[np.float32]) -> F64:
-    """Vertices that ride on the triangles of an avatar's evaluated mesh (A, 3), (3, V).
+    """Positions (3, V) of vertices anchored to triangles of an avatar's evaluated mesh (A, 3).
 
-    Each keeps its barycentric place in its triangle, and its height above it along the unit normal.
+    Barycentric coordinates and the height along the unit normal are kept.
     """
     corners = surface.astype(np.float64)[anchors.corners]  # (V, 3, 3): vertex, corner, coordinate
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -79,3 +84,48 @@ def on_surface(anchors: SurfaceAnchors, surface: npt.NDArray[np.float32]) -> F64
     normals = normals / np.where(lengths > 0.0, lengths, 1.0)
     points: F64 = np.einsum("vci,vc->vi", corners, anchors.weights)
     return (points + normals * anchors.offset_m[:, None]).T
+
+
+def placement_between(before: F64, after: F64, share: float) -> F64:
+    """Placement (4, 4) at a fraction of the time between two placements."""
+    turn, stretch = _polar(before[:3, :3])
+    turn_after, stretch_after = _polar(after[:3, :3])
+    matrix = (1.0 - share) * before + share * after
+    axis, angle = _axis_angle(turn_after @ turn.T)
+    stretch = (1.0 - share) * stretch + share * stretch_after
+    matrix[:3, :3] = _rotation(axis, share * angle) @ turn @ stretch
+    return matrix
+
+
+def is_rotating(before: F64, after: F64) -> bool:
+    """Test for a rotation between two placements beyond rounding."""
+    relative = _polar(after[:3, :3])[0] @ _polar(before[:3, :3])[0].T
+    return bool((before[:3, :3] != after[:3, :3]).any() and _axis_angle(relative)[1] > 1e-9)
+
+
+def _polar(linear: F64) -> tuple[F64, F64]:
+    """Rotation and symmetric stretch of a linear map; a reflection is part of the stretch."""
+    u, sizes, vt = np.linalg.svd(linear)
+    sign = 1.0 if np.linalg.det(u @ vt) > 0.0 else -1.0
+    return sign * u @ vt, sign * vt.T @ np.diag(sizes) @ vt
+
+
+def _axis_angle(turn: F64) -> tuple[F64, float]:
+    """Unit axis and angle (0..pi) of a rotation matrix."""
+    skew = 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
+    sine, cosine = float(np.linalg.norm(skew)), 0.5 * (np.trace(turn) - 1.0)
+    if sine < 1e-6:  # no rotation or half a turn: R + 1 is twice the axis times its transpose
+        both = turn + np.eye(3)
+        skew = both[:, np.argmax(np.einsum("ij,ij->j", both, both))]
+    axis: F64 = skew / np.linalg.norm(skew)
+    return axis, float(np.arctan2(sine, cosine))
+
+
+def _rotation(axis: F64, angle: float) -> F64:
+    """Rotation matrix by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: F64 = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return turn

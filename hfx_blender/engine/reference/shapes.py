@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inside of a volume, and how strong it is there.
+"""Inside of volumes, and their strength there.
 
-All shapes have unit size in shape space; where they are, how large, stretched and sheared is in the
-placing matrix. The boundary belongs to the volume.
+All shapes have unit size in shape space; the placing matrix holds position, size, stretch and
+shear. The boundary is inside.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.mesh import MeshVolume
 from ..volume.shape import Falloff, FalloffKind, Shape
 
-_PAIRS_AT_ONCE: Final = 1 << 20  # of a point and a triangle
+_PAIRS_AT_ONCE: Final = 1 << 20  # (point, triangle) pairs
 
 
 def strength(shape: Shape, falloff: Falloff, points: F64) -> F64:
-    """Contact weight of points in shape space, (N,): 0 outside, 1 at full strength.
+    """Strength (N,) at points (3, N) in shape space: 0 outside, 1 at full strength.
 
-    The *rise* goes linearly from 0 on the boundary to 1 in the core. Strength reaches 1 at the
-    share of that way that the falloff says: linearly, or smoothly by ``3 t^2 - 2 t^3``.
+    The *rise* is linear from 0 on the boundary to 1 in the core. Strength reaches 1 at the
+    falloff's share of the rise: linearly, or smoothly by ``3 t^2 - 2 t^3``.
     """
     inside = contains(shape, points)
     if falloff.kind is FalloffKind.NONE or falloff.share <= 0.0:
         return inside.astype(np.float64)
-    found = np.zeros(points.shape[1])
+    strengths = np.zeros(points.shape[1])
     t = np.minimum(rise(shape, points[:, inside]) / falloff.share, 1.0)
-    found[inside] = t if falloff.kind is FalloffKind.LINEAR else 3.0 * t**2 - 2.0 * t**3
-    return found
+    strengths[inside] = t if falloff.kind is FalloffKind.LINEAR else 3.0 * t**2 - 2.0 * t**3
+    return strengths
 
 
 def contains(shape: Shape, points: F64) -> Bool:
-    """Test points for being inside or on the boundary, (N,) bool. NaN is outside."""
+    """Mask (N,) of points inside or on the boundary; NaN is outside."""
     if isinstance(shape, MeshVolume):
         return np.abs(winding_numbers(shape.corners, points)) > 0.5
     inside: Bool = gauge(shape, points) <= 1.0
@@ -43,10 +43,11 @@ def contains(shape: Shape, points: F64) -> Bool:
 
 
 def rise(shape: Shape, points: F64) -> F64:
-    """Share of the way from the boundary to the core, of points inside, (N,).
+    """Fraction of the way from the boundary to the core, for points inside, (N,).
 
-    Linear along straight ways from the boundary to the centre of a cuboid or an ellipsoid, to the
-    axis of a capsule. A mesh: the depth in shape space over the radius of the largest ball inside.
+    Linear along straight lines from the boundary to the centre of a cuboid or an ellipsoid, to
+    the axis of a capsule. For a mesh: depth in shape space over the radius of the largest
+    inscribed ball.
     """
     if isinstance(shape, MeshVolume):
         core = shape.core_radius
@@ -56,9 +57,9 @@ def rise(shape: Shape, points: F64) -> F64:
 
 
 def gauge(shape: Shape, points: F64) -> F64:
-    """Norm-like function of a convex shape, (N,): below 1 inside, 1 on the boundary.
+    """Minkowski functional (N,) of a convex shape: below 1 inside, 1 on the boundary.
 
-    Minkowski's functional, for a capsule the distance from its segment.
+    For a capsule the distance from its segment.
     """
     if isinstance(shape, Cuboid):
         return np.asarray(np.abs(points).max(axis=0))
@@ -72,30 +73,32 @@ def gauge(shape: Shape, points: F64) -> F64:
 
 
 def winding_numbers(corners: F64, points: F64) -> F64:
-    """Winding number of a closed mesh of triangles (F, 3, 3) around each point, (N,).
+    """Winding number (N,) of a closed triangle mesh (F, 3, 3) around each point; 0 outside its
+    box.
 
-    The sum of the solid angles of the triangles over 4 pi (Jacobson et al., "Robust inside-outside
-    segmentation using generalized winding numbers", 2013); a solid angle by Van Oosterom and
-    Strackee, "The solid angle of a plane triangle", 1983.
+    The sum of the triangles' solid angles over 4 pi (Jacobson et al., "Robust inside-outside
+    segmentation using generalized winding numbers", 2013), each by Van Oosterom and Strackee,
+    "The solid angle of a plane triangle", 1983.
     """
-    found = np.zeros(points.shape[1])
+    numbers = np.zeros(points.shape[1])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     near = np.flatnonzero(((points.T >= low) & (points.T <= high)).all(axis=1))
     size = max(1, _PAIRS_AT_ONCE // len(corners))
     for part in (near[first : first + size] for first in range(0, len(near), size)):
         a, b, c = (corners[:, k, :, None] - points[:, part] for k in range(3))  # (F, 3, n)
-        la, lb, lc = (np.sqrt(np.einsum("fin,fin->fn", each, each)) for each in (a, b, c))
+        la, lb, lc = (np.sqrt(np.einsum("fin,fin->fn", side, side)) for side in (a, b, c))
         volume = np.einsum("fin,fin->fn", a, np.cross(b, c, axis=1))
         ab, bc, ca = (np.einsum("fin,fin->fn", *pair) for pair in ((a, b), (b, c), (c, a)))
         half = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-        found[part] = half.sum(axis=0) / (2.0 * np.pi)
-    return found
+        numbers[part] = half.sum(axis=0) / (2.0 * np.pi)
+    return numbers
 
 
 def nearest_on_triangles(corners: F64, points: F64) -> tuple[F64, F64]:
-    """Nearest places (3, N) of triangles (F, 3, 3) to points (3, N), and squared distances (N,).
+    """Nearest points (3, N) of triangles (F, 3, 3) to points (3, N), and squared distances
+    (N,).
 
-    The foot of the perpendicular where it is inside a triangle, else the nearest place of an edge.
+    The perpendicular's foot if inside a triangle, else the nearest point of an edge.
     """
     places, least = np.zeros_like(points), np.full(points.shape[1], np.inf)
     for a, b, c in corners:
@@ -116,6 +119,8 @@ def nearest_on_triangles(corners: F64, points: F64) -> tuple[F64, F64]:
 
 
 def _keep_nearer(points: F64, feet: F64, places: F64, least: F64) -> None:
+    """Replace nearest points and squared distances by nearer feet, in place; infinite feet
+    never win."""
     away = feet - points
     squared = np.einsum("in,in->n", away, away)
     nearer = squared < least

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Passage of moving points through a volume.
+"""Times at which moving points are inside a volume.
 
-Points move straight, at even speed. A convex shape is an intersection, or a union, of slabs and
-balls, and a straight way meets each of these in one interval of time (Kay and Kajiya, "Ray tracing
-complex scenes", 1986). A mesh is crossed at its triangles; between the first and the last moment
-inside, a point counts as inside.
+Points move straight at constant speed. A convex shape is an intersection or a union of slabs and
+balls, and a straight path meets each of these in one time interval (Kay and Kajiya, "Ray tracing
+complex scenes", 1986). A mesh is entered and left at its triangles; between the first and the last
+moment inside, a point counts as inside.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..volume.shape import Shape
 from .shapes import contains
 
 Interval = tuple[F64, F64]
-"""First and last time (N,) each; infinite and minus infinite where it is empty."""
+"""First and last time (N,) each; (inf, -inf) if empty."""
 
 
 def passage(shape: Shape, path: F64) -> Interval:
@@ -26,25 +26,24 @@ def passage(shape: Shape, path: F64) -> Interval:
 
     Parameters
     ----------
-    shape : Shape
     path : (steps + 1, 3, N) float64
         Shape space.
 
     Returns
     -------
     first, last : (N,) float64
-        From 0 at the start to 1 at the end.
+        From 0 at the start to 1 at the end; (inf, -inf) if never inside.
     """
     steps = len(path) - 1
-    found: Interval = np.full(path.shape[2], np.inf), np.full(path.shape[2], -np.inf)
+    interval: Interval = np.full(path.shape[2], np.inf), np.full(path.shape[2], -np.inf)
     for k in range(steps):
         first, last = _passage(shape, path[k], path[k + 1])
-        found = _union(found, ((k + first) / steps, (k + last) / steps))
-    return found
+        interval = _union(interval, ((k + first) / steps, (k + last) / steps))
+    return interval
 
 
 def along(path: F64, share: F64) -> tuple[F64, F64]:
-    """Places on paths at shares (N,) of the time, and velocities there per whole time, (3, N)."""
+    """Positions on paths at fractions (N,) of the time, and velocities per whole time, (3, N)."""
     steps, which = len(path) - 1, np.arange(path.shape[2])
     step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     start: F64 = path[step, :, which].T
@@ -53,56 +52,63 @@ def along(path: F64, share: F64) -> tuple[F64, F64]:
 
 
 def _passage(shape: Shape, start: F64, end: F64) -> Interval:
+    """First and last time inside during one straight step."""
     way = end - start
     with np.errstate(all="ignore"):  # a way along a plane divides by 0
         if isinstance(shape, Cuboid):
-            found = _in_slabs(start, way, 1.0)
+            interval = _in_slabs(start, way, 1.0)
         elif isinstance(shape, Sphere):
-            found = _in_ball(start, way)
+            interval = _in_ball(start, way)
         elif isinstance(shape, Cylinder):
-            found = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], 1.0))
+            interval = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], 1.0))
         elif isinstance(shape, Capsule):
             half = shape.half_segment
-            found = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], half))
-            for place in (half, -half):
-                found = _union(found, _in_ball(start - np.array([[0.0], [0.0], [place]]), way))
+            interval = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], half))
+            for centre in (half, -half):
+                interval = _union(
+                    interval, _in_ball(start - np.array([[0.0], [0.0], [centre]]), way)
+                )
         else:
             assert isinstance(shape, MeshVolume)
-            found = _through_triangles(shape.corners, start, way)
-            found = _union(found, _at(contains(shape, start), 0.0))
-            found = _union(found, _at(contains(shape, end), 1.0))
-    first, last = np.maximum(found[0], 0.0), np.minimum(found[1], 1.0)
+            interval = _through_triangles(shape.corners, start, way)
+            interval = _union(interval, _at(contains(shape, start), 0.0))
+            interval = _union(interval, _at(contains(shape, end), 1.0))
+    first, last = np.maximum(interval[0], 0.0), np.minimum(interval[1], 1.0)
     return _unless_empty(first, last)
 
 
 def _unless_empty(first: F64, last: F64) -> Interval:
+    """Interval, or (inf, -inf) if first > last or NaN."""
     is_some = first <= last  # False for what is not a number
     return np.where(is_some, first, np.inf), np.where(is_some, last, -np.inf)
 
 
-def _both(one: Interval, other: Interval) -> Interval:
-    return _unless_empty(np.maximum(one[0], other[0]), np.minimum(one[1], other[1]))
+def _both(first: Interval, second: Interval) -> Interval:
+    """Intersection of intervals."""
+    return _unless_empty(np.maximum(first[0], second[0]), np.minimum(first[1], second[1]))
 
 
-def _union(one: Interval, other: Interval) -> Interval:
-    return np.minimum(one[0], other[0]), np.maximum(one[1], other[1])
+def _union(first: Interval, second: Interval) -> Interval:
+    """Smallest interval with both intervals."""
+    return np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
 
 
 def _at(is_inside: Bool, time: float) -> Interval:
+    """Interval of a single time, empty where not inside."""
     return np.where(is_inside, time, np.inf), np.where(is_inside, time, -np.inf)
 
 
 def _in_slabs(start: F64, way: F64, half: float) -> Interval:
-    """Time with all coordinates between -half and half."""
-    one, other = (-half - start) / way, (half - start) / way
+    """Times with all coordinates between -half and half."""
+    to_low, to_high = (-half - start) / way, (half - start) / way
     rests = np.where(np.abs(start) <= half, -np.inf, np.inf)
-    first = np.where(way == 0.0, rests, np.minimum(one, other)).max(axis=0)
-    last = np.where(way == 0.0, -rests, np.maximum(one, other)).min(axis=0)
+    first = np.where(way == 0.0, rests, np.minimum(to_low, to_high)).max(axis=0)
+    last = np.where(way == 0.0, -rests, np.maximum(to_low, to_high)).min(axis=0)
     return _unless_empty(first, last)
 
 
 def _in_ball(start: F64, way: F64) -> Interval:
-    """Time with a norm of at most 1: half a chord before and after the nearest moment."""
+    """Times with a norm of at most 1: half a chord before and after the nearest moment."""
     squared = (way * way).sum(axis=0)
     rests = np.where((start * start).sum(axis=0) <= 1.0, -np.inf, np.inf)
     nearest = -(start * way).sum(axis=0) / squared
@@ -114,11 +120,11 @@ def _in_ball(start: F64, way: F64) -> Interval:
 
 
 def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
-    """First and last crossing of triangles (F, 3, 3), a grain beyond their edges.
+    """First and last crossing of triangles (F, 3, 3), extended by a grain beyond their edges.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """
-    found = np.full(start.shape[1], np.inf), np.full(start.shape[1], -np.inf)
+    interval = np.full(start.shape[1], np.inf), np.full(start.shape[1], -np.inf)
     grain = 1e-9
     for a, b, c in corners:
         across = np.cross(way, c - a, axisa=0, axisb=0).T
@@ -130,5 +136,5 @@ def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
         time = (c - a) @ turned / volume
         hit = (u >= -grain) & (v >= -grain) & (u + v <= 1.0 + grain)
         hit &= (time >= -grain) & (time <= 1.0 + grain)
-        found = _union(found, (np.where(hit, time, np.inf), np.where(hit, time, -np.inf)))
-    return found
+        interval = _union(interval, (np.where(hit, time, np.inf), np.where(hit, time, -np.inf)))
+    return interval

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact response: how a haptic volume answers a touch, as a stack of filters.
+"""Contact response of haptic volumes: stacks of filters with memory.
 
-What follows from one moment alone (:mod:`touches`) is kept apart from what remembers
-(:mod:`settling`), so that parts of a scene may be recorded apart and put together again.
+Stateless parts (:mod:`touches`) and memory (:mod:`settling`) are separate, so that parts of a scene
+can be recorded separately and joined.
 """

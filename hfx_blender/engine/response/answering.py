@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses of a whole scene: from the engine's contacts to samples."""
+"""Contact responses of all volumes of a scene: from contacts to samples."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .touches import BodyPlaces, Moments
 
 @dataclass(eq=False)
 class Answering:
-    """Applies the responses of a scene's volumes, block after block."""
+    """Contact responses of a scene's volumes, evaluated block by block."""
 
     scene: SceneDescription
     settling: Settling = field(default_factory=Settling)
@@ -41,14 +41,17 @@ class Answering:
 
     @property
     def memory_s(self) -> float:
-        """Longest ringing of any response, seconds: evaluate this much time, and one sample more,
-        before a part so that the part equals the whole."""
+        """Longest duration of an impact of any response, seconds; 0 without impacts.
+
+        A part of a scene equals the whole only after evaluation of this time, and one
+        sample more, before the part.
+        """
         return max(
             (
-                each.rings_s
+                filter_.rings_s
                 for effect in self.scene.effects
                 if isinstance(effect.area, HapticVolume)
-                for each in effect.area.response
+                for filter_ in effect.area.response
             ),
             default=0.0,
         )
@@ -69,10 +72,10 @@ class Answering:
         *,
         is_clear: bool,
     ) -> SampleRun | None:
-        """Apply the response of a volume to its contacts with a body.
+        """Apply the response of a volume to its contacts with a body; None without samples.
 
-        ``rows`` may be of the blocks beside, too: only the block's own are answered. ``is_clear``
-        tells that nothing can have been touched between them.
+        ``rows`` may include rows of neighbouring blocks; samples are those of the block
+        itself. ``is_clear``: no contact is possible, also not between rows.
         """
         assert isinstance(effect.area, HapticVolume)
         stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
@@ -113,13 +116,13 @@ class Answering:
                 is_live=block.live_s is not None,
             )
             touches = touches.part(slice(*own))
-        felt = self.settling.settle(touches)
-        if felt is None or block.live_s is None:
-            return felt
-        return replace(felt, times_s=self.scene.time.times_s(felt.indices))
+        samples = self.settling.settle(touches)
+        if samples is None or block.live_s is None:
+            return samples
+        return replace(samples, times_s=self.scene.time.times_s(samples.indices))
 
     def _places_of(self, bounds: ReachableBounds, skin: BodySkin, pose: PoseBlock) -> BodyPlaces:
-        """Positions of a body's clusters, shared by all volumes of a block."""
+        """Cached positions of a body's clusters in a block, shared by all volumes."""
         if self._places is None or self._places[0] is not bounds:
             self._places = bounds, BodyPlaces(skin, pose, bounds.rows)
         return self._places[1]
@@ -132,15 +135,14 @@ class Answering:
         bounds: ReachableBounds,
         effect: EffectDescription,
     ) -> bool:
-        """Quick test that a volume which touches nobody cannot be felt; the usual case among
-        hundreds."""
+        """Quick test, for the common case, that a volume without contacts has no samples here."""
         if self.settling.rings(stream) or len(animated.shapes) != 1 or not len(bounds.rows):
             return False
         assert isinstance(effect.area, HapticVolume) and animated.response is not None
         reaches = [
             float(animated.response[rows, f, 1].max())
-            for f, each in enumerate(effect.area.response)
-            if each.kind is FilterKind.PROXIMITY
+            for f, filter_ in enumerate(effect.area.response)
+            if filter_.kind is FilterKind.PROXIMITY
         ]
         if not reaches:
             return True
@@ -154,7 +156,7 @@ class Answering:
 
 
 def with_own_sets(run: SampleRun) -> SampleRun:
-    """Copy of a run in which each sample has a vertex set of its own."""
+    """Copy of a run with a separate vertex set for each sample."""
     if run.sets is None:
         return run
     parts = [slice(int(a), int(b)) for a, b in pairwise(run.offsets)]
@@ -168,24 +170,24 @@ def with_own_sets(run: SampleRun) -> SampleRun:
     )
 
 
-def depths_of(felt: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
-    """Depths (total,) of samples, each with its own set: 0 without contact.
+def depths_of(samples: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
+    """Depths (total,) at the vertices of samples with separate sets; 0 without contact.
 
-    ``contacts`` are those that were answered; they hold depths.
+    ``contacts`` are the contacts before the response, with depths.
     """
-    depths = np.zeros(len(felt.vertices), np.float32)
+    depths = np.zeros(len(samples.vertices), np.float32)
     if contacts is None or contacts.depth_m is None:
         return depths
     places = {int(index): k for k, index in enumerate(contacts.indices)}
-    for j, index in enumerate(felt.indices.tolist()):
+    for j, index in enumerate(samples.indices.tolist()):
         if index not in places:
             continue
         k = places[index]
         known = slice(int(contacts.offsets[k]), int(contacts.offsets[k + 1]))
-        mine = slice(int(felt.offsets[j]), int(felt.offsets[j + 1]))
+        own = slice(int(samples.offsets[j]), int(samples.offsets[j + 1]))
         vertices = contacts.vertices[known]
-        at = np.searchsorted(vertices, felt.vertices[mine])
+        at = np.searchsorted(vertices, samples.vertices[own])
         at = np.minimum(at, len(vertices) - 1)
-        is_known = vertices[at] == felt.vertices[mine]
-        depths[mine] = np.where(is_known, contacts.depth_m[known][at], 0.0)
+        is_known = vertices[at] == samples.vertices[own]
+        depths[own] = np.where(is_known, contacts.depth_m[known][at], 0.0)
     return depths

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Impacts between two samples: when they begin, how fast, and what is touched meanwhile.
+"""Impacts between two samples: beginning, speed, and touched skin.
 
-An impact's strength follows from its beginning, and what is felt of it from its weights while it
-decays, so both would depend on the sampling rate if they were looked for at samples only. Where a
-touch begins, where it changes while an impact is loud, and where a volume may have touched and
-turned back in between, contacts are found at steps of half a millisecond and at keys. Motion
-there is computed from F-curves, where the block has it, else estimated along :mod:`.paths`.
+The strength of an impact follows from its beginning, its felt weights from contacts during its
+decay. At samples alone, both would depend on the sampling rate. Contacts are evaluated at steps of
+half a millisecond and at keys in three kinds of intervals: where a touch begins, where contacts
+change while an impact is loud, and where a volume may have touched and turned back. Motion in an
+interval is computed from F-curves where available, else estimated (:mod:`.motion_estimate`).
 """
 
 from __future__ import annotations
@@ -27,38 +27,39 @@ from .paths import NEIGHBOURS, Path
 from .touches import Between, BodyPlaces, Moments, Touches
 
 STEP_S: Final = 0.0005
-"""Time between two steps, seconds; rates that divide 2000 Hz have them at the same times."""
+"""Time between two steps, seconds; equal times for all rates that divide 2000 Hz."""
 
 RESUMES_S: Final = 0.01
-"""A touch that pauses for so short a time goes on, seconds: at 100 Hz its end may not be seen."""
+"""Longest pause within one touch, seconds; at 100 Hz a pause may lie between two samples."""
 
-_MOST_STEPS: Final = 100  # of an interval: at rates below 20 Hz they are longer
-_OF_DECAY: Final = 0.02  # of a time constant: a longer step may miss as much of an impact
-_FINER: Final = 16  # parts of a step, for the beginning of a touch
+_MOST_STEPS: Final = 100  # per interval, for rates below 20 Hz
+_OF_DECAY: Final = 0.02  # fraction of a time constant: the largest relative loss by a step
+_FINER: Final = 16  # parts of a step around beginnings and strongest moments
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Contacts at steps of some intervals, each with its start and its end, without filters."""
+    """Contacts without filters at S + 1 steps of each of n intervals, both ends included."""
 
     run: SampleRun | None
-    rows: I64  # (k,) of the steps, interval by interval, that the run has samples for
-    which: I64  # (n,) intervals
-    chosen: I64  # (n,) rows at their ends
+    rows: I64  # (k,) flat step indices with a sample in the run, interval by interval
+    which: I64  # (n,) interval numbers
+    chosen: I64  # (n,) rows at the intervals' ends
     times_s: F64  # (n, S + 1)
-    shares: F64  # (n, S + 1) of the intervals
-    sums: F64  # (n, S + 1) of the weights
+    shares: F64  # (n, S + 1) fractions of the intervals
+    sums: F64  # (n, S + 1) sums of the weights
 
     @property
     def is_touched(self) -> Bool:
-        """Steps (n, S + 1) at which skin is touched; the start counts as none."""
+        """Steps (n, S + 1) with touched skin; False at the start, which belongs to the
+        sample before."""
         touched = self.sums > 0.0
         touched[:, 0] = False
         return touched
 
     @property
     def sets(self) -> list[_Sets]:
-        """Touched skin between the intervals' ends; empty without any."""
+        """Touched skin at steps inside the intervals; empty without any."""
         if self.run is None:
             return []
         inside = (self.rows % self.shares.shape[1] > 0) & (self.shares.ravel()[self.rows] < 1.0)
@@ -68,17 +69,20 @@ class _Steps:
         return [_Sets(rows, times, *sets)]
 
     def strengths(self, slow: F64) -> F64:
-        """Weights (n, S + 1) as they decay by time constants, shares (N,) of all intervals."""
+        """Weight sums (n, S + 1) under exponential decay.
+
+        ``slow`` (N,) are time constants of all intervals, as fractions of their lengths.
+        """
         return np.asarray(self.sums * np.exp(-self.shares / slow[self.which, None]))
 
 
 @dataclass(frozen=True, eq=False)
 class _Sets:
-    """Touched skin at some moments between samples."""
+    """Touched skin at k moments between samples, with vertex sets as in SampleRun."""
 
-    rows: I64  # (k,) of the samples after them
+    rows: I64  # (k,) of the samples after the moments
     times_s: F64  # (k,)
-    set_of: I64  # (k,)
+    set_of: I64  # (k,) set numbers
     offsets: I64
     vertices: I32
     weights: F32
@@ -94,19 +98,19 @@ def refined(
     loud_until_s: float,
     is_live: bool,
 ) -> Touches:
-    """Touches of a volume with impacts, with what happened since the sample before.
+    """Touches of a volume with impacts, extended by moments between samples.
 
-    Live, nothing is known of later samples: motion is straight, and only the time at which a
-    touch begins is found; its speed is that since the sample before.
+    Live, later samples are unknown: motion is straight, only the time of a touch's beginning is
+    searched, and the speed is that since the last sample.
 
     Parameters
     ----------
     parameters : (T, P) float64
         Of the effect.
     run : SampleRun or None
-        Contacts without a response; None: there are none.
+        Contacts without a response; None without contacts.
     loud_until_s : float
-        Time until which impacts that began before these samples are loud.
+        Time until which impacts before these samples are loud.
     """
     follows = follow_on(moments)
     before = np.concatenate([[False], touches.is_touched[:-1]])
@@ -124,7 +128,7 @@ def refined(
         intervals = _Intervals(moments, chosen, parameters, contacts, is_straight=is_live)
         touches, sets = _looked_closely(moments, touches, intervals, begins, count, is_live=is_live)
         parts += sets
-    if any(each.is_in_space for each in moments.filters):
+    if any(filter_.is_in_space for filter_ in moments.filters):
         coarsely = np.zeros_like(coarsely)
     for chosen, count in _by_steps(moments, touches, coarsely, np.inf):
         intervals = _Intervals(moments, chosen, parameters, contacts, is_straight=False)
@@ -141,12 +145,14 @@ def _looked_closely(
     *,
     is_live: bool,
 ) -> tuple[Touches, list[_Sets]]:
-    """Touches with when and how fast impacts began, and what was touched in intervals."""
+    """Add onsets and speeds of impacts to touches, and collect touched skin inside intervals."""
     chosen = intervals.chosen
     slow_s = _slow_s(touches, chosen) / intervals.lengths_s
     steps = intervals.steps(np.arange(len(chosen)), intervals.with_keys(_grid(count)))
     is_some = steps.is_touched.any(axis=1)
     before = np.concatenate([[False], touches.is_touched[:-1]])[chosen]
+    # Two searches: coarse steps find whether and roughly when skin is touched, finer ones around
+    # the first touched and the strongest step give onset, speed and peak.
     new = np.flatnonzero(begins[chosen] | (is_some & ~before))
     strong = np.flatnonzero(is_some) if not is_live else new[:0]
     if not len(new) and not len(strong):
@@ -164,17 +170,24 @@ def _looked_closely(
         return touches, []
     column = np.concatenate([first, finer.strengths(slow_s)[len(new) :].argmax(axis=1)])
     flat = np.arange(len(column)) * finer.shares.shape[1] + column
-    there = np.flatnonzero(np.isin(flat, finer.rows))
-    which, shares = finer.which[there], finer.shares.ravel()[flat[there]]
-    sets = finer.run.set_of[np.searchsorted(finer.rows, flat[there])]
-    found = intervals.answered(which, shares, 1.0 / count / _FINER, finer.run, sets)
+    is_touched_row = np.flatnonzero(np.isin(flat, finer.rows))
+    which, shares = finer.which[is_touched_row], finer.shares.ravel()[flat[is_touched_row]]
+    sets = finer.run.set_of[np.searchsorted(finer.rows, flat[is_touched_row])]
+    answered = intervals.answered(which, shares, 1.0 / count / _FINER, finer.run, sets)
     speeds = touches.speeds_m_s.copy()
-    is_new = there < len(new)
-    speeds[chosen[which[is_new]]] = found.speeds_m_s[is_new]
-    k = np.flatnonzero(found.is_touched)
+    is_new = is_touched_row < len(new)
+    speeds[chosen[which[is_new]]] = answered.speeds_m_s[is_new]
+    k = np.flatnonzero(answered.is_touched)
     rows, times = chosen[which[k]], intervals.times_s(which[k], shares[k])
-    with_filters = _Sets(rows, times, found.set_of[k], found.offsets, found.vertices, found.weights)
-    is_in_space = any(each.is_in_space for each in moments.filters)
+    with_filters = _Sets(
+        rows,
+        times,
+        answered.set_of[k],
+        answered.offsets,
+        answered.vertices,
+        answered.weights,
+    )
+    is_in_space = any(filter_.is_in_space for filter_ in moments.filters)
     parts = [with_filters] if is_in_space else [with_filters, *steps.sets]
     return replace(touches, speeds_m_s=speeds), parts
 
@@ -187,12 +200,12 @@ def _changes(
     is_bent: Bool,
     loud_until_s: float,
 ) -> tuple[Bool, Bool]:
-    """Rows (n,) before which what is touched changes, or may have, while an impact is loud.
+    """Rows (n,) with changing contacts in the interval before, while an impact is loud.
 
-    The first are those before which, or one before, most is touched, and where a touch may have
-    paused; the second all others.
+    The first mask selects the neighbourhood of local maxima, possible pauses and turns; the
+    second all other changes.
     """
-    impacts = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.IMPACT]
+    impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     loudest_s = LOUD * touches.controls[:, impacts, 1:3].sum(axis=2).max(axis=1)
     until_s = np.where(begins, touches.times_s + loudest_s, loud_until_s)
     is_loud = np.zeros(len(touches), np.bool_)
@@ -216,19 +229,20 @@ def _changes(
     less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
     is_most = ~less[0] & less[1]
     closely = changes & (is_most | np.concatenate([[False], is_most[:-1]])) | pauses
-    # Between two equal sets a volume that turns may have covered more.
+    # A turning volume may have covered more skin between two equal sets.
     closely |= is_loud & is_bent & (set_of >= 0) & (set_of == before)
     return closely, changes & ~closely
 
 
 def _sums(run: SampleRun) -> F64:
-    """Sums (n,) of the weights of each sample."""
+    """Sum of weights (n,) of each sample."""
     sums: F64 = np.add.reduceat(run.weights, run.offsets[:-1], dtype=np.float64)[run.set_of]
     return sums
 
 
 def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
-    """Test whether any vertex weighs more in the other set of a run, and whether any less."""
+    """Tests whether any vertex gains weight from set ``one`` to set ``other`` of a run, and
+    loses any."""
     parts = [slice(int(run.offsets[j]), int(run.offsets[j + 1])) for j in (one, other)]
     ids = np.concatenate([run.vertices[part] for part in parts])
     order = np.argsort(ids, kind="stable")
@@ -241,7 +255,7 @@ def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
 def _by_steps(
     moments: Moments, touches: Touches, rows: Bool, longest_s: float
 ) -> Iterator[tuple[I64, int]]:
-    """Rows (n,) by the number of steps before them, none longer than ``longest_s``."""
+    """Yield (rows, step count) of selected intervals (n,), with steps of at most ``longest_s``."""
     chosen = np.flatnonzero(rows)
     ends = moments.rows[chosen]
     lengths_s = moments.times_s[ends] - moments.times_s[ends - 1]
@@ -252,19 +266,19 @@ def _by_steps(
 
 
 def _grid(count: int) -> F64:
-    """Shares (count + 1,) of an interval, from its start to its end."""
+    """Even fractions (count + 1,) from 0 to 1."""
     return np.linspace(0.0, 1.0, count + 1)
 
 
 def _slow_s(touches: Touches, rows: I64) -> F64:
-    """Shortest time constant (n,) with which an impact dies away that began at some rows."""
-    impacts = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.IMPACT]
+    """Shortest of the impacts' slower time constants (n,) at rows, seconds."""
+    impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     slow_s: F64 = touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1)
     return slow_s
 
 
 def _closer_shares(steps: _Steps, new: I64, strong: I64, slow: F64) -> tuple[I64, F64]:
-    """Intervals and shares (m, 17): around where touches begin, and around the strongest moment."""
+    """Intervals and fine fractions (m, 17): around beginnings, then around strongest moments."""
     touched, count = steps.is_touched, steps.shares.shape[1] - 1
     first = np.where(touched.any(axis=1), touched.argmax(axis=1), count)[new]
     most = np.where(touched, steps.strengths(slow), 0.0)[strong].argmax(axis=1)
@@ -275,7 +289,7 @@ def _closer_shares(steps: _Steps, new: I64, strong: I64, slow: F64) -> tuple[I64
 
 
 def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
-    """Touches with the touched moments between them."""
+    """Touches with moments between samples, sorted by time."""
     if not parts:
         return touches
     counts = np.cumsum([len(touches.offsets) - 1, *(len(part.offsets) - 1 for part in parts)])
@@ -286,13 +300,14 @@ def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
     times = np.concatenate([part.times_s for part in parts])
     order = np.lexsort((times, rows))
     rows, times, set_of = rows[order], times[order], np.concatenate(numbers)[order]
-    # Of moments with one set the first is the strongest, and a sample's last ends the touch.
+    # In a run of moments with one set only the first, strongest one counts, and the last, the
+    # touch's end.
     follows = np.concatenate([rows[1:] == rows[:-1], [False]])
     is_same = follows & np.concatenate([set_of[1:] == set_of[:-1], [False]])
-    kept = ~np.concatenate([[False], is_same[:-1]]) | ~follows
+    is_kept = ~np.concatenate([[False], is_same[:-1]]) | ~follows
     return replace(
         touches,
-        between=Between(rows[kept], times[kept], set_of[kept]),
+        between=Between(rows[is_kept], times[is_kept], set_of[is_kept]),
         offsets=np.concatenate([touches.offsets, *offsets]),
         vertices=np.concatenate([touches.vertices, *(part.vertices for part in parts)]),
         weights=np.concatenate([touches.weights, *(part.weights for part in parts)]),
@@ -300,16 +315,16 @@ def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
 
 
 class _Intervals:
-    """Intervals that end at some rows of moments, and the motion over them.
+    """Sample intervals and the motion within.
 
     Parameters
     ----------
     chosen : (n,) int64
-        Places among the rows of the moments.
+        Indices, among the rows of the moments, of the intervals' ends.
     parameters : (T, P) float64
         Of the effect.
     is_straight : bool
-        Whether motion is straight, whatever the samples beside.
+        Motion is linear between samples.
     """
 
     def __init__(
@@ -331,19 +346,23 @@ class _Intervals:
         self._rows = moments.rows[chosen]
         self.lengths_s = moments.times_s[self._rows] - moments.times_s[self._rows - 1]
         follows = np.concatenate([follow_on(moments), [False]])
-        # Numbers of samples that are known on either side, with the interval's own end.
+        # Numbers of known samples on both sides, the interval's own ends included.
         self._before = 1 + _chain(follows, chosen, -1, is_straight)
         self._after = 1 + _chain(follows, chosen + 1, 1, is_straight)
 
     def times_s(self, which: I64, shares: F64) -> F64:
-        """Times (n,) at shares (n,) of some of the intervals."""
+        """Times (n,) at fractions (n,) of intervals."""
         ends = self._moments.times_s[self._rows[which]]
         return np.asarray(ends - (1.0 - shares) * self.lengths_s[which])
 
     def with_keys(self, grid: F64) -> F64:
-        """Shares (n, S) of each interval: a grid's, and those at which motion may turn."""
-        keyed = [each.keys for each in (self._moments.effect, self._moments.pose)]
-        keys = np.concatenate([np.zeros(0), *(each for each in keyed if each is not None)])
+        """Fractions (n, S) of each interval: those of a grid, and keys at which motion may
+        turn.
+
+        Sorted; intervals with fewer keys are padded with 1.
+        """
+        keyed = [block.keys for block in (self._moments.effect, self._moments.pose)]
+        keys = np.concatenate([np.zeros(0), *(values for values in keyed if values is not None)])
         inside = keys - (self._moments.indices[self._rows, None] - 1.0)
         inside = np.where((inside > 0.0) & (inside < 1.0), inside, 1.0)
         inside = np.sort(inside, axis=1)[:, : int((inside < 1.0).sum(axis=1).max(initial=0))]
@@ -351,7 +370,7 @@ class _Intervals:
         return np.sort(together, axis=1)
 
     def steps(self, which: I64, shares: F64) -> _Steps:
-        """Contacts at shares (n, S + 1), or (S + 1,) of each, of some of the intervals."""
+        """Contacts at fractions (n, S + 1), or (S + 1,) for all, of some intervals."""
         shares = np.broadcast_to(shares, (len(which), shares.shape[-1]))
         closer = self._closer(which, shares)
         run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
@@ -364,10 +383,10 @@ class _Intervals:
         return _Steps(run, rows, which, self.chosen[which], times, shares, sums)
 
     def answered(self, which: I64, shares: F64, step: float, run: SampleRun, sets: I64) -> Touches:
-        """Touches at shares (n,) of some of the intervals, with the filters.
+        """Touches with filters at fractions (n,) of some intervals.
 
-        Speeds are those over a step, a share of an interval. The moments have ``sets`` (n,) of the
-        run, without filters.
+        Speeds are means over ``step``, a fraction of an interval. ``sets`` (n,) are the
+        moments' set numbers in the run, which has no filters.
         """
         closer = self._closer(which, np.stack([shares - np.minimum(step, shares), shares], axis=1))
         rows = closer.rows[1::2]
@@ -379,12 +398,12 @@ class _Intervals:
             parameters=closer.effect.parameters[rows],
             sets=sets,
         )
-        found = replace(closer, rows=rows).touches(run.stream, closer.effect.parameters, touched)
-        assert found is not None  # a stack with impacts has all times
-        return found
+        touches = replace(closer, rows=rows).touches(run.stream, closer.effect.parameters, touched)
+        assert touches is not None  # a stack with impacts has all times
+        return touches
 
     def _closer(self, which: I64, shares: F64) -> Moments:
-        """Moments at shares (n, S + 1) of some of the intervals."""
+        """Moments at fractions (n, S + 1) of some intervals, as rows of a block of their own."""
         moments, count = self._moments, shares.shape[1]
         effect, pose = moments.effect, moments.pose
         assert effect.matrices is not None
@@ -429,9 +448,10 @@ class _Intervals:
     def _motion(
         self, name: str, values: F64 | F32, at: Motion | None, which: I64, shares: F64
     ) -> F64:
-        """Values (n S, ...) at shares (n, S) of some intervals, from the block's (T, ...).
+        """Values (n S, ...) at fractions (n, S) of some intervals, from the block's (T,
+        ...).
 
-        ``at`` computes them; without it, or where motion is straight, they are estimated.
+        Computed by ``at``; estimated without it; linear where motion is straight.
         """
         if len(values) and (values == values[0]).all():
             still = values[0].astype(np.float64)
@@ -440,7 +460,9 @@ class _Intervals:
             paths = [self._path(name, values, n) for n in which.tolist()]
             parts = [path.at(mine) for path, mine in zip(paths, shares, strict=True)]
             return _unpacked(np.concatenate(parts), values)
-        # A body moves equally for all volumes.
+        # All volumes share the motion of a body, so its values are cached with the body's
+        # positions.
+
         known = self._own_motion if name == "matrices" else self._moments.places.motion
         rows = self._rows[which].tolist()
         keys = [(name, row, mine.tobytes()) for row, mine in zip(rows, shares, strict=True)]
@@ -453,9 +475,9 @@ class _Intervals:
         return np.concatenate([known[key] for key in keys])
 
     def _path(self, name: str, values: F64 | F32, n: int) -> Path:
-        """Estimated motion over interval ``n`` of the block's values (T, ...)."""
+        """Cached motion estimate for interval ``n`` of the block's values (T, ...)."""
         known = self._own_paths if name == "matrices" else self._moments.places.paths
-        row, before, after = (int(each[n]) for each in (self._rows, self._before, self._after))
+        row, before, after = (int(counts[n]) for counts in (self._rows, self._before, self._after))
         key = name, row, before, after
         if key not in known:
             known[key] = Path(
@@ -466,9 +488,9 @@ class _Intervals:
 
 
 def _packed(value: F64 | F32) -> F64:
-    """Rows (N, D) of a matrix, of bones or of points that move each by itself.
+    """Rows (N, D) of a matrix, of bones or of points; each row moves independently.
 
-    A matrix goes column by column: what bounces may go on turning as it did.
+    Matrices are split by columns, so that an axis can keep rotating while the origin bounces.
     """
     if value.shape == (4, 4):
         return value.T.astype(np.float64)
@@ -476,17 +498,17 @@ def _packed(value: F64 | F32) -> F64:
 
 
 def _unpacked(rows: F64, values: F64 | F32) -> F64:
-    """Values (n, ...) in the shape of a block's (T, ...), from their rows (n, N, D)."""
+    """Values (n, ...) with the block's shape (T, ...), from rows (n, N, D)."""
     if values.shape[1:] == (4, 4):
         return rows.transpose(0, 2, 1)
     return rows.reshape(len(rows), *values.shape[1:])
 
 
 def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:
-    """Numbers of samples beside intervals that are known, (n,) up to :data:`NEIGHBOURS`."""
+    """Numbers (n,) of known samples next to intervals, up to :data:`NEIGHBOURS`; 0 if straight."""
     count, known = np.zeros(len(at), np.int64), np.full(len(at), not is_straight)
     for k in range(NEIGHBOURS):
-        place = at - 1 - k if way < 0 else at + k
-        known = known & follows[np.clip(place, 0, len(follows) - 1)] & (place >= 0)
+        neighbour = at - 1 - k if way < 0 else at + k
+        known = known & follows[np.clip(neighbour, 0, len(follows) - 1)] & (neighbour >= 0)
         count += known
     return count

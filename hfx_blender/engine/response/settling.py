@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Memory of responses: impacts that still ring, and the skin that they were felt on.
+"""Memory of contact responses: ringing impacts and the skin that they were felt on.
 
-While an impact rings, a vertex keeps its largest weight since the impact began. What is strongest
-between two samples is felt at the later one. Give it the touches of each stream in the order of
-time, in any parts: splitting time and putting it together again gives the same bytes.
+While an impact rings, a vertex keeps its largest weight since the impact began. The strongest
+moment between two samples counts at the later sample. Touches of each stream must be given in the
+order of time, in parts of any size: splitting time does not change a byte.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from ..samples import SampleRun, Stream
 from .touches import Touches, WeightedSet, packed, strongest
 
 LEAST: Final = 1e-4
-"""A weaker response is silence."""
+"""Smallest response; weaker ones count as 0."""
 
-_MORE: Final = 1.0 + 1e-6  # of a strength at samples beside: less is rounding
+_MORE: Final = 1.0 + 1e-6  # relative to the samples at both ends: less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,25 +33,25 @@ class Memory:
     index: int = -2  # of the last sample
     time_s: float = -np.inf
     was_touched: bool = False
-    touched_s: float = -np.inf  # the last moment at which skin was touched
+    touched_s: float = -np.inf  # last moment with touched skin
     left: tuple[float, WeightedSet] | None = None  # level and weights of the last sample
-    impacts: tuple[tuple[Impact, ...], ...] = ()  # of each filter, in the order of time
-    values: F64 | None = None  # (F,) of the last touch
-    held: tuple[tuple[float, WeightedSet], ...] = ()  # by the time at which impacts began
+    impacts: tuple[tuple[Impact, ...], ...] = ()  # by filter, in the order of time
+    values: F64 | None = None  # (F,) filter values of the last touch
+    held: tuple[tuple[float, WeightedSet], ...] = ()  # (onset, kept weights) of each impact
 
     def rings(self, time_s: float) -> bool:
-        """Test for an impact that is still felt at a time."""
-        return any(impact.ends_s > time_s for each in self.impacts for impact in each)
+        """True if an impact is still felt at a time."""
+        return any(impact.ends_s > time_s for impacts in self.impacts for impact in impacts)
 
 
 class Settling:
-    """The memories of all streams of a scene."""
+    """Memories of all streams of a scene."""
 
     def __init__(self) -> None:
         self.memories: dict[Stream, Memory] = {}
 
     def settle(self, touches: Touches) -> SampleRun | None:
-        """Samples of a stream's next touches; None without any."""
+        """Samples of a stream's next touches; None without samples."""
         memory = self.memories.get(touches.stream, Memory())
         if not len(touches):
             return None
@@ -63,32 +63,32 @@ class Settling:
         return run
 
     def pass_over(self, stream: Stream, index: int) -> None:
-        """Record that nothing of a stream was touched, near or ringing up to a sample."""
+        """Record that a stream has no touch, no nearness and no impact up to a sample."""
         self.memories[stream] = Memory(index=index)
 
     def rings(self, stream: Stream) -> bool:
-        """Test for an impact of a stream that may still be felt."""
+        """True if an impact of a stream may still be felt."""
         memory = self.memories.get(stream)
         return memory is not None and any(memory.impacts)
 
     def loud_until_s(self, stream: Stream) -> float:
         """Time until which an impact of a stream is loud, seconds; -inf without any."""
         impacts = self.memories.get(stream, Memory()).impacts
-        return max((each.loud_until_s for some in impacts for each in some), default=-np.inf)
+        return max((i.loud_until_s for of_filter in impacts for i in of_filter), default=-np.inf)
 
     def any_rings(self, time_s: float) -> bool:
-        """Test for an impact of any stream that is still felt at a time."""
+        """True if an impact of any stream is still felt at a time."""
         return any(memory.rings(time_s) for memory in self.memories.values())
 
 
 @dataclass(frozen=True, eq=False)
 class _Timeline:
-    """Samples of touches and the moments between them, N in the order of time."""
+    """Samples of touches and moments between them: N times in ascending order."""
 
-    samples: I64  # (n,) places of the samples
-    row_of: I64  # (N,) the sample, or that after the moment
+    samples: I64  # (n,) indices of the samples
+    row_of: I64  # (N,) the sample itself, or the sample after a moment
     times_s: F64  # (N,)
-    before_s: F64  # (N,) the times before; its own after a gap, in which nothing peaks
+    before_s: F64  # (N,) previous time; the own time after a gap, where peaks are ignored
     set_of: I64  # (N,)
     is_touched: Bool  # (N,)
 
@@ -114,14 +114,14 @@ class _Timeline:
 
 @dataclass(frozen=True, eq=False)
 class _Ringing:
-    """Impacts over the N moments of a timeline, those of one time together."""
+    """Impacts over the N times of a timeline; impacts of one onset are summed."""
 
-    impacts: list[list[Impact]]  # of each filter
-    values: F64  # (N, F) of the filters; 0 where they are no impacts
-    rings: Bool  # (N,)
-    energies: dict[float, F64]  # (N,) the sum of all that began at a time
-    ends: dict[float, Bool]  # (N,) whether all of these are over
-    is_loud: Bool  # (n,) samples before which moments count
+    impacts: list[list[Impact]]  # by filter
+    values: F64  # (N, F) filter values; 0 for other filters than impacts
+    rings: Bool  # (N,) any impact is felt
+    energies: dict[float, F64]  # (N,) by onset
+    ends: dict[float, Bool]  # (N,) by onset: all impacts are over
+    is_loud: Bool  # (n,) samples with relevant moments before
 
 
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
@@ -132,48 +132,51 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
     ringing = _ringing(touches, memory, line, begins)
     values = _held_values(touches, memory, ringing.rings[line.samples])[line.row_of]
     multiplies = False
-    for f, each in enumerate(filters):
-        if each.kind is FilterKind.IMPACT:
+    for f, filter_ in enumerate(filters):
+        if filter_.kind is FilterKind.IMPACT:
             values[:, f] = ringing.values[:, f]
-            multiplies |= each.operation is Operation.MULTIPLY
-        elif each.kind is FilterKind.PROXIMITY:
+            multiplies |= filter_.operation is Operation.MULTIPLY
+        elif filter_.kind is FilterKind.PROXIMITY:
             values[line.is_touched, f] = 1.0
     influences = touches.controls[line.row_of, :, 0]
     starts = ringing.rings & multiplies
     response = folded(filters, (line.is_touched | starts).astype(np.float64), values, influences)
     response[response < LEAST] = 0.0
-    for f, each in enumerate(filters):
-        if each.kind is FilterKind.PROXIMITY:
+    for f, filter_ in enumerate(filters):
+        if filter_.kind is FilterKind.PROXIMITY:
             values[:, f] = 0.0
-    left = folded(filters, starts.astype(np.float64), values, influences)
-    # What rings is felt at most as strongly as what is touched; both are multiplied by a level.
-    shares = np.divide(left, response, out=np.zeros(len(left)), where=response > 0.0)
+    untouched = folded(filters, starts.astype(np.float64), values, influences)
+    # Ringing skin is felt at most as strongly as touched skin; both are multiplied by the level.
+    shares = np.divide(untouched, response, out=np.zeros(len(untouched)), where=response > 0.0)
     levels = response * touches.levels[line.row_of]
-    levels[(line.set_of < 0) & ~ringing.rings] = 0.0  # without a set of its own, only ringing is
+    levels[(line.set_of < 0) & ~ringing.rings] = (
+        0.0  # without touch and nearness only ringing is felt
+    )
     shares = np.where(ringing.rings & (levels > 0.0), np.minimum(shares, 1.0), 0.0)
     held = _Held(touches, memory, line, ringing, shares, levels)
-    felt = [held.next(k, begins=bool(begins[k])) for k in range(len(touches))]
-    run = _run(touches, felt)
+    felt_samples = [held.next(k, begins=bool(begins[k])) for k in range(len(touches))]
+    run = _run(touches, felt_samples)
     touched = np.flatnonzero(touches.is_touched)
-    now = float(touches.times_s[-1])
+    end_s = float(touches.times_s[-1])
     impacts = tuple(
-        tuple(impact for impact in each if max(impact.ends_s, impact.peaks_s) > now)
-        for each in ringing.impacts
+        tuple(impact for impact in of_filter if max(impact.ends_s, impact.peaks_s) > end_s)
+        for of_filter in ringing.impacts
     )
-    begun = {impact.time_s for each in impacts for impact in each}
+    begun = {impact.time_s for of_filter in impacts for impact in of_filter}
     return run, Memory(
         index=int(touches.indices[-1]),
-        time_s=now,
+        time_s=end_s,
         was_touched=bool(touches.is_touched[-1]),
         touched_s=max(memory.touched_s, float(line.times_s[line.is_touched].max(initial=-np.inf))),
         left=held.left,
         impacts=impacts,
         values=touches.values[touched[-1]] if len(touched) else memory.values,
-        held=tuple(each for each in held.sets.items() if each[0] in begun),
+        held=tuple(item for item in held.sets.items() if item[0] in begun),
     )
 
 
 def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) -> _Ringing:
+    """Evaluate all impacts over a timeline."""
     impacts = _with_new_impacts(touches, memory, begins)
     times, before = line.times_s, line.before_s
     rings = np.zeros(len(times), np.bool_)
@@ -182,12 +185,12 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
     ends: dict[float, Bool] = {}
     is_loud = begins.copy()
     since = np.concatenate([[memory.time_s], touches.times_s[:-1]])
-    for f, each in enumerate(impacts):
-        for impact in each:
-            value, felt = impact.envelope(times, before), impact.rings(times, before)
-            is_over = ~felt & (times >= impact.ends_s)
+    for f, of_filter in enumerate(impacts):
+        for impact in of_filter:
+            value, is_felt = impact.envelope(times, before), impact.rings(times, before)
+            is_over = ~is_felt & (times >= impact.ends_s)
             values[:, f] += value
-            rings |= felt
+            rings |= is_felt
             energies[impact.time_s] = energies.get(impact.time_s, 0.0) + value
             ends[impact.time_s] = ends.get(impact.time_s, np.True_) & is_over
             is_loud |= (since >= impact.time_s) & (since < impact.loud_until_s)
@@ -195,11 +198,11 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
 
 
 def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[list[Impact]]:
-    """Impacts of each filter: old ones that may still ring, and new ones."""
+    """Impacts by filter: those that may still ring, then new ones."""
     known = memory.impacts or ((),) * len(touches.filters)
-    impacts = [list(each) for each in known]
-    for f, each in enumerate(touches.filters):
-        if each.kind is not FilterKind.IMPACT:
+    impacts = [list(of_filter) for of_filter in known]
+    for f, filter_ in enumerate(touches.filters):
+        if filter_.kind is not FilterKind.IMPACT:
             continue
         for k in np.flatnonzero(begins).tolist():
             _, attack, decay, full = touches.controls[k, f, :4].tolist()
@@ -209,15 +212,15 @@ def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[li
 
 
 def _follows(touches: Touches, memory: Memory) -> Bool:
-    """Samples (n,) that follow the one before them at once."""
+    """Samples (n,) that follow the sample before without a gap."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
     follows: Bool = before == touches.indices - 1
     return follows
 
 
 def _begins(touches: Touches, memory: Memory) -> Bool:
-    """Samples (n,) since the one before which an impact began."""
-    if not any(each.kind is FilterKind.IMPACT for each in touches.filters):
+    """Samples (n,) with the beginning of an impact in the interval before."""
+    if not any(filter_.kind is FilterKind.IMPACT for filter_ in touches.filters):
         return np.zeros(len(touches), np.bool_)
     between = touches.between
     was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
@@ -225,7 +228,7 @@ def _begins(touches: Touches, memory: Memory) -> Bool:
     is_touched[between.rows] = True
     begins = is_touched & ~was_touched & _follows(touches, memory) & (touches.speeds_m_s > 0.0)
     last = np.full(len(touches), -np.inf)
-    last[between.rows] = between.times_s  # the last of each sample counts
+    last[between.rows] = between.times_s  # of equal rows the last one remains
     last[touches.is_touched] = touches.times_s[touches.is_touched]
     last = np.maximum.accumulate(np.concatenate([[memory.touched_s], last[:-1]]))
     for k in np.flatnonzero(begins).tolist():
@@ -234,6 +237,7 @@ def _begins(touches: Touches, memory: Memory) -> Bool:
 
 
 def _onset_s(touches: Touches, k: int) -> float:
+    """Onset of the touch before sample ``k``; the sample's time if unknown, seconds."""
     onset = np.nan if touches.onsets_s is None else float(touches.onsets_s[k])
     return float(touches.times_s[k]) if np.isnan(onset) else onset
 
@@ -311,47 +315,50 @@ class _Held:
         return self.left if strongest is None else strongest
 
     def _touched_set(self, number: int) -> WeightedSet | None:
-        """Set of weights of that number, which often is the one before; None for -1."""
+        """Set of that number, cached from the last call; None for -1."""
         if number != self._own[0]:
             self._own = number, self._touches.weighted_set(number) if number >= 0 else None
         return self._own[1]
 
     def _between(self, first: int, place: int) -> tuple[float, WeightedSet] | None:
-        """Strongest moments of each vertex before the sample at ``place``; None if none is inside.
+        """Strongest moment of each vertex before the sample at ``place``; None if the
+        sample is strongest.
 
-        Adds what was touched from ``first`` on to the weights that impacts keep.
+        Merges weights touched from ``first`` on into the weights that impacts keep.
         """
         line, ringing = self._line, self._ringing
         numbers = line.set_of[first : place + 1].tolist()
         own = [self._touches.weighted_set(j) if j >= 0 else None for j in numbers]
-        known = [each for each in (*own, *self.sets.values()) if each is not None]
+        known = [s for s in (*own, *self.sets.values()) if s is not None]
         if self.left is not None:
             known.append(self.left[1])
-        vertices = np.unique(np.concatenate([each[0] for each in known]))
-        weights = np.stack([_spread(each, vertices) for each in own])
+        vertices = np.unique(np.concatenate([vertex_ids for vertex_ids, _ in known]))
+        weights = np.stack([_spread(weighted, vertices) for weighted in own])
         is_touched = line.is_touched[first : place + 1, None]
         largest = np.maximum.accumulate(np.where(is_touched, weights, 0.0), axis=0)
         sums, totals = np.zeros_like(largest), np.zeros((len(own), 1))
-        kept = largest
+        # For each impact: running maximum of weights since its onset, weighted by its envelope
+        # among all impacts.
+        held = largest
         for time, before in self.sets.items():
-            kept = np.maximum(largest, _spread(before, vertices))
+            held = np.maximum(largest, _spread(before, vertices))
             energies = ringing.energies[time][first : place + 1, None]
-            sums, totals = sums + energies * kept, totals + energies
-            is_kept = kept[-1] > 0.0
-            self.sets[time] = vertices[is_kept], kept[-1, is_kept].astype(np.float32)
-        rings = np.divide(sums, totals, out=kept.copy(), where=totals > 0.0)
+            sums, totals = sums + energies * held, totals + energies
+            is_kept = held[-1] > 0.0
+            self.sets[time] = vertices[is_kept], held[-1, is_kept].astype(np.float32)
+        rings = np.divide(sums, totals, out=held.copy(), where=totals > 0.0)
         rings *= self._shares[first : place + 1, None]
         levels = self._levels[first : place + 1]
-        felt = levels[:, None] * np.maximum(weights, rings)
-        beside = felt[-1]
+        strengths = levels[:, None] * np.maximum(weights, rings)
+        at_sample = strengths[-1]
         if self.left is not None:
-            beside = np.maximum(beside, self.left[0] * _spread(self.left[1], vertices))
-        peaks = felt[:-1].max(axis=0)
-        is_inside = peaks > _MORE * beside
+            at_sample = np.maximum(at_sample, self.left[0] * _spread(self.left[1], vertices))
+        peaks = strengths[:-1].max(axis=0)
+        is_inside = peaks > _MORE * at_sample
         if not is_inside.any():
             return None
-        products = np.where(is_inside, peaks, felt[-1])
-        # The level's own peak counts alike; weights are at most 1.
+        products = np.where(is_inside, peaks, strengths[-1])
+        # The level's own peak counts equally, because weights are at most 1.
         left = 0.0 if self.left is None else self.left[0]
         inside = float(levels[:-1].max())
         level = inside if inside > max(left, levels[-1]) else float(levels[-1])
@@ -360,16 +367,16 @@ class _Held:
         return level, (vertices[shown > 0.0], shown[shown > 0.0])
 
 
-def _spread(some: WeightedSet | None, vertices: I32) -> F64:
-    """Weights (V,) of vertices, all of the set among them; 0 for others."""
+def _spread(weighted_set: WeightedSet | None, vertices: I32) -> F64:
+    """Weights (V,) at ascending ``vertices``, a superset of the set's; 0 elsewhere."""
     weights = np.zeros(len(vertices))
-    if some is not None:
-        weights[np.searchsorted(vertices, some[0])] = some[1]
+    if weighted_set is not None:
+        weights[np.searchsorted(vertices, weighted_set[0])] = weighted_set[1]
     return weights
 
 
 def _merged(one: WeightedSet, other: WeightedSet) -> WeightedSet:
-    """Union of two sets with the larger weight of each vertex; ``one`` itself if that is all."""
+    """Union of two sets with the larger weight of each vertex; ``one`` itself if unchanged."""
     known = one[0], one[1].astype(np.float64)
     vertices, weights = strongest(known, other[0], other[1].astype(np.float64))
     if len(vertices) == len(one[0]) and (weights == one[1]).all():
@@ -380,15 +387,19 @@ def _merged(one: WeightedSet, other: WeightedSet) -> WeightedSet:
 def _together(
     now: WeightedSet | None, held: list[WeightedSet], energies: list[float], share: float
 ) -> WeightedSet:
-    """Union of what is touched or near now and what rings, ``share`` as strongly."""
+    """Union of a present set and ringing sets, the latter scaled by ``share``.
+
+    The weights of several impacts are averaged by their energies. ``now`` None: nothing is
+    touched or near.
+    """
     total = sum(energies)
     if len(held) == 1 or not total > 0.0:
         vertices, weights = held[-1]
     else:
-        vertices = held[0][0]  # the first impact holds all that later ones do
+        vertices = held[0][0]  # the first impact holds a superset of later ones
         sums = np.zeros(len(vertices))
-        for (some, values), energy in zip(held, energies, strict=True):
-            sums[np.searchsorted(vertices, some)] += energy / total * values
+        for (ids, values), energy in zip(held, energies, strict=True):
+            sums[np.searchsorted(vertices, ids)] += energy / total * values
         weights = np.minimum(sums, 1.0).astype(np.float32)
     if share < 1.0:
         weights = (share * weights).astype(np.float32)
@@ -398,12 +409,14 @@ def _together(
     return (vertices, weights) if is_felt.all() else (vertices[is_felt], weights[is_felt])
 
 
-def _run(touches: Touches, felt: list[tuple[float, WeightedSet] | None]) -> SampleRun | None:
-    """Samples of all times at which anything is felt."""
-    rows = [k for k, sample in enumerate(felt) if sample is not None]
+def _run(
+    touches: Touches, optional_samples: list[tuple[float, WeightedSet] | None]
+) -> SampleRun | None:
+    """Run of the samples that are not None; None without any."""
+    rows = [k for k, sample in enumerate(optional_samples) if sample is not None]
     if not rows:
         return None
-    samples = [sample for sample in felt if sample is not None]
+    samples = [sample for sample in optional_samples if sample is not None]
     sets, offsets, vertices, weights = packed(weighted for _, weighted in samples)
     return SampleRun(
         stream=touches.stream,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stateless part of responses: touched and near skin, speeds, values of filters.
+"""Stateless part of responses: touched and near skin, speeds, filter values.
 
-Nothing here remembers anything, so blocks of times may be worked out anywhere, in any order.
+Without memory, blocks can be evaluated anywhere and in any order.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from ..volume.placing_matrix import inverse_placement, world_bounds
 from .paths import Path
 
 WeightedSet = tuple[I32, F32]
-"""Vertices, ascending, and their weights."""
+"""Ascending vertices and their weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """Moments between samples at which skin is touched, in the order of time."""
+    """Moments between samples with touched skin, in the order of time."""
 
-    rows: I64  # (m,) of the samples after them
+    rows: I64  # (m,) of the samples after the moments
     times_s: F64  # (m,)
-    set_of: I64  # (m,)
+    set_of: I64  # (m,) set numbers
 
     def part(self, rows: slice) -> Between:
-        """Moments before some of the samples."""
+        """Moments in the intervals before some of the samples."""
         first, last = np.searchsorted(self.rows, [rows.start, rows.stop]).tolist()
-        mine = slice(first, last)
-        return Between(self.rows[mine] - rows.start, self.times_s[mine], self.set_of[mine])
+        part = slice(first, last)
+        return Between(self.rows[part] - rows.start, self.times_s[part], self.set_of[part])
 
 
 _NOTHING: Final = Between(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
@@ -54,29 +54,29 @@ _NOTHING: Final = Between(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Contact of one volume and one body over some times, before the response's memory.
+    """Contact of one volume and one body at n times, before the response's memory.
 
-    A stack without impacts has the times at which skin is touched or near; one with impacts all
-    at which the effect is on, as an impact may still be felt.
+    With impacts, all times with the effect on are included, because an impact may still be
+    felt; otherwise times with touched or near skin only.
     """
 
     stream: Stream
     filters: tuple[Filter, ...]
     indices: I64  # (n,) sample indices, ascending
     times_s: F64  # (n,)
-    levels: F64  # (n,) activation times intensity
+    levels: F64  # (n,) activation times intensity, 0..1
     parameters: F64  # (n, P)
     controls: F64  # (n, F, WIDTH)
-    values: F64  # (n, F) of each filter; 0 for impacts, 1 for those in space
+    values: F64  # (n, F) by filter; 0 for impacts, 1 for filters in space
     is_touched: Bool  # (n,)
-    speeds_m_s: F64  # (n,) of skin and volume against each other; 0 where not known
-    set_of: I64  # (n,) -1: neither touched nor near
-    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
+    speeds_m_s: F64  # (n,) relative speed of skin and volume; 0 if unknown
+    set_of: I64  # (n,) -1 without touched and near skin
+    offsets: I64  # (m + 1,) set j has entries offsets[j] to offsets[j + 1]
     vertices: I32  # (total,) ascending within a set
     weights: F32  # (total,) in (0, 1]
-    onsets_s: F64 | None = None  # (n,) when a touch began since the sample before, else NaN
-    between: Between = _NOTHING  # where impacts need them
-    resumes_s: float = 0.0  # a touch that begins so soon after the last one is no new impact
+    onsets_s: F64 | None = None  # (n,) beginning of a touch since the sample before, else NaN
+    between: Between = _NOTHING  # only with impacts
+    resumes_s: float = 0.0  # longest pause within a touch, seconds
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -89,7 +89,7 @@ class Touches:
         return replace(self, **columns, between=self.between.part(rows))
 
     def weighted_set(self, number: int) -> WeightedSet:
-        """Vertices of a set, and their weights."""
+        """Vertices and weights of a set."""
         part = slice(int(self.offsets[number]), int(self.offsets[number + 1]))
         return self.vertices[part], self.weights[part]
 
@@ -102,19 +102,19 @@ _COLUMNS: Final = (
 
 
 class BodyPlaces:
-    """World positions of a body's clusters over a block, each computed when first needed."""
+    """World positions of a body's clusters over a block, computed on demand."""
 
     def __init__(self, skin: BodySkin, pose: PoseBlock, rows: I64) -> None:
         self._skin = skin
         self._pose = pose
-        self._rows = rows  # whose pose is known
+        self._rows = rows  # rows with a known pose
         self._known: dict[int, F64] = {}
-        # Of the pose between samples: estimated, and exactly.
+        # Motion between samples, estimated and computed, shared by all volumes.
         self.paths: dict[tuple[str, int, int, int], Path] = {}
         self.motion: dict[tuple[str, int, bytes], F64] = {}
 
     def of(self, cluster: int) -> F64:
-        """World places (3, number of rows, number of vertices)."""
+        """World positions (3, rows, vertices) of a cluster."""
         if cluster not in self._known:
             self._known[cluster] = self._skin.vertices.cluster_points(
                 cluster, self._pose, self._rows, self._pose.to_world[self._rows]
@@ -124,28 +124,29 @@ class BodyPlaces:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """A volume and a body over the rows of a block."""
+    """One volume and one body over rows of a block."""
 
     effect: EffectBlock
     filters: tuple[Filter, ...]
-    rows: I64  # (n,) at which the effect is on and the pose is known
+    rows: I64  # (n,) with the effect on and a known pose
     indices: I64  # (T,) of the block
     times_s: F64  # (T,) of the block
-    posed: I64  # rows whose pose is known
+    posed: I64  # rows with a known pose
     skin: BodySkin
     pose: PoseBlock
     bounds: ReachableBounds
     places: BodyPlaces  # at the rows of the bounds
 
     def touches(self, stream: Stream, parameters: F64, run: SampleRun | None) -> Touches | None:
-        """Collect touched skin from the engine's contacts (``run``), and skin that is near.
+        """Touched skin from contacts (``run``), near skin and filter values; None without
+        any time.
 
         Parameters
         ----------
         parameters : (T, P) float64
-            Of the effect, in its modality's ranges.
+            Of the effect, clamped to its modality's ranges.
         run : SampleRun or None
-            Contacts without a response; None: there are none.
+            Contacts without a response; None without contacts.
         """
         assert self.effect.response is not None and self.effect.matrices is not None
         filters, rows = self.filters, self.rows
@@ -160,38 +161,38 @@ class Moments:
         is_touched[list(sets)] = True
         speeds = self._speeds(sets, len(rows))
         values = np.ones((len(rows), len(filters)))
-        for f, each in enumerate(filters):
-            if each.kind is FilterKind.SPEED:
+        for f, filter_ in enumerate(filters):
+            if filter_.kind is FilterKind.SPEED:
                 values[:, f] = speed_value(speeds, controls[:, f])
-            elif each.kind is FilterKind.IMPACT:
+            elif filter_.kind is FilterKind.IMPACT:
                 values[:, f] = 0.0
-            elif each.kind is FilterKind.SINE and each.about is About.TIME:
+            elif filter_.kind is FilterKind.SINE and filter_.about is About.TIME:
                 turns = self.times_s[rows] * controls[:, f, 1]
                 values[:, f] = sine_value(turns, controls[:, f])
-            elif each.kind is FilterKind.PROXIMITY:
+            elif filter_.kind is FilterKind.PROXIMITY:
                 values[:, f] = self._add_near(sets, controls[:, f], is_touched)
-        if any(each.is_in_space for each in filters):
-            sets = {k: self._in_space(k, *found, controls[k]) for k, found in sets.items()}
-            sets = {k: found for k, found in sets.items() if len(found[0])}
+        if any(filter_.is_in_space for filter_ in filters):
+            sets = {k: self._in_space(k, *pair, controls[k]) for k, pair in sets.items()}
+            sets = {k: pair for k, pair in sets.items() if len(pair[0])}
             is_touched &= np.isin(np.arange(len(rows)), list(sets))
-        kept = np.arange(len(rows))
-        if not any(each.kind is FilterKind.IMPACT for each in filters):
-            kept = np.array(sorted(sets), np.int64)
-        if not len(kept):
+        times = np.arange(len(rows))
+        if not any(filter_.kind is FilterKind.IMPACT for filter_ in filters):
+            times = np.array(sorted(sets), np.int64)
+        if not len(times):
             return None
-        stored = {k: (each[0], each[1].astype(np.float32)) for k, each in sets.items()}
-        set_of, offsets, vertices, weights = packed(map(stored.get, kept.tolist()))
+        stored = {k: (ids, values.astype(np.float32)) for k, (ids, values) in sets.items()}
+        set_of, offsets, vertices, weights = packed(map(stored.get, times.tolist()))
         return Touches(
             stream,
             filters,
-            self.indices[rows[kept]],
-            self.times_s[rows[kept]],
-            np.clip(self.effect.levels[rows[kept]], 0.0, 1.0),
-            parameters[rows[kept]],
-            controls[kept],
-            values[kept],
-            is_touched[kept],
-            speeds[kept],
+            self.indices[rows[times]],
+            self.times_s[rows[times]],
+            np.clip(self.effect.levels[rows[times]], 0.0, 1.0),
+            parameters[rows[times]],
+            controls[times],
+            values[times],
+            is_touched[times],
+            speeds[times],
             set_of,
             offsets,
             vertices,
@@ -199,17 +200,18 @@ class Moments:
         )
 
     def _speeds(self, sets: dict[int, tuple[I32, F64]], count: int) -> F64:
-        """Mean speed of touched skin against the volume since the sample before, (n,) m/s."""
+        """Mean speed (n,) of touched skin relative to the volume since the sample before,
+        m/s; 0 if unknown."""
         speeds = np.zeros(count)
         if not sets or all(
-            each.kind not in (FilterKind.SPEED, FilterKind.IMPACT) for each in self.filters
+            filter_.kind not in (FilterKind.SPEED, FilterKind.IMPACT) for filter_ in self.filters
         ):
             return speeds
         assert self.effect.matrices is not None
         posed = frozenset(self.posed.tolist())
         for k, (vertices, weights) in sets.items():
             row = int(self.rows[k])
-            # Without a sample before it nothing has a speed; bad places are told by contacts.
+            # A speed needs the sample before; unusable placements are reported by contacts.
             if row == 0 or row - 1 not in posed or not self.effect.levels[row - 1] > 0.0:
                 continue
             if self.indices[row - 1] != self.indices[row] - 1:
@@ -229,7 +231,8 @@ class Moments:
         return speeds
 
     def _add_near(self, sets: dict[int, tuple[I32, F64]], controls: F64, is_touched: Bool) -> F64:
-        """Add the skin within the range before contact to the sets; returns its nearness, (n,)."""
+        """Add skin within the range of a proximity filter to the sets, in place; nearness
+        (n,) in 0..1."""
         assert self.effect.matrices is not None
         nearness = is_touched.astype(np.float64)
         matrices = self.effect.matrices[self.rows]
@@ -239,23 +242,23 @@ class Moments:
         low, high = (boxes[:, 0] - reach)[:, None], (boxes[:, 1] + reach)[:, None]
         candidates = (self.bounds.low[at] <= high) & (self.bounds.high[at] >= low)
         candidates = candidates.all(axis=2) & (controls[:, 0] > 0.0)[:, None]
-        some = np.flatnonzero(candidates.any(axis=1))
+        candidate_rows = np.flatnonzero(candidates.any(axis=1))
         inverses = np.zeros_like(matrices)
-        inverses[some], usable = inverse_placement(matrices[some])
-        candidates[some[~usable]] = False
-        found: list[tuple[I64, I32, F64]] = []
+        inverses[candidate_rows], usable = inverse_placement(matrices[candidate_rows])
+        candidates[candidate_rows[~usable]] = False
+        parts: list[tuple[I64, I32, F64]] = []
         for cluster in np.flatnonzero(candidates.any(axis=0)).tolist():
-            mine = np.flatnonzero(candidates[:, cluster])
-            world = self.places.of(cluster)[:, at[mine]]
-            local = np.einsum("nij,jnv->inv", inverses[mine, :3, :3], world)
-            local += inverses[mine, :3, 3].T[:, :, None]
-            near = proximity_value(self._distances(mine, local, matrices), controls[mine])
+            at_rows = np.flatnonzero(candidates[:, cluster])
+            world = self.places.of(cluster)[:, at[at_rows]]
+            local = np.einsum("nij,jnv->inv", inverses[at_rows, :3, :3], world)
+            local += inverses[at_rows, :3, 3].T[:, :, None]
+            near = proximity_value(self._distances(at_rows, local, matrices), controls[at_rows])
             i, v = np.nonzero(near > 0.0)
             vertices = self.skin.skin.clusters[cluster][v].astype(np.int32)
-            found.append((mine[i], vertices, near[i, v]))
-        if not found:
+            parts.append((at_rows[i], vertices, near[i, v]))
+        if not parts:
             return nearness
-        rows, ids, near = (np.concatenate(each) for each in zip(*found, strict=True))
+        rows, ids, near = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         order = np.lexsort((ids, rows))
         rows, ids, near = rows[order], ids[order], near[order]
         ends = np.searchsorted(rows, np.arange(len(self.rows) + 1))
@@ -267,7 +270,7 @@ class Moments:
         return nearness
 
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
-        """Distances (n, V) to the volume of points (3, n, V) in its shape space."""
+        """Distances (n, V) from the volume of points (3, n, V) in its shape space, metres."""
         index = self.effect.shape_index
         if index is None:
             return distances_m(self.effect.shapes[0], local, matrices[mine])
@@ -281,27 +284,27 @@ class Moments:
         return distances
 
     def _in_space(self, k: int, vertices: I32, weights: F64, controls: F64) -> tuple[I32, F64]:
-        """Weights times the filters that have a value for each vertex."""
+        """Multiply weights by all filters in space; vertices with weight 0 are dropped."""
         assert self.effect.matrices is not None
         row = int(self.rows[k])
         points = self.skin.vertices.points(vertices, self.pose, row, self.pose.to_world[row])
         matrix = self.effect.matrices[row]
         offsets = points - matrix[:3, 3:]
-        for f, each in enumerate(self.filters):
-            if not each.is_in_space:
+        for f, filter_ in enumerate(self.filters):
+            if not filter_.is_in_space:
                 continue
-            distances = _distances(offsets, matrix[:3, 2] if each.about is About.AXIS else None)
-            if each.kind is FilterKind.DISTANCE:
+            distances = _distances(offsets, matrix[:3, 2] if filter_.about is About.AXIS else None)
+            if filter_.kind is FilterKind.DISTANCE:
                 value = distance_value(distances, controls[f])
             else:
                 value = sine_value(distances / max(float(controls[f, 1]), 1e-6), controls[f])
             weights = weights * mixed(value, controls[f, 0])
-        felt = weights > 0.0
-        return vertices[felt], weights[felt]
+        is_felt = weights > 0.0
+        return vertices[is_felt], weights[is_felt]
 
 
 def boxes_at(effect: EffectBlock, rows: I64) -> F64:
-    """World boxes of a volume at some rows, (n, 2, 3)."""
+    """World boxes (n, 2, 3) of a volume at rows."""
     assert effect.matrices is not None
     which, matrices = effect.shapes_at(rows), effect.matrices[rows]
     boxes = np.zeros((len(rows), 2, 3))
@@ -312,7 +315,7 @@ def boxes_at(effect: EffectBlock, rows: I64) -> F64:
 
 
 def _distances(offsets: F64, axis: F64 | None) -> F64:
-    """Distances from the origin, or from an axis through it, (n,)."""
+    """Distances (n,) of offsets (3, n) from the origin, or from an axis through the origin."""
     if axis is not None:
         length = float(np.sqrt(axis @ axis))
         if length > 0.0:
@@ -322,7 +325,7 @@ def _distances(offsets: F64, axis: F64 | None) -> F64:
 
 
 def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tuple[I32, F64]:
-    """Union of two weighted sets of vertices, with the larger weight of each."""
+    """Union of two weighted sets of vertices with the larger weight of each vertex."""
     if known is None:
         return vertices, weights
     ids = np.concatenate([known[0], vertices])
@@ -333,18 +336,18 @@ def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tup
 
 
 def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
-    """Pack sets into columns: number of each set, offsets, vertices and weights.
+    """Pack sets into columns: set numbers, offsets, vertices and weights.
 
-    Equal successive sets are stored once; the number of None is -1.
+    Equal successive sets are stored once; None gets the number -1.
     """
     numbers: list[int] = []
     stored: list[WeightedSet] = []
-    for each in sets:
-        if each is None:
+    for weighted_set in sets:
+        if weighted_set is None:
             numbers.append(-1)
             continue
-        if not stored or not _equal(stored[-1], each):
-            stored.append(each)
+        if not stored or not _equal(stored[-1], weighted_set):
+            stored.append(weighted_set)
         numbers.append(len(stored) - 1)
     offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in stored])]).astype(np.int64)
     return (
@@ -355,7 +358,8 @@ def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
     )
 
 
-def _equal(one: WeightedSet, other: WeightedSet) -> bool:
-    return (one[0] is other[0] and one[1] is other[1]) or (
-        np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])
+def _equal(first: WeightedSet, second: WeightedSet) -> bool:
+    """Test two sets for equal vertices and weights."""
+    return (first[0] is second[0] and first[1] is second[1]) or (
+        np.array_equal(first[0], second[0]) and np.array_equal(first[1], second[1])
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kinds of filters of a contact response, and the values that each has."""
+"""Kinds of filters of a contact response, and their keyframable controls."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Final
 class FilterKind(StrEnum):
     """Input of a filter."""
 
-    DISTANCE = "distance"  # from the volume's centre or axis
-    SPEED = "speed"  # of skin and volume against each other
+    DISTANCE = "distance"  # distance from the volume's centre or axis
+    SPEED = "speed"  # relative speed of skin and volume
     IMPACT = "impact"  # time since the touch began
-    PROXIMITY = "proximity"  # before contact
-    SINE = "sine"  # in time or space
+    PROXIMITY = "proximity"  # nearness before contact
+    SINE = "sine"  # sine in time or space
 
 
 class About(StrEnum):
-    """Reference of a filter's distances, or time for a sine."""
+    """Reference of a filter's distances; TIME for a sine in time."""
 
     CENTRE = "centre"  # the volume's origin
-    AXIS = "axis"  # its local Z axis
+    AXIS = "axis"  # the volume's local Z axis
     TIME = "time"
 
 
 class Operation(StrEnum):
-    """Operation that combines a filter's value with the result of the filters above it."""
+    """Operation that combines a filter's value with the result of the filters above."""
 
     MULTIPLY = "multiply"
     ADD = "add"
@@ -36,7 +36,7 @@ class Operation(StrEnum):
 
 @dataclass(frozen=True)
 class Control:
-    """Keyframable parameter of a filter."""
+    """Keyframable parameter of a filter, with default and range."""
 
     name: str
     unit: str
@@ -78,10 +78,10 @@ CONTROLS: Final[dict[FilterKind, tuple[Control, ...]]] = {
         Control("phase", "turns", 0.0, -1000.0, 1000.0),
     ),
 }
-"""Controls of each kind, in the order in which blocks hold them."""
+"""Controls of each filter kind, in the order of a block's columns."""
 
 WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
-"""Columns that blocks have for each filter."""
+"""Number of control columns of each filter in a block."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ class Filter:
     kind: FilterKind
     operation: Operation = Operation.MULTIPLY
     about: About = About.CENTRE
-    rings_s: float = 0.0  # an impact has ended after this time, whatever its controls become
+    rings_s: float = 0.0  # upper bound of an impact's duration, for all values of its controls
 
     @property
     def is_in_space(self) -> bool:
-        """Test that the filter has a value for each vertex."""
+        """True if the filter has a separate value for each vertex."""
         in_space = self.kind is FilterKind.SINE and self.about is not About.TIME
         return in_space or self.kind is FilterKind.DISTANCE

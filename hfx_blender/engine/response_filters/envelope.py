@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contact envelope: the speed of an impact through leaky integrators.
+"""Envelope of an impact: a leaky integrator's response to the impact's speed.
 
-Politis, Pugliese, Takala (audio-tactile belt), section 4.4: the magnitude of the relative speed
-at the moment of a collision is fed to a leaky integrator, a first-order recursive filter,
-whose decay is felt as the object's stiffness. A second one smooths the attack. Written as the
-filters' response to each impact it depends neither on the sampling rate nor on how time is
-split, and ends after a known time.
+Politis, Pugliese, Takala (audio-tactile belt), section 4.4: the relative speed at the moment of a
+collision is the input of a leaky integrator, a first-order recursive filter, whose decay is felt as
+stiffness. A second filter smooths the attack. The closed form is independent of the sampling rate
+and of how time is split, and has a known end.
 """
 
 from __future__ import annotations
@@ -19,13 +18,15 @@ import numpy as np
 from ..arrays import F64, Bool
 
 SILENCE: Final = 1e-3
-"""An impact's envelope has ended when it has fallen to this share of its peak."""
+"""Fraction of the peak at which an impact's envelope ends."""
 
 LOUD: Final = 4.0
-"""Sums of attack and decay after which an envelope is below a fiftieth of its peak."""
+"""Multiple of attack plus decay after which an envelope is below a fiftieth of its peak."""
 
-_SAME: Final = 1e-6  # relative difference of time constants that count as one
-_EQUAL_ENDS: Final = 12.0  # time constants; t e^(1 - t) is 2e-4 there, and others end sooner
+_SAME: Final = 1e-6  # relative difference of time constants that count as equal
+_EQUAL_ENDS: Final = (
+    12.0  # time constants; t e^(1 - t) is 2e-4 there, and unequal constants end sooner
+)
 
 
 @dataclass(frozen=True)
@@ -33,18 +34,18 @@ class Impact:
     """Impact that may still be felt."""
 
     time_s: float
-    strength: float  # at its peak, in 0..1
+    strength: float  # peak of the envelope, 0..1
     attack_s: float
     decay_s: float
 
     @property
     def ends_s(self) -> float:
-        """End of the impact's decay, seconds."""
+        """End of the decay, seconds."""
         return self.time_s + duration_s(self.attack_s, self.decay_s)
 
     @property
     def loud_until_s(self) -> float:
-        """Time until which moments between samples matter, seconds."""
+        """Time until which moments between samples are relevant, seconds."""
         return self.time_s + LOUD * (self.attack_s + self.decay_s)
 
     @property
@@ -53,7 +54,8 @@ class Impact:
         return self.time_s + peak_s(self.attack_s, self.decay_s)
 
     def rings(self, times_s: F64, before_s: F64) -> Bool:
-        """Test for times (n,) at which the impact is felt, until it has peaked and decayed.
+        """Mask of times (n,) at which the impact is felt: from its beginning until peak and
+        decay have passed.
 
         ``before_s`` (n,) are the times of the samples before.
         """
@@ -61,23 +63,24 @@ class Impact:
         return rings | self._peaks(times_s, before_s)
 
     def envelope(self, times_s: F64, before_s: F64) -> F64:
-        """Values (n,): its peak at the sample after it, so that no rate misses that."""
+        """Envelope (n,) at times; the sample after the peak has the peak value, at every rate."""
         since = times_s - self.time_s
         values = self.strength * kernel(since, self.attack_s, self.decay_s)
         values = np.where(times_s < self.ends_s, values, 0.0)
         return np.where(self._peaks(times_s, before_s), self.strength, values)
 
     def _peaks(self, times_s: F64, before_s: F64) -> Bool:
+        """Mask of times (n,) with the envelope's peak since the sample before."""
         peaks: Bool = (before_s < self.peaks_s) & (self.peaks_s <= times_s)
         return peaks
 
 
 def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
-    """Envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
+    """Envelope (n,) of an impact of strength 1: 0 before the impact, peak 1.
 
-    Without an attack y = exp(-t / decay), which the recursion y[n] = exp(-dt / decay) y[n-1]
-    + x[n] has at its samples. With one, the input of that filter is smoothed by another:
-    exp(-t / decay) - exp(-t / attack), scaled to its peak.
+    Without an attack y = exp(-t / decay), which equals the recursion y[n] = exp(-dt / decay)
+    y[n-1] + x[n] at its samples. With an attack another filter smooths the input: exp(-t /
+    decay) - exp(-t / attack), scaled to its peak.
     """
     t = np.maximum(since_s, 0.0)
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
@@ -94,7 +97,7 @@ def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
 
 
 def duration_s(attack_s: float, decay_s: float) -> float:
-    """Duration of an impact: its tail stays below :data:`SILENCE` afterwards, seconds."""
+    """Duration of an impact, seconds; afterwards the envelope stays below :data:`SILENCE`."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return -slow * math.log(SILENCE)
@@ -113,7 +116,7 @@ def longest_s(attack_s: float, decay_s: float) -> float:
 
 
 def peak_s(attack_s: float, decay_s: float) -> float:
-    """Time from an impact's beginning to its peak, seconds."""
+    """Time from an impact's beginning to its peak, seconds; 0 without an attack."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return 0.0
@@ -121,4 +124,5 @@ def peak_s(attack_s: float, decay_s: float) -> float:
 
 
 def _peak_s(slow: float, fast: float) -> float:
+    """Time of the peak for two different positive time constants, seconds."""
     return math.log(slow / fast) * slow * fast / (slow - fast)

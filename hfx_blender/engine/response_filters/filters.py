@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filters of a contact response: their values, and the folding of a stack.
+"""Values of a contact response's filters, and evaluation of a stack.
 
-A filter yields a value in 0..1. Most are one number for the whole touch; distance and a sine
-in space have one for each vertex, which always multiplies its weight.
+Values are in 0..1: one for the whole touch, or one for each vertex of filters in space, which
+always multiply weights.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from .controls import CONTROLS, Filter, Operation
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
-    """Controls (T, F, WIDTH) clipped to their ranges; NaN becomes the default."""
+    """Controls (T, F, WIDTH) clamped to their ranges; NaN and infinity become the default."""
     limited = np.array(controls, np.float64)
-    for k, each in enumerate(filters):
-        for c, control in enumerate(CONTROLS[each.kind]):
+    for k, filter_ in enumerate(filters):
+        for c, control in enumerate(CONTROLS[filter_.kind]):
             column = limited[:, k, c]
             column[~np.isfinite(column)] = control.default
             np.clip(column, control.minimum, control.maximum, out=column)
@@ -25,56 +25,55 @@ def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
 
 
 def distance_value(distances_m: F64, controls: F64) -> F64:
-    """Linear ramp between two distances, (n,); controls (WIDTH,)."""
+    """Linear ramp (n,) between two distances; controls (WIDTH,)."""
     near, far, first, last = controls[1:5]
     share = np.clip((distances_m - near) / max(far - near, 1e-9), 0.0, 1.0)
     return np.asarray(first + (last - first) * share)
 
 
 def speed_value(speeds_m_s: F64, controls: F64) -> F64:
-    """Linear ramp from 0 at one speed to 1 at another, (n,); controls (n, WIDTH)."""
+    """Linear ramp (n,) from 0 at one speed to 1 at another; controls (n, WIDTH)."""
     still, full = controls[:, 1], controls[:, 2]
     rise = (speeds_m_s - still) / np.maximum(full - still, 1e-9)
     return np.asarray(np.clip(np.nan_to_num(rise), 0.0, 1.0))
 
 
 def proximity_value(distances_m: F64, controls: F64) -> F64:
-    """1 at the boundary, 0 at the range's end and beyond, (n, V); controls (n, WIDTH)."""
+    """Nearness (n, V): 1 at the boundary, 0 from the range on and for NaN; controls (n, WIDTH)."""
     share = 1.0 - distances_m / np.maximum(controls[:, 1:2], 1e-9)
-    # Of a number and NaN these take the number, and are quicker than a search for NaN.
+    # fmin and fmax drop NaN, faster than a search for NaN.
     return np.asarray(np.fmin(np.fmax(share, 0.0), 1.0) ** controls[:, 2:3])
 
 
 def sine_value(turns: F64, controls: F64) -> F64:
-    """Sine between 1 - depth and 1, 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
+    """Sine between 1 - depth and 1, with 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
     wave = np.sin(2.0 * np.pi * (turns + controls[..., 3]))
     return np.asarray(1.0 - 0.5 * controls[..., 2] * (1.0 - wave))
 
 
 def mixed(value: F64, influence: F64) -> F64:
-    """Blend a factor with 1 by its influence; an influence of 0 leaves it out."""
+    """Blend of a factor with 1 by an influence 0..1."""
     return np.asarray(1.0 + influence * (value - 1.0))
 
 
 def folded(filters: tuple[Filter, ...], start: F64, values: F64, influences: F64) -> F64:
-    """Evaluate a stack from top to bottom, in 0..1.
+    """Result (n,) of a stack in 0..1, evaluated from top to bottom.
 
     Parameters
     ----------
-    filters : tuple of Filter
     start : (n,) float64
-        What the volume does without filters: 1 while it is touched, else 0.
+        Value without filters: 1 while touched, else 0.
     values, influences : (n, F) float64
-        Of each filter; those in space are passed over, they are in the weights.
+        By filter; filters in space are skipped, because weights include them.
     """
     result = np.array(start, np.float64)
-    for k, each in enumerate(filters):
-        if each.is_in_space:
+    for k, filter_ in enumerate(filters):
+        if filter_.is_in_space:
             continue
         value, influence = values[:, k], influences[:, k]
-        if each.operation is Operation.MULTIPLY:
+        if filter_.operation is Operation.MULTIPLY:
             result = result * mixed(value, influence)
-        elif each.operation is Operation.ADD:
+        elif filter_.operation is Operation.ADD:
             result = result + influence * value
         else:
             result = np.maximum(result, influence * value)

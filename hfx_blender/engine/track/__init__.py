@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HapticTrack: the device-independent recording on disk, output of the engine.
+"""HapticTrack: device-independent recording of haptic samples on disk.
 
-A track (``.hfxtrack``) says which vertices of which perceptual model feel what, when and how
-strongly. :class:`TrackWriter` records blocks of samples as they are computed, :class:`TrackReader`
-plays them back from any time. ``docs/track-format.md`` has the layout.
+A track (``.hfxtrack``) stores the weights of vertices of perceptual models over time.
+:class:`TrackWriter` records blocks of samples during evaluation, :class:`TrackReader` reads from
+any time. The layout is described in ``docs/track-format.md``.
 """
 
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel

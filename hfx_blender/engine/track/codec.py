@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Codec of the columns of a HapticTrack: one stream's samples within one chunk.
+"""Codec of a HapticTrack's columns: one stream's samples within one chunk.
 
-What changes little from sample to sample is stored as its change: a vertex set as the ids that
-enter or leave, a weight as the difference to the same vertex's weight before. The bytes of
-wider numbers are grouped by significance. The zeros that this leaves are what deflate removes.
-``docs/track-format.md`` describes the layout.
+Slowly varying values are stored as changes: a vertex set as entering and leaving ids, a weight as
+the difference from the same vertex's last weight. Bytes of wider numbers are grouped by
+significance. Deflate removes the resulting zeros. The layout is described in
+``docs/track-format.md``.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from ..native import track as native
 
 Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 
-_ENTRY_BYTES: Final = 64  # upper bound of memory for a (set, vertex) pair while it is unpacked
+_ENTRY_BYTES: Final = 64  # memory bound of an unpacked (set, vertex) pair
 
 MAX_ENTRIES: Final = 2**25
 """Largest number of (sample, vertex) pairs of one stream in one chunk."""
 
 MAX_SET_ENTRIES: Final = int(limits.MEMORY.default) // _ENTRY_BYTES
-"""Largest number of (set, vertex) pairs of all streams in one chunk, which a reader has to hold."""
+"""Largest number of (set, vertex) pairs of all streams in one chunk; a reader's memory bound."""
 
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
-"""Optional values at each vertex, and how many numbers each has; bit ``k`` of the flags."""
+"""Optional channels of vertices and their widths; channel ``k`` is bit ``k`` of the flags."""
 
 FOCUS_COLUMNS: Final = 4
-_FOCUS: Final = 1 << len(CHANNELS)  # flag of a column set with a row for each sample
+_FOCUS: Final = 1 << len(CHANNELS)  # flag of the columns of a spot
 _DRIVE: Final = _FOCUS << 1
 
 _HEAD = struct.Struct("<III")  # stream, samples, channel flags
@@ -47,25 +47,26 @@ _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 class Section:
     """Samples of one stream within one chunk; equal successive sets are stored once.
 
-    With channels, every sample has a set of its own.
+    With channels, every sample has its own set.
     """
 
     stream: int
-    steps: I64  # (n,) sample index minus the chunk's first, ascending
+    steps: I64  # (n,) sample index minus the chunk's first index, ascending
     levels: F64  # (n,)
     parameters: F64  # (n, P)
-    is_new: Bool  # (n,) whether the sample's set differs from the one before
-    sizes: I64  # (m,) vertices of each set, m = count of is_new
-    vertices: I32  # (s,) set after set, ascending within each
+    is_new: Bool  # (n,) True for samples with another set than the sample before
+    sizes: I64  # (m,) vertices of each set, m = number of True in is_new
+    vertices: I32  # (s,) sets in order, ids ascending within each
     weights: npt.NDArray[Any]  # (s,) uint8 (times 255) or float32
     channels: Mapping[str, F32] = field(default_factory=dict)  # (s, CHANNELS[name])
-    focus: F32 | None = None  # (n, FOCUS_COLUMNS)
-    drive: F32 | None = None  # (n, A)
+    focus: F32 | None = None  # (n, FOCUS_COLUMNS); None unless a spot
+    drive: F32 | None = None  # (n, A); None unless actuators
 
     def parts(self, size: int) -> Iterator[tuple[int, Section]]:
-        """Yield (number, section) for each ``size`` successive steps that hold a sample, ascending.
+        """Yield (number, section) for each group of ``size`` steps with samples, ascending.
 
-        Steps count from the first step of a part; its first sample always brings its set.
+        Steps are relative to the group's first step. The first sample of a part always has
+        a new set.
         """
         set_of = np.cumsum(self.is_new) - 1
         offsets = np.concatenate(([0], np.cumsum(self.sizes)))
@@ -102,20 +103,20 @@ class Section:
 
 
 def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
-    """Encode weights in (0, 1] as 1..255: no contact becomes 0."""
+    """Weights in (0, 1] as 1..255, so that a contact never becomes 0."""
     steps: F64 = np.multiply(weights, 255.0, dtype=np.float64)
     np.maximum(np.rint(steps, out=steps), 1.0, out=steps)
     return steps.astype(np.uint8)
 
 
 def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
-    """Decode weights to (0, 1], exactly as :func:`encode_weights` rounded them."""
+    """Weights in (0, 1] from 1..255: k / 255 as float32."""
     weights: F32 = _WEIGHT_OF_BYTE[stored]
     return weights
 
 
 def encode(section: Section) -> bytes:
-    """Encode a section into the bytes that :func:`decode` reads."""
+    """Encode a section for :func:`decode`."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
@@ -137,11 +138,11 @@ def encode(section: Section) -> bytes:
 
 
 def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[Unsigned]]:
-    """Toggles at each set and their ids (see :func:`_toggles`), weights and channels as changes."""
+    """Counts and ids of toggles by set, and weights and channels as changes per vertex."""
     if section.weights.dtype == np.uint8 and not section.channels:
-        found = native.changes(section.sizes, section.vertices, section.weights)
-        if found is not None:
-            return (*found, [])
+        changes = native.changes(section.sizes, section.vertices, section.weights)
+        if changes is not None:
+            return (*changes, [])
     owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
     order = np.argsort(section.vertices, kind="stable")
     counts, gaps = _toggles(section.vertices[order], owners[order], len(section.sizes))
@@ -149,13 +150,13 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
     columns = [section.channels[n] for n in CHANNELS if n in section.channels]
     weights, *channels = (
         _changes_per_vertex(_bits(column), order, starts)
-        for column in (section.weights, *(column for each in columns for column in each.T))
+        for column in (section.weights, *(column for channel in columns for column in channel.T))
     )
     return counts, gaps, weights, channels
 
 
 class Cursor:
-    """Read position in a chunk's bytes that never leaves them."""
+    """Bounds-checked read position in the bytes of a chunk."""
 
     def __init__(self, content: bytes, name: str = "a track") -> None:
         self._content = content
@@ -164,12 +165,12 @@ class Cursor:
         self._entries = 0
 
     def count(self, entries: int) -> None:
-        """Count (set, vertex) pairs of a section that is about to be unpacked.
+        """Add the (set, vertex) pairs of the next section to the chunk's total.
 
         Raises
         ------
         TooLargeError
-            With those of the chunk's sections before they are more than a file may ask for.
+            The total would take more memory than :data:`.limits.MEMORY`.
         """
         self._entries += entries
         most_bytes = float(_ENTRY_BYTES * self._entries)
@@ -177,25 +178,25 @@ class Cursor:
 
     @property
     def at_end(self) -> bool:
-        """End of the bytes: everything has been read."""
+        """True if all bytes have been read."""
         return self._at == len(self._content)
 
     def take(self, size: int) -> bytes:
-        """The next ``size`` bytes. Raises ValueError if there are fewer."""
+        """Read ``size`` bytes; raises ValueError if fewer are left."""
         if size > len(self._content) - self._at:
             raise ValueError("a chunk ends within a column")
         self._at += size
         return self._content[self._at - size : self._at]
 
     def column(self, count: int, dtype: str) -> Unsigned:
-        """The next ``count`` numbers, their bytes grouped by significance."""
+        """Read ``count`` numbers with bytes grouped by significance."""
         width = np.dtype(dtype).itemsize
         planes = np.frombuffer(self.take(count * width), np.uint8).reshape(width, count)
         return np.ascontiguousarray(planes.T).view(dtype).reshape(count)
 
 
 def read_head(cursor: Cursor) -> tuple[int, int, int]:
-    """Stream index, sample count and channel flags of the section that follows."""
+    """Read (stream index, sample count, channel flags) of the next section."""
     stream, samples, flags = _HEAD.unpack(cursor.take(_HEAD.size))
     return stream, samples, flags
 
@@ -210,12 +211,12 @@ def decode(
     is_spot: bool = False,
     actuator_count: int = 0,
 ) -> Section:
-    """The section at the cursor, checked.
+    """Read and check the section at the cursor.
 
     Raises
     ------
     ValueError
-        The bytes are not such a section; the message says why.
+        The bytes are no such section; the message tells the fault.
     """
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")
@@ -263,7 +264,7 @@ def decode(
 
 
 def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
-    """Finite values (samples, columns)."""
+    """Read values (samples, columns); raises ValueError for NaN and infinity."""
     values = np.zeros((samples, columns), np.float32)
     for column in range(columns):
         values[:, column] = _sums(cursor.column(samples, "<u4")).view(np.float32)
@@ -272,16 +273,19 @@ def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
 
 
 def _require(condition: bool, complaint: str) -> None:
+    """Raise ValueError with a message unless a condition holds."""
     if not condition:
         raise ValueError(complaint)
 
 
 def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsigned]:
-    """Ids that enter or leave at each set, starting from none.
+    """Number of toggled ids (set_count,) and their gaps: ids that enter or leave at each set.
 
-    ``vertices`` and the sets that hold them, ``owners``, are sorted by vertex, then by set.
-    Returns how many toggle at each set, and their ids as differences, ascending in each set.
+    ``vertices`` and their set numbers ``owners`` are sorted by vertex, then by set. Gaps are
+    differences of ascending ids within a set; the first gap of a set is the id itself.
     """
+    # An entry (vertex, set) starts an interval of sets unless the set before has the vertex too,
+    # and ends one unless the next set has it; both ends are toggles.
     follows = (np.diff(vertices) == 0) & (np.diff(owners) == 1)
     enters = np.ones(len(vertices), np.bool_)
     enters[1:] = ~follows
@@ -298,7 +302,8 @@ def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsi
 
 
 def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I32, I64]:
-    """Read the sizes of the sets, their vertices, and their order by vertex, then by set."""
+    """Read set sizes, vertices set by set, and the permutation that sorts them by vertex, then
+    set."""
     set_count = int(is_new.sum())
     counts = cursor.column(set_count, "<u4").astype(np.int64)
     gaps = cursor.column(int(counts.sum()), "<u4").astype(np.int64)
@@ -311,7 +316,8 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     _require(bool(np.all(ascending)), "vertex ids do not ascend")
     _require(bool(np.all(ids < vertex_count)), "a vertex id is not in its model")
 
-    # By vertex, then by set: it enters, leaves, enters...; what does not leave stays to the end.
+    # Sorted by vertex, toggles alternate between entering and leaving; a last entry lasts to the
+    # end.
     sets = np.repeat(np.arange(set_count), counts)
     order = np.argsort(ids, kind="stable")
     ids, sets = ids[order], sets[order]
@@ -322,7 +328,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     enters = rank % 2 == 0
     first, lasts = sets[enters], (until - sets)[enters]
 
-    # Both sums are exact and bounded by toggles * sets, before anything of that size is made.
+    # Check both totals, exact and small to compute, before allocating arrays of their size.
     uses = np.diff(np.flatnonzero(is_new), append=len(is_new))  # samples that share each set
     uses_before = np.concatenate(([0], np.cumsum(uses)))
     entries = int((uses_before[first + lasts] - uses_before[first]).sum())
@@ -330,6 +336,8 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     total = int(lasts.sum())
     cursor.count(total)
 
+    # Expand each interval of sets into entries: entry i of an interval that begins at set b has set
+    # b + i. A stable sort by set keeps vertices ascending within each set.
     before = np.cumsum(lasts) - lasts
     owners = np.repeat(first - before, lasts) + np.arange(total)
     by_set = np.argsort(owners.astype(np.uint16), kind="stable")
@@ -340,29 +348,30 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
 
 
 def _group_starts(sorted_values: npt.NDArray[Any]) -> I64:
-    """Start of each group of equal values, (groups,)."""
+    """Start of each group of equal successive values, (groups,); empty for empty input."""
     is_start = np.ones(len(sorted_values), np.bool_)
     is_start[1:] = sorted_values[1:] != sorted_values[:-1]
     return np.flatnonzero(is_start)
 
 
 def _bits(values: npt.NDArray[Any]) -> Unsigned:
-    """Numbers as unsigned integers with the same bits."""
+    """Numbers as unsigned integers of equal bits and width."""
     contiguous = np.ascontiguousarray(values)
     return contiguous.view(f"u{contiguous.dtype.itemsize}")
 
 
 def _changes(values: Unsigned) -> Unsigned:
-    """Differences to the value before, modulo the range; the first to 0."""
+    """Differences from the value before, modulo 2^bits; the first from 0."""
     return np.diff(values, prepend=values.dtype.type(0))
 
 
 def _sums(changes: Unsigned) -> Unsigned:
+    """Running sums modulo 2^bits: the inverse of :func:`_changes`."""
     return np.cumsum(changes, dtype=changes.dtype)
 
 
 def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
-    """Differences to the last value of the same vertex in this section, 0 for the first."""
+    """Differences from the last value of the same vertex in this section, the first from 0."""
     ordered = values[order]
     changes = _changes(ordered)
     changes[starts] = ordered[starts]
@@ -372,6 +381,7 @@ def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
 
 
 def _sums_per_vertex(changes: Unsigned, order: I64, starts: I64) -> Unsigned:
+    """Inverse of :func:`_changes_per_vertex`."""
     ordered = changes[order]
     sums = _sums(ordered)
     sums -= np.repeat(sums[starts] - ordered[starts], np.diff(starts, append=len(sums)))
@@ -381,7 +391,7 @@ def _sums_per_vertex(changes: Unsigned, order: I64, starts: I64) -> Unsigned:
 
 
 def _planes(values: Unsigned) -> bytes:
-    """Byte planes: all lowest bytes, then all second lowest, and so on."""
+    """Byte planes: all lowest bytes, then all second lowest bytes, and so on."""
     width = values.dtype.itemsize
     little = values.astype(values.dtype.newbyteorder("<"), copy=False)
     return np.ascontiguousarray(little.view(np.uint8).reshape(-1, width).T).tobytes()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tracks made of tracks: their clips, an excerpt from time 0, one recording of its parts."""
+"""Tracks derived from tracks: named clips, excerpts, merged parts."""
 
 from __future__ import annotations
 
@@ -22,56 +22,51 @@ from .writer import TrackWriter
 
 @dataclass(frozen=True)
 class NamedClip:
-    """Clip of an effect."""
+    """Clip of one effect with a unique name."""
 
-    name: str  # tells it from all others of the track, whether case counts or not
+    name: str  # unique in the track, also without regard to case
     clip: Clip
-    effect_ids: tuple[str, ...]  # its own
+    effect_ids: tuple[str, ...]  # the effect's id
 
 
 def named_clips(header: TrackHeader) -> list[NamedClip]:
-    """The clips of a track in the order of time, each of one effect.
+    """Clips of a track in the order of time, each of one effect.
 
-    Where clips share a name the later ones get their effect's name behind it, and a number if
-    that is not enough.
+    Of clips with equal names the later ones get the effect's name appended, then a number from
+    2.
     """
     clips = [(clip, effect) for effect in header.effects for clip in effect.clips]
-    found: list[NamedClip] = []
-    taken: set[str] = set()
-    for clip, effect in sorted(clips, key=lambda each: (each[0].frame_start, each[0].frame_end)):
+    named: list[NamedClip] = []
+    used_names: set[str] = set()
+    for clip, effect in sorted(clips, key=lambda pair: (pair[0].frame_start, pair[0].frame_end)):
         longer = f"{clip.name} {effect.name}"
         names = chain([clip.name, longer], (f"{longer} {number}" for number in count(2)))
-        name = next(each for each in names if each.casefold() not in taken)
-        taken.add(name.casefold())
-        found.append(NamedClip(name, clip, (effect.id,)))
-    return found
+        name = next(n for n in names if n.casefold() not in used_names)
+        used_names.add(name.casefold())
+        named.append(NamedClip(name, clip, (effect.id,)))
+    return named
 
 
 def write_excerpt(
     track: TrackReader, effect_ids: Collection[str], clip: Clip, path: Path
 ) -> TimeBase:
-    """Write the samples of some effects during a clip.
+    """Write the samples of some effects during a clip as a new track; return its time base.
 
-    The first sample at or after the clip's start is sample 0 of the new track, at time 0: a
-    clip that starts between two samples begins up to one sample late. The clip's end belongs
-    to it; the last frame lasts a whole frame, as in every track.
+    The first sample at or after the clip's start becomes sample 0 at time 0, so a clip that
+    starts between two samples begins up to one sample late. The clip's end is included; the
+    last frame lasts a whole frame, as in every track.
 
     Parameters
     ----------
     effect_ids : collection of str
-        Effects of the track; the new one names no others.
+        Effects to copy.
     clip : Clip
-        Its frames are the track's; it becomes the only clip of the new track's effects.
-
-    Returns
-    -------
-    TimeBase
-        That of the new track.
+        In frames of the track; the only clip of the new track's effects.
 
     Raises
     ------
     ValueError
-        The clip and the track have no sample in common.
+        The clip contains no sample of the track.
     InputError
         The track is damaged.
     OutputError
@@ -82,7 +77,7 @@ def write_excerpt(
     if rows is None:
         raise ValueError(f"clip '{clip.name}' has no sample in the track")
     first, last = rows
-    step = time.fps / time.rate_hz  # frames from a sample to the next
+    step = time.fps / time.rate_hz  # frames per sample
     start = floor(time.frame(first))
     frames = max(ceil((last - first + 1) * step), 1)
     moved = TimeBase(time.fps, time.rate_hz, start, start, start + frames - 1)
@@ -97,7 +92,7 @@ def write_excerpt(
 
 
 def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
-    """First and last sample during a clip, whose end belongs to it; None: there is none."""
+    """First and last sample within a clip, both ends included; None without any."""
     step = time.fps / time.rate_hz
     first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
     last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
@@ -105,6 +100,7 @@ def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
 
 
 def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
+    """Run with indices relative to sample ``first``."""
     indices = run.indices - first
     return replace(run, indices=indices, times_s=time.times_s(indices))
 
@@ -112,11 +108,12 @@ def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
 def _header_of(
     header: TrackHeader, effect_ids: Collection[str], clip: Clip, time: TimeBase
 ) -> TrackHeader:
+    """Header with some of the effects, and with their models, bodies and streams only."""
     effects = tuple(
         replace(effect, clips=(clip,)) for effect in header.effects if effect.id in effect_ids
     )
     used = {effect.model_id for effect in effects}
-    streams = tuple(each for each in header.streams if each.effect_id in effect_ids)
+    streams = tuple(stream for stream in header.streams if stream.effect_id in effect_ids)
     bodies = {stream.body_id for stream in streams}
     return replace(
         header,
@@ -129,18 +126,18 @@ def _header_of(
 
 
 def merge(parts: Iterable[Path], path: Path) -> None:
-    """Write the recording that several files hold the parts of.
+    """Merge tracks with the parts of one recording into a single track.
 
     Parameters
     ----------
     parts : iterable of Path
-        Tracks with the same header, in the order of time. Each holds whole chunks
-        (``layout.SAMPLES_PER_CHUNK``) that none of the others holds.
+        Tracks with equal headers, in the order of time, of disjoint whole chunks
+        (``layout.SAMPLES_PER_CHUNK``).
 
     Raises
     ------
     InputError
-        There is no part, one is damaged, is of another recording or out of order.
+        No part is given, or a part is damaged, out of order, or of another recording.
     OutputError
         The file cannot be written.
     """

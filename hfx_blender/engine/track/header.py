@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Header of a HapticTrack as dataclasses."""
+"""Header of a HapticTrack."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MAX_FRACTION = 2**63 - 1
 
 @dataclass(frozen=True)
 class TrackModel:
-    """Perceptual model that vertex ids belong to."""
+    """Perceptual model of a track's vertex ids."""
 
     id: str
     modality: str
@@ -58,22 +58,22 @@ class TrackEffect:
     model_id: str
     is_contact: bool = False
     clips: tuple[Clip, ...] = ()
-    painted_vertices: int | None = None  # size of the painted area; None for the other kinds
-    device_id: str | None = None  # kind "actuators" only: the device, and which of its actuators
-    actuators: tuple[str, ...] = ()
+    painted_vertices: int | None = None  # painted effects only: number of painted vertices
+    device_id: str | None = None  # kind "actuators" only
+    actuators: tuple[str, ...] = ()  # of the device, for kind "actuators"
 
 
 @dataclass(frozen=True, eq=False)
 class TrackHeader:
-    """Description of a whole track: everything but its samples.
+    """Description of a track without its samples.
 
-    A stream is known by its place in ``streams``. ``source``, ``settings`` and ``tools`` hold
-    JSON values only.
+    A stream is identified by its index in ``streams``. ``source``, ``settings`` and ``tools``
+    hold JSON values.
 
     Raises
     ------
     ValueError
-        Ids are not unique, something refers to what is not there, or a number is out of range.
+        Ids are not unique, a reference has no target, or a number is out of range.
     """
 
     time: TimeBase
@@ -116,10 +116,10 @@ class TrackHeader:
         settings: Mapping[str, Any],
         tools: Mapping[str, Any],
     ) -> TrackHeader:
-        """The header of a recording of ``scene``.
+        """Header of a recording of ``scene``.
 
-        A volume has a stream on each body, any other effect one. Of ``models`` (by id) only
-        those that an effect is felt on are named.
+        A volume has a stream for each body, every other effect one stream. ``models`` by id
+        may hold unused models, which are omitted.
         """
         streams = tuple(
             Stream(effect.id, body_id, effect.modality, effect.model_id)
@@ -164,11 +164,11 @@ class TrackHeader:
         )
 
     def effect(self, stream: Stream) -> TrackEffect:
-        """Effect that a stream belongs to."""
+        """Effect of a stream."""
         return self._effects[stream.effect_id]
 
     def vertex_count(self, stream: Stream) -> int:
-        """Size of the model that a stream's vertex ids belong to."""
+        """Vertex count of a stream's model."""
         return self._vertex_counts[stream.model_id]
 
     @cached_property
@@ -181,18 +181,21 @@ class TrackHeader:
 
 
 def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:
-    found = {item.id: item for item in items}
-    if len(found) != len(items):
+    """Items by id; raises ValueError for equal ids."""
+    items_by_id = {item.id: item for item in items}
+    if len(items_by_id) != len(items):
         raise ValueError(f"two {name} have the same id")
-    return found
+    return items_by_id
 
 
 def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
+    """Raise ValueError for a number out of range."""
     if not lowest <= value <= highest:
         raise ValueError(f"{name} is out of range, allowed are {lowest} to {highest}")
 
 
 def _check_time(time: TimeBase) -> None:
+    """Raise ValueError for a time base that a track cannot store."""
     for name in ("scene_start", "frame_first", "frame_last"):
         _require_range(name, getattr(time, name), -_MAX_FRAME, _MAX_FRAME)
     for name in ("fps", "rate_hz"):
@@ -202,6 +205,8 @@ def _check_time(time: TimeBase) -> None:
 
 
 def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None:
+    """Raise ValueError for an effect with an unknown model or modality, or with fields of
+    another kind."""
     if effect.model_id not in models:
         raise ValueError(f"effect '{effect.id}' is felt on model '{effect.model_id}', not there")
     if effect.modality not in MODALITIES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The header of a HapticTrack as JSON and back."""
+"""Conversion of a HapticTrack's header to and from JSON."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 
 FORMAT: Final = "hfxtrack"
 VERSION: Final = 2
-"""The newest. What holds no spot and no vector sensation is written as version 1, as before."""
+"""Newest version; tracks without spots and actuators are written as version 1."""
 
 _KINDS: Final[dict[int, tuple[EffectKind, ...]]] = {
     1: ("painted", "volume"),
@@ -45,12 +45,12 @@ _NOTES = {
 
 
 def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
-    """The header as UTF-8 JSON, the same bytes for the same content.
+    """Header as UTF-8 JSON; equal headers give equal bytes.
 
     Raises
     ------
     ValueError
-        A value is not JSON (an object, NaN).
+        A value is no JSON value (an object, NaN).
     """
     used = dict.fromkeys(effect.modality for effect in header.effects)
     version = 1 if all(effect.kind in _KINDS[1] for effect in header.effects) else 2
@@ -93,6 +93,7 @@ _ANY: Final = Table(Anything())
 
 
 def _record(members: Mapping[str, Shape], into: Callable[..., Any] = dict) -> Record:
+    """JSON object with these members; unknown members are ignored."""
     return Record(members, unknown="ignore", into=into)
 
 
@@ -106,10 +107,11 @@ _MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
     "painted": {"painted_vertices": _WHOLE},
     "actuators": {"device_id": _TEXT, "actuators": Items(_TEXT)},
 }
-"""Members of one kind of effect."""
+"""Additional JSON members of a kind of effect."""
 
 
 def _header(version: int) -> Record:
+    """Shape of a header's JSON in a version."""
     kinds: dict[str, Record] = {
         kind: _record({**_EFFECT, **_MEMBERS.get(kind, {})}, TrackEffect)
         for kind in _KINDS[version]
@@ -147,12 +149,12 @@ _BEGIN: Final = _record({"format": Text((FORMAT,)), "version": _WHOLE})
 
 
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
-    """Parse the header and its ``encoding`` from :func:`to_json` text.
+    """Parse the header and its ``encoding``, as written by :func:`to_json`.
 
     Raises
     ------
     ValueError
-        It is not such JSON; the message says where.
+        The text is no such header; the message tells the place.
     """
     document = parse_json(text, "header")
     version = value_in(document, _BEGIN, "header")["version"]
@@ -170,7 +172,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
     header = TrackHeader(
         time=TimeBase(fps, rate_hz, **time),
         effects=effects,
-        streams=tuple(_stream(**each, effects=effect_by_id) for each in content["streams"]),
+        streams=tuple(_stream(**members, effects=effect_by_id) for members in content["streams"]),
         **{
             key: content[key]
             for key in ("models", "bodies", "source", "settings", "tools", "warnings")
@@ -182,7 +184,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
 
 
 def parse_json(text: bytes, name: str) -> Any:
-    """Parse strict JSON; raises ``ValueError``, whose message begins with a name."""
+    """Parse strict JSON; raises ValueError with a message that begins with ``name``."""
     try:
         return parse(text, name, has_file_names=True)
     except InputError as error:
@@ -190,7 +192,7 @@ def parse_json(text: bytes, name: str) -> Any:
 
 
 def value_in(document: Any, shape: Shape, name: str) -> Any:
-    """Value of a shape in a parsed document; raises ``ValueError`` for the first fault."""
+    """Read a shape from a parsed document; raises ValueError for the first fault."""
     try:
         return Node(document, name).read(shape)
     except InputError as error:
@@ -198,14 +200,16 @@ def value_in(document: Any, shape: Shape, name: str) -> Any:
 
 
 def _modality_to_json(name: str) -> dict[str, Any]:
+    """Parameters and strength of a modality, as stored for checks."""
     modality = MODALITIES[name]
     return {
-        "parameters": [{"name": each.name, "unit": each.unit} for each in modality.parameters],
+        "parameters": [{"name": p.name, "unit": p.unit} for p in modality.parameters],
         "strength": modality.strength,
     }
 
 
 def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
+    """JSON object of an effect."""
     clips = [
         {
             "name": clip.name,
@@ -221,6 +225,7 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
 
 
 def _stream(effect_id: str, body_id: str, effects: Mapping[str, TrackEffect]) -> Stream:
+    """Stream of an effect on a body; raises ValueError for an unknown effect."""
     if effect_id not in effects:
         raise ValueError(f"a stream names effect '{effect_id:.40}', which is not there")
     effect = effects[effect_id]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joins successive runs of the same streams into one of each."""
+"""Concatenation of successive runs of streams."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from ..samples import ENTRIES, ROWS, Drive, Impact, SampleRun, Stream
 
 
 def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> list[SampleRun]:
-    """Join the runs of successive blocks into one run for each stream.
+    """Join the runs of successive blocks into one run per stream.
 
     Parameters
     ----------
     streams : sequence of Stream
-        All that there may be, in the order of the runs that are returned.
+        Possible streams, in the order of the result; streams without samples are omitted.
 
     Raises
     ------
     ValueError
-        Runs of a stream differ in what they carry.
+        Runs of a stream have different optional columns.
     """
-    found: dict[Stream, list[SampleRun]] = {}
+    runs_by_stream: dict[Stream, list[SampleRun]] = {}
     for block in blocks:
         for run in block:
             if len(run):
-                found.setdefault(run.stream, []).append(run)
-    return [_one(found[stream]) for stream in streams if stream in found]
+                runs_by_stream.setdefault(run.stream, []).append(run)
+    return [_one(runs_by_stream[stream]) for stream in streams if stream in runs_by_stream]
 
 
 def _one(runs: list[SampleRun]) -> SampleRun:
+    """Concatenate the runs of one stream."""
     first = runs[0]
     if len(runs) == 1:
         return first
@@ -60,6 +61,7 @@ def _one(runs: list[SampleRun]) -> SampleRun:
 
 
 def _column(runs: list[SampleRun], name: str) -> npt.NDArray[Any] | None:
+    """Concatenated column; None if no run has the column."""
     parts = [getattr(run, name) for run in runs]
     if all(part is None for part in parts):
         return None
@@ -69,6 +71,7 @@ def _column(runs: list[SampleRun], name: str) -> npt.NDArray[Any] | None:
 
 
 def _impact(parts: list[Impact]) -> Impact:
+    """Concatenated impacts."""
     return Impact(
         np.concatenate([part.times_s for part in parts]),
         np.concatenate([part.speeds_m_s for part in parts]),
@@ -77,10 +80,12 @@ def _impact(parts: list[Impact]) -> Impact:
 
 
 def _drive(parts: list[Drive], run: SampleRun) -> Drive:
+    """Concatenated drives of one device; raises ValueError for several devices."""
     if len({(part.device_id, part.actuators) for part in parts}) > 1:
         raise ValueError(_differing(run))
     return replace(parts[0], values=np.concatenate([part.values for part in parts]))
 
 
 def _differing(run: SampleRun) -> str:
+    """Message about runs with different columns."""
     return f"effect '{run.stream.effect_id}': what its samples carry changes"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layout of a HapticTrack in its ZIP container: names, sizes, and the index at its end."""
+"""Layout of a HapticTrack in its ZIP container: names, limits, and the index."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEADER: Final = "header.json"
 INDEX: Final = "index.json"
 
 SAMPLES_PER_CHUNK: Final = 128
-"""Chunk size of the writer: chunk ``c`` holds the samples ``128 c`` to ``128 c + 127``."""
+"""Chunk size of the writer: chunk ``c`` holds samples ``128 c`` to ``128 c + 127``."""
 
 MAX_SAMPLES_PER_CHUNK: Final = 4096
 MAX_JSON_BYTES: Final = 2**24
@@ -27,23 +27,23 @@ WEIGHTS_FULL: Final = "float32"
 
 
 def chunk_name(chunk: int) -> str:
-    """Entry of the container that holds a chunk."""
+    """Name of a chunk's entry in the container."""
     return f"chunks/{chunk:06d}.bin"
 
 
 @dataclass
 class StreamIndex:
-    """Index entry of one stream. Samples are counted by the time base."""
+    """Index entry of one stream; sample numbers are those of the time base."""
 
     samples: int = 0
-    first: int = -1  # sample index; -1 if there is none
+    first: int = -1  # sample index; -1 without samples
     last: int = -1
     entries: int = 0  # (sample, vertex) pairs
     peak_level: float = 0.0
     channels: tuple[str, ...] = ()
 
     def add(self, later: StreamIndex) -> None:
-        """Merge the entry of later samples of the same stream."""
+        """Merge the entry of later samples of the same stream, in place."""
         if not later.samples:
             return
         if self.first < 0:
@@ -83,24 +83,24 @@ _STORAGE: Final = loose(
 
 
 def storage_of(encoding: Mapping[str, Any]) -> dict[str, Any]:
-    """``samples_per_chunk`` and ``weights`` of a header's encoding; ``ValueError`` for others."""
-    found: dict[str, Any] = value_in(encoding, _STORAGE, "encoding")
-    return found
+    """Read ``samples_per_chunk`` and ``weights`` from a header's encoding; raises ValueError."""
+    storage: dict[str, Any] = value_in(encoding, _STORAGE, "encoding")
+    return storage
 
 
 def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
-    """The index as UTF-8 JSON."""
+    """Index as UTF-8 JSON."""
     content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
     return json.dumps(content, sort_keys=True, allow_nan=False).encode() + b"\n"
 
 
 def decode_index(text: bytes) -> tuple[list[int], list[StreamIndex]]:
-    """The chunk numbers, ascending, and an entry for each stream.
+    """Read ascending chunk numbers and one entry for each stream.
 
     Raises
     ------
     ValueError
-        It is not such JSON.
+        The text is no such index.
     """
     document = parse_json(text, "index")
     content = value_in(document, _INDEX, "index")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading a HapticTrack from any time on; a file is never trusted."""
+"""Reading of HapticTracks from any time, with checks of all content."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header import TrackHeader
 from .header_json import from_json
 
-_ENCRYPTED: Final = 0x1  # of a ZIP entry's flags
+_ENCRYPTED: Final = 0x1  # flag of an encrypted ZIP entry
 
 _TIME_TOLERANCE: Final = 1e-6
-"""Samples by which a time may miss a sample's own time: times are rounded to float64."""
+"""Fraction of a sample by which a requested time may miss a sample's own float64 time."""
 
 _Source = TypeVar("_Source")
 _Value = TypeVar("_Value")
@@ -45,24 +45,24 @@ class StreamSummary:
 
 
 class TrackReader:
-    """Plays a track back; a context manager. Needs no body model.
+    """Reader of a track, and a context manager; no body model is needed.
 
     Attributes
     ----------
     header : TrackHeader
     full_precision : bool
-        Whether weights are float32 as recorded, or multiples of 1/255.
+        Weights are float32 as recorded; otherwise multiples of 1/255.
     samples_per_chunk : int
     chunks : list of int
-        Chunks that hold anything, ascending.
+        Ascending numbers of chunks with samples.
     index : list of layout.StreamIndex
-        What each stream holds.
+        Index entry of each stream.
 
     Raises
     ------
     InputError
-        The file is missing, is not a track, is of a newer version or is damaged. Damage of
-        the samples is found, and raised, when they are read.
+        The file is missing, no track, of a newer version or damaged. Damaged samples raise
+        InputError when read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -99,14 +99,14 @@ class TrackReader:
         self.close()
 
     def close(self) -> None:
-        """Close the file; may be called again."""
+        """Close the file; later calls do nothing."""
         self._archive.close()
 
     def runs(self, start_s: float | None = None, end_s: float | None = None) -> Iterator[SampleRun]:
-        """Samples with ``start_s <= time < end_s`` (None: no bound), chunk after chunk.
+        """Yield samples with ``start_s <= time < end_s`` (None: no bound), chunk by chunk.
 
-        Within a chunk the runs come in the order of ``header.streams``. Only one chunk is
-        held at a time, and only those that the range touches are read.
+        Runs of a chunk are in the order of ``header.streams``. One chunk is held in memory,
+        and only chunks in the range are read.
 
         Raises
         ------
@@ -125,9 +125,9 @@ class TrackReader:
                         yield run
 
     def samples_at(self, time_s: float) -> list[Sample]:
-        """Samples in effect at a time: a sample lasts until the next is due.
+        """Samples in effect at a time; a sample lasts until the next sample time.
 
-        Reading on in time costs one chunk at most, mostly none.
+        The last chunk is cached, so reading forward reads each chunk once.
 
         Raises
         ------
@@ -137,11 +137,11 @@ class TrackReader:
         return [sample for run in self.runs_at(time_s) for sample in run]
 
     def index_at(self, time_s: float) -> int:
-        """Index of the sample in effect at a time; -1 before the first."""
+        """Index of the sample in effect at a time; -1 before the first sample."""
         return math.floor(self._position(time_s) + _TIME_TOLERANCE)
 
     def runs_at(self, time_s: float) -> list[SampleRun]:
-        """Samples of :meth:`samples_at` as runs of one sample each.
+        """Samples in effect at a time, as runs of one sample; empty without any.
 
         Raises
         ------
@@ -155,29 +155,31 @@ class TrackReader:
         if self._cached[0] != chunk:
             self._cached = (chunk, self.sections(chunk))
         low = chunk * self.samples_per_chunk
-        found = (self._run(each, low, index, index + 1) for each in self._cached[1])
-        return [run for run in found if len(run)]
+        runs = (self._run(section, low, index, index + 1) for section in self._cached[1])
+        return [run for run in runs if len(run)]
 
     def summary(self) -> list[StreamSummary]:
-        """Summaries of all streams, in the order of ``header.streams``, from the index alone."""
+        """Summaries of all streams in the order of ``header.streams``, from the index alone."""
         return [
             StreamSummary(
                 stream=stream,
-                sample_count=each.samples,
-                first_s=self._time_s(each.first) if each.samples else None,
-                last_s=self._time_s(each.last) if each.samples else None,
-                entry_count=each.entries,
-                peak_level=each.peak_level,
-                channels=each.channels,
+                sample_count=entry.samples,
+                first_s=self._time_s(entry.first) if entry.samples else None,
+                last_s=self._time_s(entry.last) if entry.samples else None,
+                entry_count=entry.entries,
+                peak_level=entry.peak_level,
+                channels=entry.channels,
             )
-            for stream, each in zip(self.header.streams, self.index, strict=True)
+            for stream, entry in zip(self.header.streams, self.index, strict=True)
         ]
 
     def _time_s(self, index: int) -> float:
+        """Time of a sample, seconds."""
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:
-        """Convert a time to samples of the time base, limited to one before and one after them."""
+        """Fractional sample index of a time, clamped to -1..sample count; raises ValueError
+        for NaN."""
         if math.isnan(time_s):
             raise ValueError("the time is not a number")
         time = self.header.time
@@ -185,13 +187,14 @@ class TrackReader:
         return min(max(position, -1.0), float(time.sample_count))
 
     def _first_at_or_after(self, time_s: float) -> int:
+        """Index of the first sample at or after a time."""
         return math.ceil(self._position(time_s) - _TIME_TOLERANCE)
 
     def _run(self, section: Section, low: int, first: int, stop: int) -> SampleRun:
-        """The samples of a section with ``first <= index < stop``."""
+        """Samples of a section with ``first <= index < stop``, as a possibly empty run."""
         indices = low + section.steps
-        kept = slice(*np.searchsorted(indices, (first, stop)))
-        sets = np.cumsum(section.is_new)[kept] - 1
+        rows = slice(*np.searchsorted(indices, (first, stop)))
+        sets = np.cumsum(section.is_new)[rows] - 1
         used = slice(int(sets[0]), int(sets[-1]) + 1) if len(sets) else slice(0, 0)
         set_starts = np.cumsum(section.sizes) - section.sizes
         start = int(set_starts[used][0]) if len(sets) else 0
@@ -201,10 +204,10 @@ class TrackReader:
         channels = {name: values[picked] for name, values in section.channels.items()}
         return SampleRun(
             stream=self.header.streams[section.stream],
-            indices=indices[kept],
-            times_s=self.header.time.times_s(indices[kept]),
-            levels=section.levels[kept],
-            parameters=section.parameters[kept],
+            indices=indices[rows],
+            times_s=self.header.time.times_s(indices[rows]),
+            levels=section.levels[rows],
+            parameters=section.parameters[rows],
             offsets=offsets,
             vertices=section.vertices[picked],
             weights=weights if self.full_precision else decode_weights(weights),
@@ -212,18 +215,19 @@ class TrackReader:
             positions=channels.get("positions"),
             velocities=channels.get("velocities"),
             depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,
-            focus=None if section.focus is None else section.focus[kept],
-            drive=None if section.drive is None else self._drive(section, kept),
+            focus=None if section.focus is None else section.focus[rows],
+            drive=None if section.drive is None else self._drive(section, rows),
         )
 
-    def _drive(self, section: Section, kept: slice) -> Drive:
+    def _drive(self, section: Section, rows: slice) -> Drive:
+        """Drive values of a section's rows."""
         stream = self.header.streams[section.stream]
         effect = self.header.effect(stream)
         assert effect.device_id is not None and section.drive is not None
-        return Drive(effect.device_id, effect.actuators, section.drive[kept])
+        return Drive(effect.device_id, effect.actuators, section.drive[rows])
 
     def chunk_bytes(self, chunk: int) -> bytes:
-        """Stored bytes of a chunk, checked.
+        """Stored bytes of a chunk after a full check.
 
         Raises
         ------
@@ -234,7 +238,7 @@ class TrackReader:
         return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 
     def sections(self, chunk: int) -> list[Section]:
-        """Sections of a chunk, in the order of ``header.streams``.
+        """Sections of a chunk in the order of ``header.streams``.
 
         Raises
         ------
@@ -259,6 +263,7 @@ class TrackReader:
         return sections
 
     def _check_index(self) -> None:
+        """Check the index against chunks, streams and time base."""
         names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
         if sorted(names) != sorted(map(layout.chunk_name, self.chunks)):
             self._fail("the index and the chunks differ")
@@ -266,13 +271,13 @@ class TrackReader:
             self._fail("the index and the header have different streams")
         count = self.header.time.sample_count
         if any(
-            each.samples and not 0 <= each.first <= each.last < count for each in self.index
+            entry.samples and not 0 <= entry.first <= entry.last < count for entry in self.index
         ) or any(chunk < 0 or chunk * self.samples_per_chunk >= count for chunk in self.chunks):
             self._fail("the index names samples outside the time base")
         self._chunk_set = frozenset(self.chunks)
 
     def _entry(self, name: str, limit: int) -> bytes:
-        """An entry's content, its size and CRC-32 checked."""
+        """Content of an entry, with checked size and CRC-32."""
         try:
             info = self._archive.getinfo(name)
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -289,27 +294,29 @@ class TrackReader:
             self._fail(f"{name}: {error}")
 
     def _parsed(self, parse: Callable[[_Source], _Value], content: _Source) -> _Value:
+        """Result of a parser; its ValueError becomes InputError."""
         try:
             return parse(content)
         except ValueError as error:
             self._fail(str(error))
 
     def _fail(self, reason: str) -> NoReturn:
-        reason = textwrap.shorten(reason, 200)  # zipfile quotes file names, however long
+        """Raise InputError with a reason."""
+        reason = textwrap.shorten(reason, 200)  # zipfile quotes file names of any length
         raise InputError(f"{self.path}: not a readable HapticTrack ({reason}).")
 
 
 def read_sections(
     cursor: Cursor, header: TrackHeader, samples_per_chunk: int, full_precision: bool
 ) -> Iterator[Section]:
-    """Decode the sections of a chunk up to the end of its bytes.
+    """Yield the decoded sections of a chunk up to the end of its bytes.
 
     Raises
     ------
     ValueError
         The bytes are no such chunk.
     TooLargeError
-        Its contacts would take more memory than :data:`.limits.MEMORY`.
+        The contacts would take more memory than :data:`.limits.MEMORY`.
     """
     last = -1
     while not cursor.at_end:

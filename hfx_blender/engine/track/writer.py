@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writes a HapticTrack while it is computed, in bounded memory."""
+"""Writing of HapticTracks during evaluation, in bounded memory."""
 
 from __future__ import annotations
 
@@ -44,24 +44,24 @@ _TIME_TOLERANCE_S: Final = 1e-9
 
 
 class TrackWriter:
-    """Records runs of samples as a track; a context manager.
+    """Writer of a track, and a context manager.
 
-    The file appears when the ``with`` block ends without an exception; otherwise nothing is
-    left. The bytes depend on the header and the samples, not on how calls of :meth:`append`
-    split them. At most the samples of a call and of :data:`layout.SAMPLES_PER_CHUNK` are held.
-    Chunks of all the file are halved as often as one of them needs it for a reader to hold it.
+    The file appears at the end of a ``with`` block without exception; otherwise no file is
+    left. The bytes depend on header and samples only, not on the calls of :meth:`append`. The
+    samples of one call and of :data:`layout.SAMPLES_PER_CHUNK` are held in memory. If a chunk
+    is too large for a reader, all chunks of the file are halved, repeatedly.
 
     Parameters
     ----------
     full_precision : bool
-        Keep weights as float32. Otherwise they are rounded to 1/255, and never to 0.
+        Keep float32 weights; otherwise weights are rounded to 1/255, but not to 0.
 
     Raises
     ------
     OutputError
-        The file cannot be written, or one sample has too many contacts for a reader to hold.
+        The file cannot be written, or one sample has too many contacts for a reader.
     ValueError
-        The header holds something that is not JSON.
+        The header holds a value that is no JSON value.
     """
 
     def __init__(self, path: Path, header: TrackHeader, *, full_precision: bool = False) -> None:
@@ -75,19 +75,24 @@ class TrackWriter:
         self._index = [layout.StreamIndex() for _ in header.streams]
         self._samples_per_chunk = layout.SAMPLES_PER_CHUNK
         self._chunks: list[int] = []
-        self._end = 0  # sample index after the last chunk that is written
-        self._open: dict[int, dict[int, _SectionBuilder]] = {}  # by block of samples, then stream
+        self._end = 0  # sample index after the last written chunk
+        self._open: dict[
+            int, dict[int, _SectionBuilder]
+        ] = {}  # by block number, then by stream index
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self._file = stack.enter_context(atomic_file(self.path))
             self._archive = zipfile.ZipFile(self._file, "w")
-            stack.callback(lambda: self._archive.close())  # the last one, if it is written again
+            stack.callback(
+                lambda: self._archive.close()
+            )  # the current archive, which halving replaces
             self._put_header()
             self._finishing = stack.pop_all()
         return self
 
     def _put_header(self) -> None:
+        """Write the header entry."""
         encoding = {
             "samples_per_chunk": self._samples_per_chunk,
             "weights": layout.WEIGHTS_FULL if self.full_precision else layout.WEIGHTS_BYTE,
@@ -110,18 +115,16 @@ class TrackWriter:
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
     def append(self, runs: Iterable[SampleRun]) -> list[SampleRun]:
-        """Record one block of time: runs of any of the header's streams.
+        """Record runs of any of the header's streams over the next block of time.
 
-        Runs with any sample are returned, with the weights that reading the track will give.
-
-        Blocks come in time order, and so do the runs of one stream within a block. A block
-        may start within the :data:`layout.SAMPLES_PER_CHUNK` samples in which the one before
-        ended.
+        Returns the runs with samples, with weights as a reader will decode them. Blocks,
+        and runs of a stream within a block, must be in the order of time. A block may start
+        within the :data:`layout.SAMPLES_PER_CHUNK` samples of the last block's end.
 
         Raises
         ------
         ValueError
-            A run is not what :class:`SampleRun` promises, or comes too late.
+            A run breaks the contract of :class:`SampleRun`, or is out of order.
         OutputError
         """
         stored = [self._add(run) for run in runs if len(run)]
@@ -131,6 +134,7 @@ class TrackWriter:
         return stored
 
     def _add(self, run: SampleRun) -> SampleRun:
+        """Check a run, collect its samples, and return it with stored weights."""
         stream = self._streams.get((run.stream.effect_id, run.stream.body_id))
         if stream is None:
             raise ValueError(
@@ -165,14 +169,14 @@ class TrackWriter:
         return run if self.full_precision else replace(run, weights=decode_weights(weights))
 
     def copy(self, part: TrackReader) -> None:
-        """Add a part of the same recording: a track of the same header, of later chunks.
+        """Append a track with a later part of the same recording.
 
-        What is written is what recording the part's samples here would have written.
+        The result equals a recording of the part's samples by this writer.
 
         Raises
         ------
         InputError
-            The part is damaged, is of another recording, or does not follow what was added.
+            The part is damaged, of another recording, or out of order.
         OutputError
         """
         size = part.samples_per_chunk
@@ -191,10 +195,11 @@ class TrackWriter:
                 self._put_chunk(chunk, part.chunk_bytes(chunk))
             else:
                 self._write_sections(part.sections(chunk), chunk * size)
-        for index, other in zip(self._index, part.index, strict=True):
-            index.add(other)
+        for index, entry in zip(self._index, part.index, strict=True):
+            index.add(entry)
 
     def _write_blocks(self, blocks: list[int]) -> None:
+        """Write and remove collected blocks."""
         for block in blocks:
             builders = self._open.pop(block)
             start = block * layout.SAMPLES_PER_CHUNK
@@ -210,7 +215,7 @@ class TrackWriter:
             self._put_chunk(start // self._samples_per_chunk + number, content)
 
     def _encoded(self, sections: list[Section]) -> dict[int, bytes] | None:
-        """Encode sections as chunks by number, from 0; None if a reader could not hold one."""
+        """Encoded chunks by number, from 0; None if one is too large for a reader."""
         chunks: defaultdict[int, list[Section]] = defaultdict(list)
         for section in sections:
             for number, part in section.parts(self._samples_per_chunk):
@@ -224,10 +229,10 @@ class TrackWriter:
         return encoded if fits else None
 
     def _halve_chunks(self) -> None:
-        """Write the file again with half as many samples in each chunk.
+        """Rewrite the file with half as many samples per chunk.
 
-        A chunk of 2n samples parts into two of n, so the bytes are those of a recording that
-        began with n.
+        A chunk of 2n samples splits into two of n, so the bytes equal a recording that
+        started with n.
         """
         if self._samples_per_chunk == 1:
             raise OutputError(
@@ -252,17 +257,19 @@ class TrackWriter:
                     self._write_sections(list(sections), chunk * size)
 
     def _put_chunk(self, chunk: int, content: bytes) -> None:
+        """Write a chunk's entry, and count it."""
         self._put(layout.chunk_name(chunk), content, layout.MAX_CHUNK_BYTES)
         self._chunks.append(chunk)
         self._end = (chunk + 1) * self._samples_per_chunk
 
     def _put(self, name: str, content: bytes, limit: int) -> None:
+        """Write an entry with fixed attributes; raises OutputError above ``limit`` bytes."""
         if len(content) > limit:
             raise OutputError(
                 f"{self.path}: {name} would be {len(content)} bytes, a track allows {limit}."
             )
         entry = zipfile.ZipInfo(name, _ZIP_EPOCH)
-        entry.create_system = 3  # the same bytes on every system
+        entry.create_system = 3  # equal bytes on every system
         entry.external_attr = 0o644 << 16
         entry.compress_type = zipfile.ZIP_DEFLATED
         self._archive.writestr(entry, content)
@@ -272,12 +279,15 @@ class _SectionBuilder:
     """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
 
     def __init__(self) -> None:
-        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)  # of Section
+        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(
+            list
+        )  # by field name of Section
         self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
 
     def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
-        """Add the samples ``first`` to ``last - 1`` of a checked run, as copies, with the weights
-        of all of it as they are stored.
+        """Append copies of samples ``first`` to ``last - 1`` of a checked run.
+
+        ``weights`` are the stored weights of the whole run.
         """
         columns = self._columns
         present = {name for name in CHANNELS if getattr(run, name) is not None}
@@ -290,7 +300,7 @@ class _SectionBuilder:
         vertices = run.vertices[low:high].astype(np.int32)
         is_new = np.diff(sets, prepend=-1) != 0
         stays = np.zeros(len(sizes), np.bool_)
-        if not present:  # with channels, each sample has a set of its own
+        if not present:  # with channels every sample has its own set
             stays = self._repeated(offsets - low, vertices, weights)
             is_new &= ~stays[sets - sets[0]]
         if stays.any():
@@ -318,14 +328,13 @@ class _SectionBuilder:
         vertices: npt.NDArray[np.int32],
         weights: npt.NDArray[Any],
     ) -> npt.NDArray[np.bool_]:
-        """Sets that repeat the one before, as a mask; the first is compared with the last
-        one held.
-        """
-        found = native.repeats(offsets, vertices, weights)
-        if found is None:
+        """Mask of sets equal to the set before; the first is compared with the last
+        collected set."""
+        is_repeated = native.repeats(offsets, vertices, weights)
+        if is_repeated is None:
             parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
             pairs = zip([parts[0], *parts], parts, strict=False)
-            found = np.array(
+            is_repeated = np.array(
                 [
                     np.array_equal(vertices[a], vertices[b])
                     and np.array_equal(weights[a], weights[b])
@@ -333,18 +342,19 @@ class _SectionBuilder:
                 ]
             )
         columns = self._columns
-        held = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
-        found[0] = (
-            held == offsets[1]
-            and np.array_equal(vertices[:held], columns["vertices"][-1][-held:][:held])
-            and np.array_equal(weights[:held], columns["weights"][-1][-held:][:held])
+        last_size = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
+        is_repeated[0] = (
+            last_size == offsets[1]
+            and np.array_equal(
+                vertices[:last_size], columns["vertices"][-1][-last_size:][:last_size]
+            )
+            and np.array_equal(weights[:last_size], columns["weights"][-1][-last_size:][:last_size])
         )
-        return found
+        return is_repeated
 
     def section(self, stream: int, start: int) -> Section:
-        """The collected samples as the section of a block that starts at sample ``start``; the
-        builder is empty afterwards.
-        """
+        """Collected samples as a section of a block that starts at sample ``start``; clears
+        the builder."""
         indices = np.concatenate(self._columns.pop("steps"))
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         channels = {name: np.concatenate(parts) for name, parts in self._channels.items()}
@@ -352,7 +362,7 @@ class _SectionBuilder:
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError if a run's optional columns do not match its effect's kind."""
+    """Raise ValueError for optional columns that do not match the effect's kind."""
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
@@ -387,7 +397,7 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
 
 
 def _check_sets(run: SampleRun) -> None:
-    """Check the lengths of columns, and how samples share sets of vertices."""
+    """Check column lengths and set numbers."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (
@@ -408,7 +418,7 @@ def _check_sets(run: SampleRun) -> None:
 
 
 def _check_times(run: SampleRun, header: TrackHeader) -> None:
-    """Check samples against the time base; levels and parameters."""
+    """Check indices, times, levels and parameters."""
     if (np.diff(run.indices) <= 0).any() or not 0 <= run.indices[0]:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
@@ -423,6 +433,7 @@ def _check_times(run: SampleRun, header: TrackHeader) -> None:
 
 
 def _check_vertices(run: SampleRun, vertex_count: int) -> None:
+    """Check weights, and the order and range of vertices."""
     total = len(run.vertices)
     if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
         raise ValueError("weights: expected one in (0, 1] for each vertex")

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evaluates Blender's animation data of a datablock at many times at once.
+"""Vectorised evaluation of a data-block's F-curves and NLA strips.
 
-Actions and NLA strips are sampled without stepping a scene. What is not modelled here is told
-by :class:`NotModelledError`; then Blender itself has to be stepped.
+No scene is stepped. Unsupported animation raises :class:`NotModelledError`.
 """
 
 from __future__ import annotations
@@ -20,30 +19,30 @@ from ...engine.arrays import F32, F64, I64
 from ...engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
 
 Channel = tuple[str, int]
-"""RNA path and array index of an animated value."""
+"""RNA path and array index of an animated property."""
 
 _LAST_KIND = int(max(Interpolation))
 _BEZIER = int(Interpolation.BEZIER)
 
 _MOST_REPEATS = 1000
-"""Repetitions of a strip whose keys are listed; Blender's interface allows no more."""
+"""Blender's limit on the repetitions of a strip."""
 
 
 class NotModelledError(Exception):
-    """Raised for motion that only Blender itself can evaluate; the text says what moves."""
+    """Motion that only Blender can evaluate; the message names the cause."""
 
 
 @dataclass(eq=False)
 class _Curves:
-    """F-curves of one action, ready to be sampled together."""
+    """F-curves of one action, grouped for sampling."""
 
     channels: list[Channel] = field(default_factory=list)
-    key_frames: set[float] = field(default_factory=set)  # of all curves, the action's own frames
-    keyed: list[tuple[KeyedCurves, list[int]]] = field(default_factory=list)  # and their columns
+    key_frames: set[float] = field(default_factory=set)  # frames of the action
+    keyed: list[tuple[KeyedCurves, list[int]]] = field(default_factory=list)  # with column numbers
     other: list[tuple[bpy.types.FCurve, int]] = field(default_factory=list)
 
     def sample(self, frames: F64, single: bool) -> F64:
-        """Values (T, C) at an action's own frames; see :meth:`KeyedCurves.sample`."""
+        """Values (T, C) at frames of the action; see :meth:`KeyedCurves.sample`."""
         if len(self.keyed) == 1 and not self.other:
             return self.keyed[0][0].sample(frames, single=single)
         values = np.zeros((len(frames), len(self.channels)))
@@ -55,35 +54,38 @@ class _Curves:
 
 
 def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool]) -> _Curves:
-    found = _Curves()
+    """Group selected, valid and unmuted curves with equal frames and interpolations."""
+    grouped = _Curves()
     groups: dict[tuple[bytes, bytes], list[tuple[int, bpy.types.FCurve, F32]]] = {}
     for curve in curves:
         if not selects(curve.data_path):
             continue
         if curve.mute or (curve.group is not None and curve.group.mute) or not curve.is_valid:
             continue
-        column = len(found.channels)
-        found.channels.append((curve.data_path, curve.array_index))
+        column = len(grouped.channels)
+        grouped.channels.append((curve.data_path, curve.array_index))
         keys = curve.keyframe_points
         points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
         keys.foreach_get("co", points)
-        found.key_frames.update(points[::2].tolist())
+        grouped.key_frames.update(points[::2].tolist())
         if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
-            found.other.append((curve, column))
+            grouped.other.append((curve, column))
             continue
         keys.foreach_get("interpolation", kinds)
         if not _are_finite(keys, points):
-            found.other.append((curve, column))
+            grouped.other.append((curve, column))
             continue
-        alike = points[::2].tobytes(), kinds.tobytes()
-        groups.setdefault(alike, []).append((column, curve, points[1::2]))
+        signature = points[::2].tobytes(), kinds.tobytes()
+        # Curves with equal key frames and interpolations share the search for segments, as in baked
+        # motion.
+        groups.setdefault(signature, []).append((column, curve, points[1::2]))
     for (frame_bytes, kind_bytes), members in groups.items():
         kinds = np.frombuffer(kind_bytes, np.int32)
         if kinds.max() > _LAST_KIND:  # easing
-            found.other += [(curve, column) for column, curve, _ in members]
+            grouped.other += [(curve, column) for column, curve, _ in members]
             continue
         curved = _BEZIER in kinds
-        found.keyed.append(
+        grouped.keyed.append(
             (
                 KeyedCurves(
                     np.frombuffer(frame_bytes, np.float32).astype(np.float64),
@@ -95,20 +97,20 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
                 [column for column, _, _ in members],
             )
         )
-    return found
+    return grouped
 
 
 def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
-    """Test that keyframes, which are at ``points``, and their handles are numbers."""
+    """Test for finite keyframes and handles; ``points`` holds frames and values alternately."""
     handles = np.empty((2, len(points)), np.float32)
     keys.foreach_get("handle_left", handles[0])
     keys.foreach_get("handle_right", handles[1])
-    largest = np.finfo(np.float32).max  # infinity, as Blender stores it in a key
+    largest = np.finfo(np.float32).max  # Blender's stored value of an infinite key
     return bool((np.abs(points) < largest).all() and (np.abs(handles) < largest).all())
 
 
 def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
-    """Handles of curves with equally many keys, (C, K, 2)."""
+    """Handles (C, K, 2) of curves with equal numbers of keys; ``name`` is an RNA property."""
     flat = np.empty((len(members), 2 * len(members[0][2])), np.float32)
     for k, (_, curve, _) in enumerate(members):
         curve.keyframe_points.foreach_get(name, flat[k])
@@ -117,13 +119,13 @@ def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64
 
 @dataclass(eq=False)
 class _Strip:
-    """An NLA strip of one action, its settings copied from Blender."""
+    """NLA strip of an action, with copies of its settings."""
 
     curves: _Curves
-    columns: I64 | slice  # of its values among those of the datablock
+    columns: I64 | slice  # of its values among all columns of the data-block
     start: float  # frames of the scene
     end: float
-    action_frames: tuple[float, float]  # first and last that play
+    action_frames: tuple[float, float]  # first and last played frame of the action
     scale: float
     repeat: float
     blend_in: float  # frames
@@ -134,7 +136,7 @@ class _Strip:
 
     @classmethod
     def of(cls, strip: bpy.types.NlaStrip, curves: _Curves, columns: I64 | slice) -> _Strip:
-        """Copy the settings of a strip."""
+        """Copy the settings of a strip from Blender."""
         return cls(
             curves,
             columns,
@@ -151,13 +153,13 @@ class _Strip:
         )
 
     def frames_within(self, frames: F64) -> F64:
-        """The action's own frames at frames of the scene that lie within the strip."""
+        """Frames of the action at frames of the scene within the strip."""
         first, last = self.action_frames
         length = (last - first) * self.scale
         if length <= 0.0:
             raise NotModelledError(f"strip '{self.name}' plays no length of its action")
         into = frames - self.start
-        # Blender's own rounding decides on which side of a repetition's edge a frame falls.
+        # Blender computes the phase in float32, which decides the side of a repetition's edge.
         phase = np.fmod(into.astype(np.float32), np.float32(length)).astype(np.float64)
         own = first + phase / self.scale
         if float(self.repeat).is_integer():
@@ -166,7 +168,7 @@ class _Strip:
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the scene at its ends and at the keys of its action, in each repetition."""
+        """Frames of the scene at the strip's start and end and at keys, for all repetitions."""
         first, last = self.action_frames
         keys = np.array([first, *self.curves.key_frames, last])
         keys = (keys[(keys >= first) & (keys <= last)] - first) * self.scale
@@ -175,6 +177,7 @@ class _Strip:
         return (starts[:, None] + keys).ravel()
 
     def influence(self, frames: F64) -> F64:
+        """Influence 0..1 (T,) of the strip with its blend in and out."""
         share = np.ones(len(frames))
         if self.blend_out > 0.0:
             falling = frames >= self.end - self.blend_out
@@ -186,21 +189,21 @@ class _Strip:
 
 
 class AnimatedValues:
-    """Values of a datablock's properties from its action and NLA.
+    """Animated values of a data-block from its action and NLA tracks.
 
     Parameters
     ----------
     default : callable
-        (path, index) -> the value that a property has where no strip of the NLA plays.
+        (path, index) -> value without a playing strip.
     selects : callable
-        Which paths are of interest.
+        Predicate on RNA paths: values of interest.
     with_drivers : bool
-        There may be drivers: whoever uses the values leaves those to Blender.
+        Ignore drivers, which the caller leaves to Blender.
 
     Raises
     ------
     NotModelledError
-        There are other drivers, or strips of another kind than plain clips.
+        Drivers, blended actions, or strips other than plain clips.
     """
 
     def __init__(
@@ -213,7 +216,7 @@ class AnimatedValues:
     ) -> None:
         self._selects = selects
         self.columns: dict[Channel, int] = {}
-        self._below: list[float] = []  # values where no strip of the NLA plays
+        self._below: list[float] = []  # values without a playing strip
         self._tracks: list[list[_Strip]] = []
         self._action: tuple[_Curves, I64 | slice] | None = None
         data = owner.animation_data
@@ -235,19 +238,21 @@ class AnimatedValues:
             self._action = action, columns
 
     def _columns_of(self, curves: _Curves, default: Callable[[str, int], float]) -> I64 | slice:
+        """Columns of curves, appended if new; a slice if consecutive."""
         for channel in curves.channels:
             if channel not in self.columns:
                 self.columns[channel] = len(self._below)
                 self._below.append(default(*channel))
-        found = [self.columns[channel] for channel in curves.channels]
-        first = found[0] if found else 0
-        if found == [*range(first, first + len(found))]:
-            return slice(first, first + len(found))
-        return np.array(found, np.int64)
+        columns = [self.columns[channel] for channel in curves.channels]
+        first = columns[0] if columns else 0
+        if columns == [*range(first, first + len(columns))]:
+            return slice(first, first + len(columns))
+        return np.array(columns, np.int64)
 
     def _read_tracks(
         self, name: str, data: bpy.types.AnimData, default: Callable[[str, int], float]
     ) -> None:
+        """Collect the strips of all evaluated tracks, from bottom to top."""
         solo = any(track.is_solo for track in data.nla_tracks)
         for track in data.nla_tracks:
             if track.mute and not track.is_solo:
@@ -263,26 +268,29 @@ class AnimatedValues:
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the scene (k,) at which a value may turn: keys, and ends of strips."""
+        """Ascending unique frames of the scene at keys and at ends of strips."""
         parts = [strip.key_frames for strips in self._tracks for strip in strips]
         if self._action is not None:
             parts.append(np.array([*self._action[0].key_frames]))
         return np.unique(np.concatenate([np.zeros(0), *parts]))
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
-        """Sample each animated value at frames of the scene, (T, C) in the order of ``columns``.
+        """Values (T, C) at frames of the scene, columns as in ``columns``.
 
-        ``single`` computes in 32 bits what Blender does; see :meth:`KeyedCurves.sample`.
+        Tracks are evaluated from bottom to top, then the action. ``single`` uses Blender's
+        float32 arithmetic; see :meth:`KeyedCurves.sample`.
         """
         values = np.tile(np.array(self._below, np.float64), (len(frames), 1))
+        # A strip with influence below 1 blends with the tracks below; the assigned action replaces
+        # all strips, as Blender's NLA does with Replace and an influence of 1.
         for strips in self._tracks:
             for strip, rows, at in _playing(strips, frames):
                 sampled = strip.curves.sample(strip.frames_within(at), single)
                 share = strip.influence(at)[:, None]
-                place = _place(rows, strip.columns)
+                index = _place(rows, strip.columns)
                 if (share < 1.0).any():
-                    sampled = values[place] * (1.0 - share) + sampled * share
-                values[place] = sampled
+                    sampled = values[index] * (1.0 - share) + sampled * share
+                values[index] = sampled
         if self._action is not None:
             curves, columns = self._action
             values[:, columns] = curves.sample(frames, single)
@@ -290,11 +298,12 @@ class AnimatedValues:
 
 
 def _place(rows: I64, columns: I64 | slice) -> Any:
-    """Index of some rows and columns."""
+    """Index of a block of rows and columns."""
     return (rows, columns) if isinstance(columns, slice) else np.ix_(rows, columns)
 
 
 def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
+    """Raise NotModelledError for strips other than plain clips."""
     plain = (
         strip.type == "CLIP"
         and strip.blend_type == "REPLACE"
@@ -309,7 +318,11 @@ def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
 
 
 def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.ndarray, F64]]:
-    """Strips of a track with the frames at which each plays, ends held: rows, frames."""
+    """Yield (strip, rows, frames) of each playing strip of a track, with frames clamped to its
+    ends.
+
+    Between two strips the earlier one holds its last value, before the first only "HOLD" holds.
+    """
     free = np.ones(len(frames), np.bool_)
     for k, strip in enumerate(strips):
         until = strips[k + 1].start if k + 1 < len(strips) else np.inf

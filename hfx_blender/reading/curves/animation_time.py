@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times of a scene: its samples, and the frames of the animation that Blender evaluates there.
+"""Sample times of a scene, and the animation frames that Blender evaluates at them.
 
-Played frames are what the timeline shows and what is exported: one second is the frame rate's
-number of them. Keyframes, clips and caches have the frames of the animation.
+Played frames are frames of the timeline, at the scene's frame rate. Keyframes, clips and caches use
+animation frames, which time remapping scales.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...errors import InputError
 _FRAME_RATES = (0.001, 10_000.0)
 
 MOST_SAMPLES = 2**24
-"""Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
+"""Largest number of samples: 46 hours at 100 Hz; a memory limit."""
 
 
 def time_base(
@@ -29,12 +29,12 @@ def time_base(
 ) -> TimeBase:
     """Time base of a scene's samples.
 
-    Without ``frames`` (first and last, both included) or ``rate_hz``, the scene's own are taken.
+    ``frames`` (first and last, both included) and ``rate_hz`` default to the scene's settings.
 
     Raises
     ------
     InputError
-        The frame range holds no frames.
+        The frame range is empty, a rate is out of range, or there are too many samples.
     """
     first, last = frames or (scene.frame_start, scene.frame_end)
     if last < first:
@@ -53,7 +53,7 @@ def time_base(
 
 
 def _frame_rate(scene: bpy.types.Scene) -> Fraction:
-    """Frames a second, exactly."""
+    """Exact frames per second; raises InputError out of range."""
     fps, base = scene.render.fps, scene.render.fps_base
     rate = fps / base if base else np.inf
     if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
@@ -65,7 +65,7 @@ def _frame_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Sampling rate that a scene asks for, Hz."""
+    """Sample rate of a scene's setting, Hz; raises InputError for a damaged value."""
     for bad in stored_values.bad_values(scene):
         if bad.path == "rate":
             raise InputError(f"Scene '{scene.name}': {bad}.")
@@ -73,42 +73,43 @@ def _sample_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _length(scene: bpy.types.Scene) -> np.float32:
-    """Frames of the animation in a played frame."""
+    """Animation frames per played frame, in Blender's float32."""
     render = scene.render
     return np.float32(render.frame_map_old) / np.float32(render.frame_map_new)
 
 
 def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:
-    """Played frames, (n,) -> frames of the animation, in 32 bits as Blender computes them."""
+    """Animation frames (n,) at played frames, in float32 as Blender computes them."""
     mapped: F64 = (frames.astype(np.float32) * _length(scene)).astype(np.float64)
     return mapped
 
 
 @dataclass(frozen=True)
 class ExactFrames:
-    """Frames of the animation between samples, in 64 bits; reads nothing from Blender.
+    """Conversion of fractional sample indices to animation frames in float64.
 
-    In Blender's 32 bits speeds over short times would be wrong.
+    In Blender's float32 speeds over short times would be wrong. Reads nothing from Blender, so
+    any thread may use it.
     """
 
-    first: float  # frame of sample 0
-    step: float  # frames from one sample to the next
+    first: float  # animation frame of sample 0
+    step: float  # animation frames per sample
 
     @classmethod
     def of(cls, scene: bpy.types.Scene, time: TimeBase) -> ExactFrames:
-        """Frames of a scene at the samples of a time base."""
+        """Conversion for a scene's time base."""
         length = float(_length(scene))
         return cls(time.frame_first * length, float(time.fps / time.rate_hz) * length)
 
     def at(self, indices: F64) -> F64:
-        """Frames (n,) at sample indices with fractions."""
+        """Animation frames (n,) at fractional sample indices."""
         return self.first + indices * self.step
 
     def indices(self, frames: F64) -> F64:
-        """Sample indices (n,), with fractions, at frames."""
+        """Fractional sample indices (n,) at animation frames."""
         return (frames - self.first) / self.step
 
 
 def played_frame(scene: bpy.types.Scene, frame: float) -> float:
-    """Played frame for one of the animation's own frames."""
+    """Played frame of an animation frame."""
     return frame / float(_length(scene))

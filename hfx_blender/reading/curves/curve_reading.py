@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects and bodies read from their F-curves, over blocks of times, without any stepping."""
+"""Effects and bodies read from F-curves over blocks of times, without stepping."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from .animation_curves import NotModelledError
 from .fcurve_kinematics import Parents, PlainObject, rest_value
 
 _CHUNK = 256
-"""Samples in a chunk: sampling few times costs nearly as much as sampling many."""
+"""Samples in a chunk: sampling has a high fixed cost."""
 
 
 class CurveEffect:
-    """An effect whose level, parameters and place follow from F-curves.
+    """Effect with level, parameters and placement defined by F-curves.
 
     Raises
     ------
     NotModelledError
-        Something else moves or shapes it.
+        Another cause moves or deforms the effect.
     """
 
     def __init__(
@@ -74,10 +74,12 @@ class CurveEffect:
             self._vertices = SurfaceVertices().of(effect, effect)[None]
 
     def _default(self, path: str, index: int) -> float:
-        found = response_values.place_of(path)
-        if found is not None:
+        """Value of a property without a playing strip; raises NotModelledError for other
+        properties."""
+        filter_property = response_values.place_of(path)
+        if filter_property is not None:
             filters = self._hfx.bl_rna.properties["response"].fixed_type
-            return float(filters.properties[found[1]].default)
+            return float(filters.properties[filter_property[1]].default)
         if skin_values.is_drive(path):
             return 0.0
         if path.startswith("hfx."):
@@ -88,7 +90,7 @@ class CurveEffect:
         return rest_value(path, index)
 
     def read(self, frames: F64) -> EffectBlock:
-        """The effect at frames of the scene, (T,)."""
+        """Block of the effect at animation frames (T,)."""
         sampled = self._place.values.sample(frames)
         parameters = [self._value(name, sampled) for name in self._names]
         is_volume = self._hfx.kind == "VOLUME"
@@ -123,36 +125,38 @@ class CurveEffect:
         )
 
     def matrices(self, frames: F64) -> F64:
-        """Matrices (T, 4, 4) of a volume, shape space to world; reads nothing from Blender."""
+        """Shape space to world (T, 4, 4) of a volume; reads nothing from Blender."""
         return self._placing(self._place.world(frames))
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the animation (k,) at which the motion may turn."""
+        """Ascending animation frames (k,) at which the motion may turn."""
         return self._place.key_frames
 
     def _placing(self, world: F64) -> F64:
+        """Shape space to world, metres, from object matrices in Blender units."""
         scaled = effect_values.to_metres(world, self._unit_m)
         scaled[..., :3, :3] *= self._scale
         return scaled
 
     def _response(self, sampled: F64) -> F64 | None:
-        """Controls of its filters, (T, F, WIDTH)."""
+        """Controls (T, F, WIDTH) of the response filters, clamped; None without filters."""
         still = response_values.controls(self._hfx, self._unit_m)
         if still is None:
             return None
         values = np.repeat(still[None], len(sampled), axis=0)
-        for f, (place, each) in enumerate(responses.active_filters(self._hfx)):
-            for c, name in enumerate(responses.properties_of(each)):
-                column = self._place.values.columns.get((f"hfx.response[{place}].{name}", 0))
+        for f, (number, item) in enumerate(responses.active_filters(self._hfx)):
+            for c, name in enumerate(responses.properties_of(item)):
+                column = self._place.values.columns.get((f"hfx.response[{number}].{name}", 0))
                 if column is not None:
-                    limits = each.bl_rna.properties[name]
+                    limits = item.bl_rna.properties[name]
                     clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
                     unit = self._unit_m if name in responses.LENGTHS else 1.0
                     values[:, f, c] = clipped.astype(np.float32).astype(np.float64) * unit
         return values
 
     def _level(self, sampled: F64) -> F64:
+        """Level (T,): activation times intensity, 0..1."""
         if self._state.source is ActivationSource.OFF:
             return np.zeros(len(sampled))
         intensity = self._value("intensity", sampled)
@@ -161,24 +165,25 @@ class CurveEffect:
         return self._value("activation", sampled) * intensity
 
     def _value(self, name: str, sampled: F64) -> F64:
+        """Values (T,) of a property below ``hfx``, clamped and rounded to float32 as in Blender."""
         column = self._place.values.columns.get((f"hfx.{name}", 0))
         owner = self._hfx
         if skin_values.is_drive(f"hfx.{name}"):
             owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
         if column is None:
             return np.full(len(sampled), limited(owner, name))
-        limits = owner.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
+        limits = owner.bl_rna.properties[name]  # Blender clamps evaluated values, in float32
         clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
         return clipped.astype(np.float32).astype(np.float64)
 
 
 def is_steady(effect: bpy.types.Object) -> bool:
-    """Test that an effect's shape is the same mesh at all times, or no mesh."""
+    """Test for a volume of constant shape and visibility."""
     return is_rigid(effect) and not visibility.is_keyed(effect)
 
 
 def is_rigid(effect: bpy.types.Object) -> bool:
-    """Test that an effect's shape is a mesh that does not deform, or no mesh."""
+    """Test for a volume that is no deforming mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
@@ -188,10 +193,11 @@ def is_rigid(effect: bpy.types.Object) -> bool:
 
 
 _DEFORMING = ("ARMATURE", "LATTICE")
-"""Types of parenting by which a parent deforms a mesh, as a modifier would."""
+"""Parenting types that deform a mesh like a modifier."""
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
+    """Raise NotModelledError for a mesh with deformation or animation of its own."""
     mesh = effect.data
     if effect.type != "MESH":
         raise NotModelledError(f"'{effect.name}' is no mesh")
@@ -207,10 +213,9 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Effects from F-curves, sampled over long chunks of time and handed out in parts.
+    """Cache of sampled effects in chunks of :data:`_CHUNK` samples.
 
-    Where only a few samples far apart are asked for, ``spots`` (n,) ascending, just these are
-    sampled, together.
+    ``spots`` (n,) ascending: sample these indices together, without chunks.
     """
 
     def __init__(
@@ -226,7 +231,7 @@ class EffectChunks:
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """An effect at samples of ascending indices."""
+        """Block of an effect at ascending sample indices."""
         if self._spots is not None:
             rows = np.searchsorted(self._spots, indices)
             return _rows_of(self._chunk(0, self._spots)[which], rows)
@@ -240,36 +245,39 @@ class EffectChunks:
         return parts[0] if len(parts) == 1 else _joined(parts)
 
     def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
+        """Sampled effects of a chunk; chunks far from the last one are dropped."""
         if number not in self._chunks:
             frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
-            self._chunks[number] = {k: each.read(frames) for k, each in self._effects.items()}
+            self._chunks[number] = {k: effect.read(frames) for k, effect in self._effects.items()}
         return self._chunks[number]
 
 
 _BY_TIME = ("levels", "parameters", "matrices", "response", "place", "drive")
-"""Arrays of an effect read from F-curves that have a row for each time, as far as it has them."""
+"""Fields of a sampled effect block with a time axis, if present."""
 
 
 def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
+    """Rows of a sampled effect block."""
     known = [name for name in _BY_TIME if getattr(block, name) is not None]
     return replace(block, **{name: getattr(block, name)[rows] for name in known})
 
 
 def _joined(parts: list[EffectBlock]) -> EffectBlock:
+    """Sampled effect blocks joined in time."""
     known = [name for name in _BY_TIME if getattr(parts[0], name) is not None]
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in known}
     return replace(parts[0], **columns)
 
 
 class CurveBody:
-    """A body whose bones follow F-curves only.
+    """Body with bones animated by F-curves only.
 
     Raises
     ------
     NotModelledError
-        Something else poses it.
+        Another cause poses the body.
     """
 
     def __init__(
@@ -288,22 +296,23 @@ class CurveBody:
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the animation (k,) at which the motion may turn."""
+        """Ascending animation frames (k,) at which an armature or its bones may turn."""
         return np.union1d(self.rig.body.key_frames, self.rig.key_frames)
 
     def to_world(self, frames: F64) -> F64:
         """Armature to world (T, 4, 4), metres; reads nothing from Blender."""
         return effect_values.to_metres(self.rig.body.world(frames), self._unit_m)
 
-    def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
-        """Read the body at frames of the scene; only the wanted ones are posed."""
+    def read(self, frames: F64, is_wanted: npt.NDArray[np.bool_]) -> PoseBlock:
+        """Pose block at animation frames (T,); other rows than ``is_wanted`` stay invalid
+        and zero."""
         to_world = np.zeros((len(frames), 4, 4))
-        if not wanted.any():
-            return PoseBlock(wanted, to_world)
-        if wanted.all():
+        if not is_wanted.any():
+            return PoseBlock(is_wanted, to_world)
+        if is_wanted.all():
             world, bones = self.rig.sample(frames)
-            return PoseBlock(wanted, effect_values.to_metres(world, self._unit_m), bones)
+            return PoseBlock(is_wanted, effect_values.to_metres(world, self._unit_m), bones)
         bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
-        world, bones[wanted] = self.rig.sample(frames[wanted])
-        to_world[wanted] = effect_values.to_metres(world, self._unit_m)
-        return PoseBlock(wanted, to_world, bones)
+        world, bones[is_wanted] = self.rig.sample(frames[is_wanted])
+        to_world[is_wanted] = effect_values.to_metres(world, self._unit_m)
+        return PoseBlock(is_wanted, to_world, bones)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Kinematics of objects and bones from their F-curves alone, without stepping a scene.
+"""Kinematics of objects and bones from F-curves, without stepping a scene.
 
-Only plain motion is modelled: actions, clips of the NLA, parents. :class:`NotModelledError` says
-what else there is.
+Plain motion only: actions, NLA clips, parents. Other causes raise :class:`NotModelledError`.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ WIDTHS = {
 _HARMLESS = re.compile(
     r'(hfx\.|hide_|color$|show_|display_|\["|pose\.bones\[".*"\](\["|\.bbone_)|lock_)'
 )
-"""Animated paths that move nothing by themselves."""
+"""Animated paths without influence on motion."""
 
 
 def rest_value(path: str, index: int) -> float:
-    """Value of a transform where no strip of the NLA plays."""
+    """Value of a transform property without a playing strip."""
     name = path.rpartition(".")[2]
     if name.endswith("scale"):
         return 1.0
@@ -50,27 +49,27 @@ def rest_value(path: str, index: int) -> float:
 
 
 class Parents:
-    """Parents of objects, each read once, and sampled once for all children at the same times."""
+    """Cache of parent objects and rigs, shared by all children."""
 
     def __init__(self) -> None:
         self._objects: dict[bpy.types.Object, PlainObject] = {}
         self._rigs: dict[bpy.types.Object, PlainRig] = {}
 
     def object(self, obj: bpy.types.Object) -> PlainObject:
-        """An object by its F-curves; see :class:`PlainObject`."""
+        """Cached kinematics of an object."""
         if obj not in self._objects:
             self._objects[obj] = PlainObject(obj, parents=self)
         return self._objects[obj]
 
     def rig(self, obj: bpy.types.Object) -> PlainRig:
-        """An armature by its F-curves; see :class:`PlainRig`."""
+        """Cached kinematics of an armature."""
         if obj not in self._rigs:
             self._rigs[obj] = PlainRig(obj, self)
         return self._rigs[obj]
 
 
-class _Kept:
-    """Cache of the last result, for the identical array of frames."""
+class _LastResult:
+    """Cache of the last result, valid for the identical frames array."""
 
     def __init__(self, work: Callable[[F64], F64]) -> None:
         self._work = work
@@ -83,19 +82,19 @@ class _Kept:
 
 
 class PlainObject:
-    """An object whose world matrix follows from its own and its parents' F-curves.
+    """Object with a world matrix defined by its own and its parents' F-curves.
 
     Parameters
     ----------
     default : callable, optional
-        What other properties than transforms have where no strip plays.
+        (path, index) -> value of a property without a playing strip.
     parents : Parents, optional
-        Those that are known.
+        Shared cache of parents.
 
     Raises
     ------
     NotModelledError
-        Something else moves it.
+        Another cause moves the object.
     """
 
     def __init__(
@@ -104,7 +103,7 @@ class PlainObject:
         default: Callable[[str, int], float] = rest_value,
         parents: Parents | None = None,
     ) -> None:
-        if any(not each.mute for each in obj.constraints):
+        if any(not constraint.mute for constraint in obj.constraints):
             raise NotModelledError(f"'{obj.name}' has constraints")
         if obj.rigid_body is not None or obj.soft_body is not None:
             raise NotModelledError(f"physics moves '{obj.name}'")
@@ -120,11 +119,12 @@ class PlainObject:
         self._rig: PlainRig | None = None
         self._along_bone = 0.0
         self._parent_inverse = np.array(obj.matrix_parent_inverse, np.float64)
-        self._kept_world = _Kept(self.world)
+        self._kept_world = _LastResult(self.world)
         if obj.parent is not None:
             self._read_parent(obj, parents or Parents())
 
     def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
+        """Set the parent object or bone; raises NotModelledError for other parenting."""
         if obj.parent_type == "OBJECT":
             self._parent = parents.object(obj.parent)
         elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
@@ -138,7 +138,7 @@ class PlainObject:
             raise NotModelledError(f"'{obj.name}' hangs on more than the place of its parent")
 
     def world(self, frames: F64, sampled: F64 | None = None) -> F64:
-        """World matrices (T, 4, 4) in Blender's units; ``sampled`` saves sampling it again."""
+        """World matrices (T, 4, 4) in Blender units; ``sampled`` are known values at ``frames``."""
         if sampled is None:
             sampled = self.values.sample(frames)
         own = self._own(sampled if self._moves else sampled[:1])
@@ -152,21 +152,22 @@ class PlainObject:
 
     @property
     def _moves(self) -> bool:
-        """Test for an animated place of its own."""
+        """True with an animated transform of its own."""
         return any(path in WIDTHS for path, _ in self.values.columns)
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the animation (k,) at which it, or what it hangs on, may turn."""
+        """Ascending animation frames (k,) at which the object or its parents may turn."""
         above = () if self._parent is None else self._parent.key_frames
         bones = () if self._rig is None else self._rig.key_frames
         return np.unique(np.concatenate([self.values.key_frames, above, bones]))
 
     def _own(self, sampled: F64) -> F64:
-        """Matrices (T, 4, 4) of its own channels."""
+        """Local matrices (T, 4, 4) from sampled channels, delta transforms included."""
         mode = self._mode
 
         def of(name: str) -> F64:
+            """Values of one channel."""
             return self._channels(sampled, name)
 
         turned = rotations(of(rotation_channel(mode)), mode)
@@ -179,7 +180,7 @@ class PlainObject:
         )
 
     def _channels(self, sampled: F64, name: str) -> F64:
-        """Values of one property over the times, (T, width)."""
+        """Values (T, width) of one property; constant components are repeated."""
         still = self._still[name]
         values = np.repeat(still[None], len(sampled), axis=0)
         for index in range(len(still)):
@@ -190,12 +191,12 @@ class PlainObject:
 
 
 class PlainRig:
-    """An armature whose bones follow their parents and their F-curves only.
+    """Armature with bones defined by their parents and F-curves.
 
     Raises
     ------
     NotModelledError
-        A bone has constraints or inherits in another way, or the armature does not pose.
+        A bone has constraints or partial inheritance, or the armature shows its rest position.
     """
 
     def __init__(self, obj: bpy.types.Object, parents: Parents | None = None) -> None:
@@ -224,16 +225,17 @@ class PlainRig:
             still,
             {name: places[name] for name in still if name in places},
         )
-        self._kept_pose = _Kept(self.pose)
+        self._kept_pose = _LastResult(self.pose)
 
     def _current(self, name: str) -> F64:
+        """Present values (B, width) of a channel of all bones."""
         flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
         self.body.obj.pose.bones.foreach_get(name, flat)
         return flat.reshape(len(self._names), -1).astype(np.float64)
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the animation (k,) at which a bone may turn within its armature."""
+        """Ascending animation frames (k,) at which a bone may turn in armature space."""
         return self._values.key_frames
 
     @property
@@ -242,17 +244,17 @@ class PlainRig:
         return len(self._names)
 
     def sample(self, frames: F64) -> tuple[F64, F64]:
-        """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
+        """World matrices (T, 4, 4) in Blender units, and skinning matrices (T, B, 3, 4)."""
         return self.body.world(frames), self.pose(frames)
 
     def pose(self, frames: F64) -> F64:
-        """Skinning matrices (T, B, 3, 4) at frames of the animation."""
+        """Skinning matrices (T, B, 3, 4) at animation frames."""
         return self.keyed.skinning(self._values.sample(frames))
 
     def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
-        """Places of objects with a bone as their parent, (T, 4, 4), armature space.
+        """Matrices (T, 4, 4) in armature space of the parent space of a bone's children.
 
-        ``along`` is the place along the bone: 0 the head, 1 the tail.
+        ``along`` is the position along the bone: 0 the head, 1 the tail.
         """
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
@@ -266,12 +268,7 @@ class PlainRig:
 
 
 def _refuse_other_poses(obj: bpy.types.Object) -> None:
-    """Refuse an armature whose bones move by more than their F-curves and their parents.
-
-    Raises
-    ------
-    NotModelledError
-    """
+    """Raise NotModelledError for bones moved by more than F-curves and parents."""
     data = obj.data
     if data.pose_position != "POSE":
         raise NotModelledError(f"'{obj.name}' shows its rest position")
@@ -281,7 +278,7 @@ def _refuse_other_poses(obj: bpy.types.Object) -> None:
         raise NotModelledError(f"the armature of '{obj.name}' is animated itself")
     for posed in obj.pose.bones:
         bone = data.bones[posed.name]
-        if any(not each.mute for each in posed.constraints):
+        if any(not constraint.mute for constraint in posed.constraints):
             raise NotModelledError(f"bone '{bone.name}' of '{obj.name}' has constraints")
         if not bone.use_inherit_rotation or bone.inherit_scale != "FULL":
             raise NotModelledError(
@@ -292,16 +289,16 @@ def _refuse_other_poses(obj: bpy.types.Object) -> None:
 def _channel_places(
     obj: bpy.types.Object, columns: Mapping[tuple[str, int], int], bones: Mapping[str, int]
 ) -> dict[str, I64]:
-    """Places of sampled values by channel, (3, n): column, bone, and which of its numbers.
+    """Column, bone and component of each sampled value, (3, n) by channel.
 
-    ``bones`` are the numbers of an armature's bones by their names.
+    ``bones`` are bone indices by name.
 
     Raises
     ------
     NotModelledError
-        An animated property of a bone moves it otherwise.
+        An animated property moves bones in another way.
     """
-    found: dict[str, list[tuple[int, int, int]]] = {}
+    entries: dict[str, list[tuple[int, int, int]]] = {}
     for (path, number), column in columns.items():
         match = BONE_PATH.match(path)
         if match is None:
@@ -312,12 +309,13 @@ def _channel_places(
         if match[2] == "rotation_mode":
             raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
         if name in bones:
-            found.setdefault(match[2], []).append((column, bones[name], number))
-    return {name: np.array(places).T for name, places in found.items()}
+            entries.setdefault(match[2], []).append((column, bones[name], number))
+    return {name: np.array(rows).T for name, rows in entries.items()}
 
 
 _OTHERS = ("location", "scale")
 
 
 def _rotations(modes: list[str]) -> list[str]:
+    """Unique rotation channels of rotation modes, in order."""
     return list(dict.fromkeys(map(rotation_channel, modes)))

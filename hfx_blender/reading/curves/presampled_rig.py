@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presampled rig: keyed bones are sampled and set here, so that Blender only solves the rest.
+"""Presampled rig: bones are set from sampled F-curves, and Blender solves the rest.
 
-Evaluating the F-curves of a rig costs Blender several times what posing it costs, as each path
-is resolved again at each frame. So a copy of the armature object stands in the scratch scene
-whose bones are not animated; it keeps its constraints, its drivers, its parent, and all of its
-animation that does not move bones.
+Blender resolves each F-curve's path again at each frame, which costs several times the posing. A
+copy of the armature object without bone animation stands in the scratch scene. The copy keeps
+constraints, drivers, parent, and all other animation.
 """
 
 from __future__ import annotations
@@ -21,23 +20,23 @@ from .animation_time import animation_frames
 from .fcurve_kinematics import BONE_PATH, WIDTHS, rest_value
 
 _CHUNK = 128
-"""Times that are sampled together, always the same ones."""
+"""Times sampled together, at fixed positions in time."""
 
 
 class PresampledRig:
-    """Animated bones of an armature over time, and the copy that they are set on.
+    """Animated bones of an armature over time, and the copy of the armature that shows them.
 
     Parameters
     ----------
     obj : bpy.types.Object
         An armature.
     first, step : Fraction
-        Frame of the first sample, and frames from one to the next.
+        Frame of the first sample, and frames per sample.
 
     Raises
     ------
     NotModelledError
-        Its animation cannot be sampled, or not be told from what else is animated.
+        The animation cannot be sampled, or a strip moves bones and other properties.
     """
 
     def __init__(
@@ -54,43 +53,45 @@ class PresampledRig:
             raise NotModelledError(f"nothing animates the bones of '{obj.name}'")
         self._mixed = _mixed_action(obj)
         bones = {bone.name: k for k, bone in enumerate(obj.pose.bones)}
-        places: dict[str, list[tuple[int, int]]] = {}
+        channels: dict[str, list[tuple[int, int]]] = {}
         for (path, number), column in self._values.columns.items():
             match = BONE_PATH.match(path)
             bone = bones.get(bpy.utils.unescape_identifier(match[1])) if match else None
             if match is not None and bone is not None:
-                place = bone * WIDTHS[match[2]] + number
-                places.setdefault(match[2], []).append((place, column))
-        self._places = {name: np.array(found).T for name, found in places.items()}
+                slot = bone * WIDTHS[match[2]] + number
+                channels.setdefault(match[2], []).append((slot, column))
+        self._places = {name: np.array(entries).T for name, entries in channels.items()}
         self._chunk = -1
         self.sampled: dict[str, F32] = {}
 
     def make_copy(self) -> list[bpy.types.ID]:
-        """Make the copy, and its needs; the caller removes all of it.
+        """Make the copy and return all created data-blocks, which the caller removes.
 
-        What refers to the rig itself, as a constraint's target does, refers to the copy there.
+        References to the rig itself, such as constraint targets, become references to the
+        copy.
         """
         self.copy = self.obj.copy()
-        made: list[bpy.types.ID] = [self.copy]
+        created: list[bpy.types.ID] = [self.copy]
         data = self.copy.animation_data
         for track in data.nla_tracks:
-            for strip in list(track.strips):  # even a muted one would set what it animates
+            for strip in list(track.strips):  # Blender evaluates channels of muted strips as well
                 if any(_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)):
                     track.strips.remove(strip)
         if self._mixed is not None:
             slot = getattr(data, "action_slot", None)
             data.action = self._mixed.copy()
-            made.append(data.action)
+            created.append(data.action)
             if slot is not None:
                 data.action_slot = next(s for s in data.action.slots if s.handle == slot.handle)
             for curve in compat.fcurves(self.copy):
                 curve.mute |= _moves_a_bone(curve.data_path)
         elif any(_moves_a_bone(curve.data_path) for curve in compat.fcurves(self.copy)):
             data.action = None
-        return made
+        return created
 
     def set_frame(self, frame: Fraction) -> None:
-        """Give the copy the values of a sample's time; the scene is to be evaluated after it."""
+        """Set the bones of the copy for a sample's frame; the scene must be evaluated
+        afterwards."""
         chunk, row = divmod(int((frame - self._first) / self._step), _CHUNK)
         if chunk != self._chunk:
             self.sample(chunk)
@@ -100,11 +101,12 @@ class PresampledRig:
         self.copy.update_tag(refresh={"OBJECT"})
 
     def sample(self, chunk: int) -> None:
+        """Sample all bone channels over a chunk."""
         first = self._first + chunk * _CHUNK * self._step
         frames = [first + k * self._step for k in range(_CHUNK)]
         whole = [frame.numerator // frame.denominator for frame in frames]
         parts = [float(frame - k) for frame, k in zip(frames, whole, strict=True)]
-        at = np.array(whole, np.float32) + np.array(parts, np.float32)  # as Blender adds them
+        at = np.array(whole, np.float32) + np.array(parts, np.float32)  # Blender's float32 sum
         at = animation_frames(self._scene, at)
         values = self._values.sample(at, single=True).astype(np.float32)
         for name, (places, columns) in self._places.items():
@@ -116,12 +118,13 @@ class PresampledRig:
 
 
 def _moves_a_bone(path: str) -> bool:
+    """Test a path for a transform channel of a bone."""
     match = BONE_PATH.match(path)
     return match is not None and match[2] in WIDTHS
 
 
 def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Assigned action, if it moves bones and animates something else, too."""
+    """Assigned action, if it animates bones and other properties; None otherwise."""
     for track in obj.animation_data.nla_tracks:
         for strip in track.strips:
             paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]

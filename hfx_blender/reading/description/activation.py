@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Activation of effects over time, from the animation data of ``activation``.
+"""Activation of effects over time, from the animation data of the property ``activation``.
 
-The property alone is not the truth: where every strip is muted, or the NLA is off, nothing
-writes it and it keeps its last value. So the animation data is asked first.
+The stored value alone is not enough: with all strips muted, or with the NLA off, nothing writes the
+property, which keeps its last value. So animation data is checked first.
 """
 
 from __future__ import annotations
@@ -26,22 +26,24 @@ from ...engine.scene import Clip
 class ActivationSource(Enum):
     """Source of an effect's activation."""
 
-    ALWAYS_ON = auto()  # nothing animates it
-    OFF = auto()  # clips there are, all of them muted
-    ANIMATED = auto()  # the evaluated value is the truth
+    ALWAYS_ON = auto()  # no animation
+    OFF = auto()  # clips, all of them muted
+    ANIMATED = auto()  # the evaluated value counts
 
 
 @dataclass(frozen=True)
 class Activation:
-    """An effect's activation before any frame is evaluated."""
+    """Activation of an effect before any frame is evaluated."""
 
     source: ActivationSource
-    spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)  # frames outside: certainly off
-    clips: tuple[Clip, ...] = ()
-    playing: tuple[Clip, ...] = ()  # those that are on nowhere but between their ends
+    spans: tuple[tuple[float, float], ...] = (
+        (-np.inf, np.inf),
+    )  # frames (first, last); certainly off outside
+    clips: tuple[Clip, ...] = ()  # all clips of the effect
+    playing: tuple[Clip, ...] = ()  # clips that are certainly off outside their ends
 
     def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
-        """Test that the effect can be on at each frame, (n,); False is certain."""
+        """Mask (n,) of frames of the animation at which the effect may be on; a superset."""
         on = np.zeros(len(frames), np.bool_)
         if self.source is not ActivationSource.OFF:
             for start, end in self.spans:
@@ -49,7 +51,7 @@ class Activation:
         return on
 
     def level(self, hfx: bpy.types.PropertyGroup) -> float:
-        """Level of the effect by its evaluated settings: clip times intensity."""
+        """Level 0..1 from evaluated settings: activation times intensity."""
         if self.source is ActivationSource.OFF:
             return 0.0
         on = 1.0 if self.source is ActivationSource.ALWAYS_ON else limited(hfx, "activation")
@@ -57,11 +59,11 @@ class Activation:
 
 
 SILENCED = Activation(ActivationSource.OFF)
-"""Activation of an effect that its user has muted."""
+"""Activation of muted effects and of effects silenced by solo effects."""
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:
-    """Read an effect's clips, curves and drivers."""
+    """Activation of an effect from its NLA clips, F-curves and drivers."""
     data = effect.animation_data
     if data is None:
         return Activation(ActivationSource.ALWAYS_ON)
@@ -92,7 +94,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
 def _playing_strips(
     data: bpy.types.AnimData, pairs: Iterable[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]
 ) -> list[bpy.types.NlaStrip]:
-    """Strips, of those given with their tracks, that the NLA evaluates."""
+    """Strips, of pairs (track, strip), that the NLA evaluates."""
     solo = any(track.is_solo for track in data.nla_tracks)
     return [
         strip
@@ -102,7 +104,7 @@ def _playing_strips(
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
-    """Frames at which a property can be above 0; None unless one plain F-curve alone defines it."""
+    """Frame intervals with possible values above 0; None unless a single plain F-curve counts."""
     data = effect.animation_data
     if data is None or len(data.nla_tracks):
         return None
@@ -117,7 +119,7 @@ def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, fl
 
 
 def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
-    """Frames at which a curve can be above 0; it certainly is not outside."""
+    """Frame intervals with possible values above 0; the curve is at most 0 outside."""
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dormant effects: those without any possible sample need no reading.
+"""Dormant effects: effects without any possible sample are not read.
 
-They keep their place in the scene's description and in the track, and the report names them.
+Dormant effects keep their index in the scene description and in the track, and are reported.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _INTENSITY = "hfx.intensity"
 
 
 def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
-    """Frames of the animation at all samples, and at those beside them for motion."""
+    """Frames of the animation at all samples, and at the neighbouring samples read for motion."""
     indices = np.arange(-OVERLAP, time.sample_count + OVERLAP)
     return animation_frames(scene, sample_frames(time, indices))
 
@@ -43,16 +43,17 @@ def asleep(
     time: TimeBase,
     states: Iterable[tuple[bpy.types.Object, activation.Activation]],
 ) -> dict[bpy.types.Object, str]:
-    """Effects, of those given with when they are on, without any possible sample, and why."""
+    """Dormant effects of (effect, activation) pairs, with reasons as in :func:`why_dormant`."""
     frames = frames_read(scene, time)
     reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
     return {effect: why for effect, why in reasons if why is not None}
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
-    """Reason why an effect is not felt at any of these frames of the animation; None if it may be.
+    """Reason why an effect cannot be felt at any of these frames of the animation; None
+    otherwise.
 
-    The text goes on after the effect's name.
+    The text is a predicate, for use after the effect's name.
     """
     if state is activation.SILENCED:
         return MUTED
@@ -66,6 +67,7 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
 
 
 def _why_clips_are_off(effect: bpy.types.Object) -> str:
+    """Reason why all clips of an effect are off."""
     data = effect.animation_data
     muted, not_solo, off = CLIPS_OFF
     if not data.use_nla:
@@ -74,9 +76,9 @@ def _why_clips_are_off(effect: bpy.types.Object) -> str:
 
 
 def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
-    """Test for an intensity that is certainly 0 at all of these frames."""
+    """Test for an intensity that is certainly 0 at all of these frames of the animation."""
     if stepping.foreign_handler() is not None:
-        return False  # it may set anything
+        return False  # a handler may set any value
     spans = activation.spans_of_value(effect, _INTENSITY)
     if spans is not None:
         return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Play space: the object that defines the room of devices; a teleport moves it."""
+"""Play space: the object that defines the room of tracked devices."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .scene_description import sample_frames
 
 
 def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
-    """Play space to world at all samples, (T, 4, 4) in metres; None if it is the world.
+    """Play space to world at all samples, (T, 4, 4) in metres; None if the room is the world.
 
     Raises
     ------
     InputError
-        Something else than keyframes, clips and parents moves it.
+        The object has constraints, drivers or physics, or a matrix without an inverse.
     """
     space = scene.hfx.play_space
     if space is None:
@@ -41,7 +41,7 @@ def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
 
 
 def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
-    """Play space to world at present, (4, 4) in metres."""
+    """Play space to world at the present frame, (4, 4) in metres; identity without a play space."""
     space = scene.hfx.play_space
     if space is None:
         return np.eye(4)

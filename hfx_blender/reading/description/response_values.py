@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A contact response's controls at a time, in the engine's units; how long its impacts ring."""
+"""Controls of contact responses in the engine's units, and bounds of impact durations."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from ...engine.scene import TimeBase
 from ..curves.animation_time import animation_frames
 
 _STEPS_A_FRAME = 4
-"""Steps a frame at which a changing frequency is integrated to turns."""
+"""Integration steps per frame for a variable frequency."""
 
 
 def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
-    """Active filters, with upper bounds of how long their impacts ring."""
+    """Active filters with upper bounds of impact durations."""
     return tuple(
-        responses.described(each, _longest_s(effect, k, each))
-        for k, each in responses.active_filters(effect.hfx)
+        responses.described(item, _longest_s(effect, k, item))
+        for k, item in responses.active_filters(effect.hfx)
     )
 
 
-def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
-    """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
-    if each.kind != FilterKind.IMPACT:
+def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGroup) -> float:
+    """Upper bound of the duration of a filter's impacts, seconds; 0 for other filters."""
+    if item.kind != FilterKind.IMPACT:
         return 0.0
-    times_s = {name: limited(each, name) for name in ("attack", "decay")}
+    times_s = {name: limited(item, name) for name in ("attack", "decay")}
     data = effect.animation_data
     if data is None:
         return longest_s(*times_s.values())
     for name in times_s:
-        path = f"hfx.response[{place}].{name}"
-        highest = each.bl_rna.properties[name].hard_max
+        path = f"hfx.response[{index}].{name}"
+        highest = item.bl_rna.properties[name].hard_max
         if any(driver.data_path == path for driver in data.drivers):
             return longest_s(highest, highest)
         for curves in compat.curve_collections(effect):
@@ -49,7 +49,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
 
 
 def highest_of(curve: bpy.types.FCurve) -> float:
-    """Upper bound of a curve; infinite where modifiers or extrapolation continue it."""
+    """Upper bound of a curve's values; inf with modifiers, extrapolation or NaN."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
@@ -60,30 +60,30 @@ def highest_of(curve: bpy.types.FCurve) -> float:
 
 
 def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
-    """Controls (F, WIDTH) as they are evaluated now; None without filters."""
-    found = responses.active_filters(hfx)
-    if not found:
+    """Current controls (F, WIDTH) of the active filters; None without filters."""
+    active = responses.active_filters(hfx)
+    if not active:
         return None
-    values = np.zeros((len(found), WIDTH))
-    for row, (_, each) in zip(values, found, strict=True):
-        for c, name in enumerate(responses.properties_of(each)):
-            row[c] = limited(each, name) * (unit_m if name in responses.LENGTHS else 1.0)
+    values = np.zeros((len(active), WIDTH))
+    for row, (_, item) in zip(values, active, strict=True):
+        for c, name in enumerate(responses.properties_of(item)):
+            row[c] = limited(item, name) * (unit_m if name in responses.LENGTHS else 1.0)
     return values
 
 
 def with_even_phase(
     scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
-    """Controls (T, F, WIDTH) at played frames, with continuous phase of sines whose frequency is
-    animated.
+    """Add phase offsets to controls (T, F, WIDTH) at played frames, in place, and return them.
 
-    Turns are the integral of the frequency; its difference to frequency times time goes into
-    the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
+    With an animated frequency, a sine's turns are the integral of the frequency. Its difference
+    from frequency times time is added to the phase. Only F-curves are integrated, a driver's
+    frequency is used as evaluated.
     """
-    for f, (place, each) in enumerate(responses.active_filters(effect.hfx)):
-        if each.kind != FilterKind.SINE or each.domain != "time":
+    for f, (index, item) in enumerate(responses.active_filters(effect.hfx)):
+        if item.kind != FilterKind.SINE or item.domain != "time":
             continue
-        path = f"hfx.response[{place}].frequency"
+        path = f"hfx.response[{index}].frequency"
         curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)
         if curve is not None:
             times = (frames - time.scene_start) / float(time.fps)
@@ -93,7 +93,7 @@ def with_even_phase(
 
 
 def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
-    """Integral of a curve from a played frame to others, (T,), by trapezia on a common grid."""
+    """Integral of a curve from frame ``start`` to frames (T,), by the trapezoidal rule."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
     at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
@@ -102,6 +102,6 @@ def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, star
 
 
 def place_of(path: str) -> tuple[int, str] | None:
-    """Filter index and property of an animated path, if it belongs to a response."""
+    """Filter index and property of an animated path; None for paths outside the response."""
     match = PATH.match(path)
     return None if match is None else (int(match[1]), match[2])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Describes the constant part of a scene: objects with a haptic meaning, and their settings.
+"""Constant part of a scene: haptic objects and their settings.
 
-Faults that make an export impossible are told here, before any time is evaluated.
+Faults that prevent an export are raised before any time is evaluated.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from . import (
 )
 
 IN_SCENE = ("VOLUME", "SURFACE")
-"""Kinds of effects that the skin meets in the scene, so that its pose is needed."""
+"""Kinds of effects in the scene; bodies must be posed for them."""
 
 
 ABSENT = "is disabled in viewports or excluded from the view layer"
@@ -59,63 +59,62 @@ _CURE = "press Move to Body in the panel Haptic Effect"
 
 @dataclass(frozen=True)
 class HapticObjects:
-    """The bodies and effects of a scene that take part, and when each effect is on."""
+    """Bodies and effects of a scene that take part, with the activations of the effects."""
 
     scene: bpy.types.Scene
     layer: bpy.types.ViewLayer
     bodies: list[bpy.types.Object]
     effects: list[bpy.types.Object]
     activations: list[activation.Activation]
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # all warnings so far
     simulation: Simulation | None = None
-    left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
-    notes: tuple[str, ...] = ()  # keyframes that are no numbers
-    gone: Mapping[str, str] = field(default_factory=dict)  # effects that were left out, and why
-    # Effects that are not felt at any time that is read, also such as only instances could show,
-    # and why; nothing else of them is read.
+    left_out: tuple[str, ...] = ()  # warnings about faulty effects and bodies
+    notes: tuple[str, ...] = ()  # about keyframes that are NaN or infinite
+    gone: Mapping[str, str] = field(default_factory=dict)  # excluded effect name -> reason
+    # Effects that are off at all read times, also sources of instances, with reasons; no other
+    # values of them are read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
 
     @property
     def active(self) -> list[int]:
-        """Effects that may be felt at some time, by their place."""
+        """Indices of effects that may be felt."""
         return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """Objects that are read of a scene: effects that may be felt, bodies, and the meshes that
-        bodies follow.
-        """
+        """Objects to read: effects that may be felt, bodies, and avatar meshes that bodies
+        follow."""
         bodies = [body for body in self.bodies if body_binding.surface_reason(body) is not None]
         followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
         return [*(self.effects[k] for k in self.active), *self.bodies, *followed]
 
     @property
     def unit_m(self) -> float:
-        """Metres of a Blender unit."""
+        """Metres per Blender unit."""
         return metres_of(self.scene)
 
 
 def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
-    """The haptic objects of a scene.
+    """Collect the haptic objects of a scene.
 
     Raises
     ------
     InputError
-        There is no body or no effect, or one of them cannot be evaluated.
+        The scene has no body or no effect, or all of them are faulty.
     """
-    # Evaluated copies may hold datablocks that were removed since; reading those would crash.
+    # Evaluated copies may refer to removed data-blocks; reading such a reference would crash.
     layer.update()
     if unreported.tag(scene, layer):
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)
-    bodies, warned, left_out = _find_bodies(scene, layer, enabled)
-    found = effects.effects_of(scene)
-    shown, warnings = _shown_effects(scene, layer, found, enabled)
-    warnings = (*_of_unknown_role(scene), *warned, *warnings)
-    # First of all: Blender forgets a stored value of another type where the property is read.
+    bodies, body_warnings, left_out = _find_bodies(scene, layer, enabled)
+    candidates = effects.effects_of(scene)
+    shown, warnings = _shown_effects(scene, layer, candidates, enabled)
+    warnings = (*_of_unknown_role(scene), *body_warnings, *warnings)
+    # Check stored values first: Blender drops a value of another type on the first read.
     sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
-    warnings += tuple(text for each in sound.values() for text in each)
+    warnings += tuple(text for texts in sound.values() for text in texts)
     bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
     warnings += _of_bodiless(bodiless, effects.muted_effects(shown))
@@ -127,7 +126,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
-    gone = {effect.name: ABSENT for effect in found if effect not in shown}
+    gone = {effect.name: ABSENT for effect in candidates if effect not in shown}
     gone |= {effect.name: why for effect, why in bodiless.items()}
     return HapticObjects(
         scene,
@@ -143,7 +142,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
 
 
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
-    """Raise InputError if a scene's unit of length is none."""
+    """Raise InputError if a scene's Unit Scale is out of range."""
     unit = scene.unit_settings.scale_length
     if not 1e-9 <= unit <= 1e9:
         raise InputError(
@@ -152,9 +151,10 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
 
 
 def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
+    """Warnings about objects with an unknown role."""
     roles = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
-    bad = [(obj, each) for obj in roles for each in bad_values(obj) if each.path == "role"]
-    return [f"object '{obj.name}': {each}; it was left out" for obj, each in bad]
+    bad = [(obj, value) for obj in roles for value in bad_values(obj) if value.path == "role"]
+    return [f"object '{obj.name}': {value}; it was left out" for obj, value in bad]
 
 
 def _find_bodies(
@@ -162,7 +162,7 @@ def _find_bodies(
     layer: bpy.types.ViewLayer,
     enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
-    """Find the bodies that can be posed, warnings about them, and the names of the others."""
+    """Valid bodies, warnings about them, and warnings about excluded bodies."""
     bodies = effects.bodies_of(scene)
     if not bodies:
         inside = _instanced_body(scene)
@@ -178,7 +178,7 @@ def _find_bodies(
         )
 
     def check(body: bpy.types.Object) -> list[str]:
-        warned = soundness.warnings_of(body)
+        warnings = soundness.warnings_of(body)
         if body.type != "ARMATURE":
             raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):
@@ -187,55 +187,55 @@ def _find_bodies(
                     f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
                     "from the view layer, so Blender does not pose it."
                 )
-        return warned
+        return warnings
 
     sound, faults = soundness.without_faulty(bodies, check)
     if not sound:
         raise InputError(next(iter(faults.values())))
-    warned = tuple(text for each in sound.values() for text in each)
-    return list(sound), warned, soundness.left_out(faults)
+    warnings = tuple(text for texts in sound.values() for text in texts)
+    return list(sound), warnings, soundness.left_out(faults)
 
 
 def _instanced_body(
     scene: bpy.types.Scene,
 ) -> tuple[bpy.types.Object, bpy.types.Object] | None:
-    """Find an instanced collection with a haptic body: the instancer, and that body."""
+    """First (instancer, body) of an instanced collection with a haptic body; None without any."""
     for obj in scene_objects(scene):
         collection = obj.instance_collection
-        for each in collection.all_objects if collection is not None else ():
-            if each.hfx.role == "BODY":
-                return obj, each
+        for member in collection.all_objects if collection is not None else ():
+            if member.hfx.role == "BODY":
+                return obj, member
     return None
 
 
 def _shown_effects(
     scene: bpy.types.Scene,
     layer: bpy.types.ViewLayer,
-    found: list[bpy.types.Object],
+    candidates: list[bpy.types.Object],
     enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Effects among those found that Blender evaluates, and warnings about the others."""
-    # Perhaps of volumes that are not in the scene.
+    """Enabled effects of a scene, and warnings about disabled effects."""
+    # Instances may show volumes of other scenes.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
-    if not found and not has_instances:
+    if not candidates and not has_instances:
         raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
-    kept = [effect for effect in found if visibility.may_be_seen(effect, layer, enabled)]
-    if not kept and not has_instances:
+    shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
+    if not shown and not has_instances:
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
         )
     warnings = tuple(
         f"effect '{effect.name}' {ABSENT}: it was left out"
-        for effect in found
-        if effect not in kept
+        for effect in candidates
+        if effect not in shown
     )
-    return kept, warnings
+    return shown, warnings
 
 
 def _of_bodiless(
     bodiless: Mapping[bpy.types.Object, str], silenced: Sequence[bpy.types.Object]
 ) -> tuple[str, ...]:
-    """Warnings about effects that are left out for want of a body, one for each reason."""
+    """One warning for each reason about unmuted effects without a body."""
     reasons: dict[str, list[str]] = {}
     for effect, why in bodiless.items():
         if effect not in silenced:
@@ -249,103 +249,104 @@ def _of_bodiless(
 
 
 def describe(
-    found: HapticObjects,
+    haptics: HapticObjects,
     time: TimeBase,
     shapes: ShapeCache,
     *,
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
 ) -> tuple[HapticObjects, SceneDescription]:
-    """Describe the haptic objects of a scene for the engine; faulty ones are left out.
+    """Describe the haptic objects of a scene for the engine, without faulty objects.
 
     Parameters
     ----------
-    shapes : Shapes
-        Of volumes; they are made here.
+    shapes : ShapeCache
+        Cache of the volumes' shapes, filled here.
     always_posed : bool
-        Whether bodies are posed for painted effects, too.
+        Bodies are also posed for painted effects.
     more : sequence of EffectDescription
-        Volumes that are no objects of the scene: instances. They come after its own effects.
+        Instances, appended to the scene's own effects.
 
     Returns
     -------
     HapticObjects
-        Those that are described.
+        Described objects only.
     SceneDescription
 
     Raises
     ------
     InputError
-        No body can be followed, or no effect is without a fault: the first of those.
+        All bodies or all effects are faulty; the message of the first fault.
     """
-    ids = effects.unique_ids([*found.bodies, *found.effects])
-    states = dict(zip(found.effects, found.activations, strict=True))
+    ids = effects.unique_ids([*haptics.bodies, *haptics.effects])
+    states = dict(zip(haptics.effects, haptics.activations, strict=True))
 
     def work(effect: bpy.types.Object) -> EffectDescription:
-        is_volume = effect.hfx.kind == "VOLUME" and effect not in found.dormant
+        is_volume = effect.hfx.kind == "VOLUME" and effect not in haptics.dormant
         if is_volume and is_steady(effect):  # a bad mesh is reported at once
-            shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
-        return _describe_effect(effect, states[effect], found, ids)
+            shapes.shape_of(effect, effect.evaluated_get(haptics.layer.depsgraph))
+        return _describe_effect(effect, states[effect], haptics, ids)
 
-    described, faults = soundness.without_faulty(found.effects, work)
+    described, faults = soundness.without_faulty(haptics.effects, work)
     if not described and not more:
-        none = f"Scene '{found.scene.name}' has no haptic effects to export."
+        none = f"Scene '{haptics.scene.name}' has no haptic effects to export."
         raise InputError(next(iter(faults.values()), none))
     frames = sample_frames(time, np.arange(time.sample_count))
-    frames = animation_frames(found.scene, frames)
+    frames = animation_frames(haptics.scene, frames)
     posed = {
-        each.model_id
-        for effect, each in described.items()
-        if effect not in found.dormant
-        and (each.kind == "volume" or always_posed)
+        description.model_id
+        for effect, description in described.items()
+        if effect not in haptics.dormant
+        and (description.kind == "volume" or always_posed)
         and states[effect].may_be_on(frames).any()
     }
     posed |= {effect.model_id for effect in more}
     bindings, unbound = soundness.without_faulty(
-        found.bodies, lambda body: body_binding.binding_of(body, posed)
+        haptics.bodies, lambda body: body_binding.binding_of(body, posed)
     )
     if not bindings:
         raise InputError(next(iter(unbound.values())))
-    if unbound:  # and effects on them
+    if unbound:  # effects on these bodies become invalid too
         others = replace(
-            found,
+            haptics,
             bodies=list(bindings),
-            left_out=(*found.left_out, *soundness.left_out(unbound)),
+            left_out=(*haptics.left_out, *soundness.left_out(unbound)),
         )
         return describe(others, time, shapes, always_posed=always_posed, more=more)
-    kept = replace(
-        found,
+    valid = replace(
+        haptics,
         effects=list(described),
         activations=[states[effect] for effect in described],
-        left_out=(*found.left_out, *soundness.left_out(faults)),
-        gone={**found.gone, **_names_of(faults)},
+        left_out=(*haptics.left_out, *soundness.left_out(faults)),
+        gone={**haptics.gone, **_names_of(faults)},
     )
-    warnings = [*found.warnings, *kept.left_out]
-    warnings += filter(None, map(body_binding.warning_of, found.bodies))
+    warnings = [*haptics.warnings, *valid.left_out]
+    warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
     if bpy.app.autoexec_fail:
         warnings.append(
             "Blender did not run a script or a driver of this file "
             f"({bpy.app.autoexec_fail_message}): motion that depends on it is not exported"
         )
-    return kept, SceneDescription(
+    return valid, SceneDescription(
         time=time,
         bodies=tuple(
             BodyDescription(ids[body.name_full], body.name, binding)
             for body, binding in bindings.items()
         ),
         effects=(*described.values(), *more),
-        source=_source(found.scene),
+        source=_source(haptics.scene),
         warnings=tuple(dict.fromkeys(warnings)),
     )
 
 
 def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
-    """Faults by the names of effects, as ends of sentences."""
+    """Reasons by effect name, as predicates."""
     return {obj.name: f"has a fault: {why.removesuffix('.')}" for obj, why in faults.items()}
 
 
 def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Frames of samples, (n,), rounded once: none falls before a clip that begins with it."""
+    """Frames (n,) of samples, rounded once, so that no sample falls before a clip that starts
+    with it."""
     step = time.fps / time.rate_hz
     return time.frame_first + indices * step.numerator / step.denominator
 
@@ -353,22 +354,23 @@ def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray
 def _describe_effect(
     effect: bpy.types.Object,
     state: activation.Activation,
-    found: HapticObjects,
+    haptics: HapticObjects,
     ids: dict[str, str],
 ) -> EffectDescription:
+    """Description of one effect; dormant volumes are described without response and shape."""
     hfx = effect.hfx
     area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
-    if effect in found.dormant and hfx.kind in IN_SCENE:
-        area = HapticVolume(effect_values.falloff(hfx))  # it answers nothing, and has no relief
+    if effect in haptics.dormant and hfx.kind in IN_SCENE:
+        area = HapticVolume(effect_values.falloff(hfx))
     elif hfx.kind == "PAINTED":
-        area = _painted_area(effect, found, ids)
+        area = _painted_area(effect, haptics, ids)
     elif hfx.kind == "SURFACE":
-        evaluated = effect.evaluated_get(found.layer.depsgraph)
-        area = surface_reading.describe(effect, evaluated, found.unit_m)
+        evaluated = effect.evaluated_get(haptics.layer.depsgraph)
+        area = surface_reading.describe(effect, evaluated, haptics.unit_m)
     elif hfx.kind == "SPOT":
-        area = skin_values.spot_area(effect, ids[_body_of(effect, found).name_full])
+        area = skin_values.spot_area(effect, ids[_body_of(effect, haptics).name_full])
     elif hfx.kind == "ACTUATORS":
-        area = skin_values.actuator_area(effect, ids[_body_of(effect, found).name_full])
+        area = skin_values.actuator_area(effect, ids[_body_of(effect, haptics).name_full])
     else:
         area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
     return EffectDescription(
@@ -378,22 +380,23 @@ def _describe_effect(
         model_id=effects.model_id_for(hfx.modality),
         area=area,
         is_contact=hfx.temperature_reference == "CONTACT",
-        clips=played_clips(found.scene, state),
+        clips=played_clips(haptics.scene, state),
     )
 
 
 def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:
-    """The clips of an effect, at frames that are played."""
+    """Clips of an effect in played frames."""
     return tuple(
         Clip(clip.name, played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end))
         for clip in state.clips
     )
 
 
-def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
-    body = effects.body_in(found.scene, effect)
-    assert body is not None  # effects without one were left out
-    if body not in found.bodies:
+def _body_of(effect: bpy.types.Object, haptics: HapticObjects) -> bpy.types.Object:
+    """Body of an effect; raises InputError if the body was excluded."""
+    body = effects.body_in(haptics.scene, effect)
+    assert body is not None  # effects without a body were excluded
+    if body not in haptics.bodies:
         raise InputError(
             f"Effect '{effect.name}' belongs to body '{body.name}', which was left out."
         )
@@ -401,26 +404,27 @@ def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object
 
 
 def _painted_area(
-    effect: bpy.types.Object, found: HapticObjects, ids: dict[str, str]
+    effect: bpy.types.Object, haptics: HapticObjects, ids: dict[str, str]
 ) -> PaintedArea:
-    hfx, body = effect.hfx, _body_of(effect, found)
+    """Painted area, checked against the model; weights outside 0..1 are dropped."""
+    hfx, body = effect.hfx, _body_of(effect, haptics)
     vertices, weights = effects.area(effect)
-    if len(vertices) == len(weights):  # what is no weight is told by soundness
+    if len(vertices) == len(weights):  # the warning comes from soundness
         sound = [k for k, weight in enumerate(weights) if 0.0 <= weight <= 1.0]
         vertices, weights = [vertices[k] for k in sound], [weights[k] for k in sound]
-    wanted = effects.model_id_for(hfx.modality)
-    if hfx.model_id != wanted:
+    model_id = effects.model_id_for(hfx.modality)
+    if hfx.model_id != model_id:
         raise InputError(
             f"Effect '{effect.name}' has no area on the {hfx.modality} model: expected "
-            f"'{wanted}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what was "
-            "painted for another modality (Keep Painted Area)."
+            f"'{model_id}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what "
+            "was painted for another modality (Keep Painted Area)."
         )
-    model = load_model(wanted)
+    model = load_model(model_id)
     if hfx.model_hash != model.content_hash:
         raise InputError(
-            f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
+            f"Effect '{effect.name}' was painted on another edition of '{model_id}' "
             f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})"
-            f"{model_migration.missing_scipy_reason(wanted, hfx.model_hash)}."
+            f"{model_migration.missing_scipy_reason(model_id, hfx.model_hash)}."
         )
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):
@@ -429,6 +433,7 @@ def _painted_area(
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:
+    """Origin of a description: scene, versions, file name and hash."""
     source = {
         "scene": scene.name,
         "blender": bpy.app.version_string,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The devices of an export: those that a scene names, and what is left where some play nothing."""
+"""Devices of an export, chosen in a scene."""
 
 from __future__ import annotations
 
@@ -16,52 +16,52 @@ if TYPE_CHECKING:
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
-    """Load the devices that a scene is exported for; returns them, and why others are unusable.
+    """Load the devices that a scene exports to, and reasons by name for unusable devices.
 
     Raises
     ------
     InputError
-        It names a file.
+        A name is a file path; only names of device configurations are allowed in a .blend.
     """
     chosen = {item.name: item for item in scene.hfx.devices if item.is_exported}
-    found: list[DeviceConfig] = []
+    devices: list[DeviceConfig] = []
     missing: dict[str, str] = {}
     for name, item in chosen.items():
         named_in_blend(name)
         try:
-            found.append(load_scene_device(item))
+            devices.append(load_scene_device(item))
         except InputError as error:
             missing[name] = f"device '{name}' plays nothing: {error}".removesuffix(".")
-    return tuple(found), missing
+    return tuple(devices), missing
 
 
 def load_scene_device(item: bpy.types.PropertyGroup) -> DeviceConfig:
-    """Load a device that a scene names, with the rendering scheme that the scene chooses.
+    """Load a device with the rendering scheme that the scene chooses.
 
     Raises
     ------
     InputError
-        It names a file, or the device cannot be read.
+        The name is a file path, or the device cannot be read.
     """
     return load_device(named_in_blend(item.name)).rendered_by(scheme_of(item))
 
 
 def scheme_of(item: bpy.types.PropertyGroup) -> str:
-    """Rendering scheme that a scene chooses for a device; empty: the device's own."""
+    """Rendering scheme chosen in a scene; empty for the device's own scheme."""
     return "" if item.scheme == "CONFIGURED" else str(item.scheme)
 
 
 def formats_without(
     missing: Mapping[str, str], formats: Sequence[str], devices: Sequence[DeviceConfig]
 ) -> tuple[str, ...]:
-    """The formats that there is something for, though some devices are missing.
+    """Formats that can still be written without the missing devices.
 
     Raises
     ------
     InputError
-        There is nothing for any.
+        No format is left.
     """
-    kept = usable(formats, devices) if missing else tuple(formats)
-    if formats and not kept:
+    usable_formats = usable(formats, devices) if missing else tuple(formats)
+    if formats and not usable_formats:
         raise InputError("; ".join(missing.values()) + ".")
-    return kept
+    return usable_formats

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tolerances that are stored in a scene: of its exports, and of what is shown and played."""
+"""Tolerances stored in a scene: for exports, and for preview and live output."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ...errors import InputError, UsageError
 
 
 def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
-    """Read the tolerance of a scene.
+    """Read the export tolerance of a scene.
 
     Raises
     ------
     InputError
-        What is stored is no tolerance.
+        The stored value is no tolerance.
     """
     for bad in bad_values(scene):
         if bad.path in ("tolerance", "tolerance_custom"):
@@ -35,6 +35,6 @@ def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
     Raises
     ------
     InputError
-        What is stored is no tolerance.
+        The stored value is no tolerance.
     """
     return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the skin and vector sensations: their areas, checked, and their values over time."""
+"""Values of spots on the skin and of vector sensations, and their checked areas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...engine.scene import ActuatorArea, SpotArea
 from ...errors import InputError
 
 Value = Callable[[str], F64]
-"""Path of a property below ``hfx`` -> its values (T,)."""
+"""Function from a property path below ``hfx`` to values (T,)."""
 
 _DRIVE = re.compile(r"hfx\.drive\[(\d+)\]\.value")
 
@@ -25,26 +25,26 @@ PLACE = ("path_position", "radius")
 
 
 def is_drive(path: str) -> bool:
-    """Test an animated path for the strength of an actuator."""
+    """Test an animated path for an actuator's strength."""
     return _DRIVE.fullmatch(path) is not None
 
 
 def place(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
-    """Share of the path and radius in metres, (2,), of a point on the skin."""
+    """Position on the path (0..1) and radius in metres, (2,); None unless a spot."""
     if hfx.kind != "SPOT":
         return None
     return np.array([limited(hfx, "path_position"), limited(hfx, "radius") * unit_m])
 
 
 def drive(hfx: bpy.types.PropertyGroup) -> F64 | None:
-    """Strength of each actuator, (A,), of a vector sensation."""
+    """Strengths of the actuators, (A,); None unless a vector sensation."""
     if hfx.kind != "ACTUATORS":
         return None
-    return np.array([limited(each, "value") for each in hfx.drive], np.float64)
+    return np.array([limited(item, "value") for item in hfx.drive], np.float64)
 
 
 def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | None:
-    """Position along the path and radius (m) at T times, (T, 2); None for other than a spot."""
+    """Position on the path (0..1) and radius in metres at T times, (T, 2); None unless a spot."""
     if hfx.kind != "SPOT":
         return None
     along, radius = (value(name) for name in PLACE)
@@ -52,19 +52,19 @@ def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | N
 
 
 def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
-    """Strength of each actuator at T times, (T, A); None where the effect drives no actuator."""
+    """Strengths of the actuators at T times, (T, A); None without actuators."""
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)
 
 
 def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
-    """The path of a point on the skin, and how its strength falls off to its rim.
+    """Path and falloff of a spot.
 
     Raises
     ------
     InputError
-        It has been put nowhere, or its path is broken.
+        The spot has no position, or its path is damaged.
     """
     path = paths.path_of(effect)
     if not len(path):
@@ -73,14 +73,14 @@ def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
 
 
 def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
-    """The device and the actuators of a vector sensation.
+    """Device and actuators of a vector sensation.
 
     Raises
     ------
     InputError
-        It has none, or one of them twice.
+        No device or actuator is chosen, or an actuator is listed twice.
     """
-    names = tuple(each.name for each in effect.hfx.drive)
+    names = tuple(item.name for item in effect.hfx.drive)
     if not effect.hfx.device or not names:
         raise InputError(f"Effect '{effect.name}' drives no actuators. Choose its device.")
     if len(set(names)) != len(names):
@@ -89,8 +89,8 @@ def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
 
 
 def signature(effect: bpy.types.Object) -> tuple[object, ...]:
-    """Fingerprint of the area: changes with every setting that affects it."""
+    """Fingerprint of the area, equal as long as no setting of the area changes."""
     hfx = effect.hfx
     if hfx.kind == "SPOT":
         return (hash(paths.path_of(effect).tobytes()),)
-    return (hfx.device, *(each.name for each in hfx.drive)) if hfx.kind == "ACTUATORS" else ()
+    return (hfx.device, *(item.name for item in hfx.drive)) if hfx.kind == "ACTUATORS" else ()

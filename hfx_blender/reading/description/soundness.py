@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks that effects and bodies can be read: stored values, keys, animated properties.
+"""Validation of effects and bodies: stored values, keyframes, animated properties.
 
-A .blend may come from anybody. What is wrong with one effect costs that effect alone, and each
-value that is not read as it stands is told.
+A .blend may come from any source. A fault excludes only the object that has it, and each corrected
+value is reported.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...engine.modality import MODALITIES
 from ...errors import InputError
 
 MOST_FILTERS = 64
-"""Filters of one contact response; each costs time at every sample."""
+"""Largest number of filters in a contact response."""
 
 _OF_BODIES = frozenset({"follow", "avatar", "avatar_parts", "fit_kept", "bone_map", "uid"})
 _OF_NOBODY = frozenset({"envelope", "response_active", "bone_map_active", "bone_map_region"})
@@ -31,80 +31,81 @@ SIZES = {
     "CYLINDER": ("radius", "height"),
     "CAPSULE": ("radius", "height"),
 }
-"""Properties that the size of a volume follows from, by its shape."""
+"""Size properties of each volume shape."""
 
 _LARGEST = np.finfo(np.float32).max
-"""Infinity, as Blender stores it in a key."""
+"""Blender's stored value of an infinite key."""
 
 _FIXED = re.compile(
     r"hfx\.(role|kind|modality|response\[\d+\]\.(kind|operation|about|domain|is_muted))"
 )
-"""Animated paths that an effect cannot have: it would be another effect at another time."""
+"""Properties that must be constant, because they decide what an effect is."""
 
 _STEADY = re.compile(
     r"hfx\.(falloff|falloff_share|temperature_reference|is_muted|is_solo|follow|surface\..*)"
 )
-"""Animated paths that are read once."""
+"""Properties that are read once, at the present frame."""
 
 
 def warnings_of(obj: bpy.types.Object) -> list[str]:
-    """Warnings about values of an effect or a body that are not read as they are stored.
+    """Warnings about stored values of an effect or a body that are replaced or ignored.
 
     Raises
     ------
     InputError
-        It cannot be read at all.
+        The object cannot be read.
     """
     animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
-    warned = []
+    warnings = []
     for bad in stored_values.bad_values(obj):
         if f"hfx.{bad.path}" in animated:
-            continue  # its present value was evaluated; each sample is checked when it is read
+            continue  # the animated value is checked at each sample
         if not _counts(obj, bad):
-            warned.append(f"{titled(obj)}: {bad}; it is ignored")
+            warnings.append(f"{titled(obj)}: {bad}; it is ignored")
         elif bad.taken is None or bad.top == "surface":
             raise InputError(f"{titled(obj)}: {bad}.")
         else:
-            warned.append(f"{titled(obj)}: {bad}; {bad.taken} is taken")
+            warnings.append(f"{titled(obj)}: {bad}; {bad.taken} is taken")
     if len(obj.hfx.response) > MOST_FILTERS:
         raise InputError(
             f"{titled(obj)}: its contact response has {len(obj.hfx.response)} filters, at most "
             f"{MOST_FILTERS} are allowed."
         )
-    return warned + list(_of_weights(obj)) + list(_of_animation(obj))
+    return warnings + list(_of_weights(obj)) + list(_of_animation(obj))
 
 
 def without_faulty(
     objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
 ) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
-    """Results of ``work`` for each object, and the errors of the others."""
-    found, faults = {}, {}
+    """Results of ``work`` by object, and error messages of objects with an InputError."""
+    results, faults = {}, {}
     for obj in objects:
         try:
-            found[obj] = work(obj)
+            results[obj] = work(obj)
         except InputError as error:
             faults[obj] = str(error)
-    return found, faults
+    return results, faults
 
 
 def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
-    """Warnings about the objects that were left out."""
+    """Warnings about excluded objects."""
     return tuple(f"{titled(o)} was left out: {why.removesuffix('.')}" for o, why in faults.items())
 
 
 def titled(obj: bpy.types.Object) -> str:
-    """An object as messages name it."""
+    """Object name with its kind, for messages."""
     kind = {"EFFECT": "effect", "BODY": "body"}.get(obj.hfx.role, "object")
     return f"{kind} '{obj.name}'"
 
 
 def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:
-    """Notes on the keyframes of objects and their parents that are no finite numbers.
+    """Notes on keyframes with NaN or infinite values, of objects, parents, meshes and shape
+    keys.
 
-    They are evaluated as Blender does; where that gives no number, nothing is felt.
+    Such keys are evaluated as Blender does; effects are silent at samples with NaN.
     """
     owners: dict[bpy.types.ID, str] = {}
-    for mover in dict.fromkeys(each for obj in objects for each in _with_parents(obj)):
+    for mover in dict.fromkeys(mover for obj in objects for mover in _with_parents(obj)):
         for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):
             owners.setdefault(owner, mover.name)
     return tuple(
@@ -113,15 +114,15 @@ def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]
 
 
 def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
-    """Notes on the F-curves of an object of this name: the first such keyframe of each."""
-    every = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
-    for curve, keys in zip(curves, every, strict=True):
+    """Yield a note for the first NaN or infinite key of each F-curve of an object."""
+    keys_by_curve = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
+    for curve, keys in zip(curves, keys_by_curve, strict=True):
         curve.keyframe_points.foreach_get("co", keys)
-    counts = np.cumsum([0, *map(len, every)])
-    endless = np.flatnonzero(~(np.abs(np.concatenate([np.zeros(0, "f4"), *every])) < _LARGEST))
-    places = np.searchsorted(counts, endless, "right") - 1
-    for which in np.unique(places).tolist():
-        first = int(endless[np.searchsorted(places, which)])
+    counts = np.cumsum([0, *map(len, keys_by_curve)])
+    bad = np.flatnonzero(~(np.abs(np.concatenate([np.zeros(0, "f4"), *keys_by_curve])) < _LARGEST))
+    curve_numbers = np.searchsorted(counts, bad, "right") - 1
+    for which in np.unique(curve_numbers).tolist():
+        first = int(bad[np.searchsorted(curve_numbers, which)])
         number = (first - int(counts[which])) // 2 + 1
         yield (
             f"'{name}': key {number} of the F-curve '{curves[which].data_path}' "
@@ -130,20 +131,22 @@ def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
 
 
 def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:
+    """Yield the F-curves of a data-block."""
     for curves in compat.curve_collections(owner):
         yield from curves
 
 
 def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    found: dict[str, bpy.types.Object] = {}
-    while obj is not None and obj.name_full not in found:
-        found[obj.name_full] = obj
+    """Object and its parents, without cycles."""
+    ancestors: dict[str, bpy.types.Object] = {}
+    while obj is not None and obj.name_full not in ancestors:
+        ancestors[obj.name_full] = obj
         obj = obj.parent
-    return list(found.values())
+    return list(ancestors.values())
 
 
 def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
-    """Test that a property affects samples; unknown properties do."""
+    """Test for a property with influence on samples; unknown properties count."""
     hfx, name = obj.hfx, bad.top
     if hfx.role == "BODY":
         return name in _OF_BODIES
@@ -166,23 +169,23 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
 
 
 def add_fault(faults: dict[str, set[int]], text: str, index: int) -> None:
-    """Add a fault at a sample; those that differ after the colon only count as the first one."""
+    """Record a fault at a sample, in place; faults with equal text before the colon are merged."""
     head = text.partition(": ")[0]
     same = (known for known in faults if known.partition(": ")[0] == head)
     faults.setdefault(next(same, text), set()).add(index)
 
 
 def animated_paths(obj: bpy.types.ID) -> list[str]:
-    """Paths that curves or drivers of an object or other data write, each once."""
+    """Unique animated paths of a data-block, from unmuted F-curves and drivers."""
     data = obj.animation_data
     if data is None:
         return []
-    every = (*_curves_of(obj), *data.drivers)
-    return list(dict.fromkeys(curve.data_path for curve in every if not curve.mute))
+    curves = (*_curves_of(obj), *data.drivers)
+    return list(dict.fromkeys(curve.data_path for curve in curves if not curve.mute))
 
 
 def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
-    """Warning about painted weights that are none."""
+    """Yield a warning about painted weights outside 0..1."""
     if obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED":
         bad = sum(not 0.0 <= weight <= 1.0 for weight in effects.area(obj)[1])
         if bad:
@@ -193,7 +196,7 @@ def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
-    """Warnings about animated properties whose animation has no effect."""
+    """Yield warnings about animation without effect; raises InputError for constant properties."""
     paths = animated_paths(obj)
     for path in paths:
         if _FIXED.fullmatch(path) and obj.hfx.role == "EFFECT":
@@ -202,14 +205,14 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
             )
         if _STEADY.fullmatch(path):
             yield f"{titled(obj)}: {path} is animated; what it is now is taken for all times"
-    # Curves that swing past a limit between two keys within it are common, and meant so.
+    # Overshoot between two keys within the limits is common and intended, so only keys are checked.
     curves = list(_curves_of(obj))
     for path in paths:
         limits = _limits(obj, path)
         if limits is None:
             continue
         keys = [p.co[1] for c in curves if c.data_path == path for p in c.keyframe_points]
-        keys = [key for key in keys if key == key]  # NaN is told where it is read
+        keys = [key for key in keys if key == key]  # NaN is reported by non_finite_keyframes
         if not keys:
             continue
         for value, limit in ((min(keys), limits[0]), (max(keys), limits[1])):
@@ -221,14 +224,14 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
-    """Range of an animated number of ours; None for other properties."""
+    """Hard limits of an animated number of the add-on; None for other properties."""
     if not path.startswith("hfx."):
         return None
     group, _, name = path.rpartition(".")
     try:
         definition = obj.path_resolve(group).bl_rna.properties[name]
     except (ValueError, KeyError, AttributeError):
-        return None  # of an entry that is there no more: it moves nothing
+        return None  # the path of a removed entry moves nothing
     if definition.type not in ("FLOAT", "INT"):
         return None
     return definition.hard_min, definition.hard_max

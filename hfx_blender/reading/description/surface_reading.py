@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as the engine's plain data: their triangles and vertices."""
+"""Haptic surfaces as plain data: triangles, surface coordinates, vertices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: floa
     Raises
     ------
     InputError
-        It has no faces, no UV map that it needs, or its maps cannot be made.
+        The object is in Edit Mode, has no faces or no required UV map, or its maps cannot be made.
     """
     if effect.mode == "EDIT":
         raise InputError(f"Surface '{effect.name}' is being edited; leave Edit Mode first.")
@@ -40,37 +40,41 @@ def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: floa
 
 
 class SurfaceVertices:
-    """Vertices of surfaces; the same array again as long as nothing deforms."""
+    """Cache of surface vertices; the identical array is returned while nothing deforms."""
 
     def __init__(self) -> None:
         self._known: dict[str, F64] = {}
 
     def of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> F64:
-        """Vertices (V, 3) in the object's own space.
+        """Vertices (V, 3) in object space.
 
         Raises
         ------
         InputError
-            There are not as many as at the beginning.
+            The number of vertices has changed.
         """
-        now = mesh_arrays.points(evaluated.data)
-        before = self._known.get(effect.name)
-        if before is not None and len(before) != len(now):
+        points = mesh_arrays.points(evaluated.data)
+        cached = self._known.get(effect.name)
+        if cached is not None and len(cached) != len(points):
             raise InputError(
-                f"Surface '{effect.name}' has {len(now)} vertices at one time and {len(before)} "
-                "at another; a surface may move and deform, but not change its faces."
+                f"Surface '{effect.name}' has {len(points)} vertices at one time and "
+                f"{len(cached)} at another; a surface may move and deform, but not change its "
+                "faces."
             )
-        if before is None or not np.array_equal(before, now):
-            self._known[effect.name] = before = now
-        return before
+        if cached is None or not np.array_equal(cached, points):
+            self._known[effect.name] = cached = points
+        return cached
 
     def last_of(self, effect: bpy.types.Object) -> F64 | None:
-        """Vertices that were found last."""
+        """Last vertices (V, 3) of a surface; None before the first reading."""
         return self._known.get(effect.name)
 
 
 def joined(rows: list[F64 | None]) -> F64 | None:
-    """Join vertices of several times: (1, V, 3) without deformation, else (T, V, 3)."""
+    """Vertices over time: (1, V, 3) without deformation, else (T, V, 3); None without any.
+
+    None entries repeat the first vertices.
+    """
     first = next((row for row in rows if row is not None), None)
     if first is None:
         return None

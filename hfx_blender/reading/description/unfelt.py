@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reasons why effects, clips and bodies are not felt, as far as they are known before reading.
+"""Reasons, known before reading, why effects, clips and bodies are not felt.
 
-What a user asked for (a muted effect, a part of the frames) is expected, and told in a line; all
-else is a warning.
+Intended silence (a muted effect, a part of the frames) is a note, all other silence a warning.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _ROUNDING: Final = 1e-4  # frames: strips are single precision
 
 @dataclass(frozen=True)
 class LostClip:
-    """Clip, or part of one, that falls on no sample."""
+    """Clip without samples, or with samples for a part of its frames only."""
 
     effect: str
     clip: Clip
@@ -41,11 +40,12 @@ class LostClip:
 
     @property
     def is_whole(self) -> bool:
-        """Test that nothing of the clip is felt."""
+        """True if no part of the clip is felt."""
         return _LOST[self.why][0] == "lie"
 
     @property
     def title(self) -> str:
+        """Clip and effect name, for messages."""
         return f"'{self.clip.name}' of '{self.effect}'"
 
 
@@ -56,7 +56,7 @@ _LOST: Final = {
     "early": ("go", "on before the first frame of the scene, where nothing is felt"),
     "between": ("lie", "between two samples"),
 }
-"""Verb and place of clips in warnings, by the reason; what lies there is not felt at all."""
+"""Verb and place of clips in warnings by reason; clips that "lie" there are not felt at all."""
 
 
 def reasons(
@@ -66,34 +66,34 @@ def reasons(
     asleep: Mapping[bpy.types.Object, str],
     is_part: bool,
 ) -> tuple[dict[str, Unfelt], list[LostClip]]:
-    """Reasons why effects are not felt, by their names, known before reading; and lost clips.
+    """Reasons by effect name, and clips without samples.
 
-    ``asleep`` are those without any possible sample; ``is_part``: only some frames are exported.
+    ``asleep`` are dormant effects with reasons; ``is_part``: only a part of the frames is
+    exported.
     """
     frames = dormant.frames_read(scene, time)
-    found: dict[str, Unfelt] = {}
+    unfelt_effects: dict[str, Unfelt] = {}
     lost: list[LostClip] = []
     for effect, state in states.items():
-        lost_of_it = [*lost_clips(scene, time, effect, state)]
-        lost += lost_of_it
-        clipless = of_lost_clips(lost_of_it, state)
+        own_lost = [*lost_clips(scene, time, effect, state)]
+        lost += own_lost
+        clipless = of_lost_clips(own_lost, state)
         why = asleep.get(effect)
         if clipless is not None:
-            found[effect.name] = clipless
+            unfelt_effects[effect.name] = clipless
         elif why is not None:
-            found[effect.name] = of_dormant(why, is_part)
+            unfelt_effects[effect.name] = of_dormant(why, is_part)
         elif (powerless := why_powerless(effect, frames)) is not None:
-            found[effect.name] = Unfelt(powerless)
-    return found, lost
+            unfelt_effects[effect.name] = Unfelt(powerless)
+    return unfelt_effects, lost
 
 
 def lost_clips(
     scene: bpy.types.Scene, time: TimeBase, effect: bpy.types.Object, state: Activation
 ) -> Iterator[LostClip]:
-    """Clips of an effect that play outside of the frames of a scene, wholly or in part, or so
-    short that they fall between two samples.
+    """Yield clips outside the scene's frames or between two samples, wholly or partly.
 
-    Where only some frames are exported, clips outside of these are no loss.
+    If only a part of the frames is exported, clips outside that part are not reported.
     """
     is_whole = (time.frame_first, time.frame_last) == (scene.frame_start, scene.frame_end)
     for clip in state.playing:
@@ -104,6 +104,7 @@ def lost_clips(
 
 
 def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
+    """Key of :data:`_LOST` for a clip between two played frames; None if all of it has samples."""
     first, stop = time.frame_first, time.frame_last + 1
     step = float(time.fps / time.rate_hz)
     why = clips.outside(start, end, first, stop, step)
@@ -116,46 +117,47 @@ def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
 def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ...]:
     """One warning for each reason, with the clips."""
     end = float((time.frame_last + 1 - time.scene_start) / time.fps)
-    found = []
+    warnings = []
     for why, (verb, place) in _LOST.items():
-        of_it = [each for each in lost if each.why == why]
+        same = [clip for clip in lost if clip.why == why]
         place = place.format(end=end)
-        if len(of_it) == 1:
-            clip = of_it[0].clip
+        if len(same) == 1:
+            clip = same[0].clip
             start, stop = (
                 (at - time.scene_start) / float(time.fps)
                 for at in (clip.frame_start, clip.frame_end)
             )
             whole = " and is not felt" if verb == "lie" else ""
             verb = {"lie": "lies", "go": "goes"}[verb]
-            title = f"clip {of_it[0].title} ({start:.2f} to {stop:.2f} s)"
-            found.append(f"{title} {verb} {place}{whole}")
-        elif of_it:
+            title = f"clip {same[0].title} ({start:.2f} to {stop:.2f} s)"
+            warnings.append(f"{title} {verb} {place}{whole}")
+        elif same:
             whole = " and are not felt" if verb == "lie" else ""
-            names = named([each.title for each in of_it])
-            found.append(f"{len(of_it)} clips {verb} {place}{whole}: {names}")
-    return tuple(found)
+            names = named([clip.title for clip in same])
+            warnings.append(f"{len(same)} clips {verb} {place}{whole}: {names}")
+    return tuple(warnings)
 
 
 def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
-    """Reason for an effect of whose clips nothing is felt; expected, as the clips are told."""
-    if not lost or len(lost) < len(state.playing) or not all(each.is_whole for each in lost):
+    """Reason for an effect without any felt clip; expected, because the clips are reported.
+
+    None if a clip may be felt.
+    """
+    if not lost or len(lost) < len(state.playing) or not all(clip.is_whole for clip in lost):
         return None
-    if all(each.why == "between" for each in lost):
+    if all(clip.why == "between" for clip in lost):
         return Unfelt("has no clip that reaches a sample", is_expected=True)
     return Unfelt("has no clip within the frames of the scene", is_expected=True)
 
 
 def of_dormant(why: str, is_part: bool) -> Unfelt:
-    """Reason for an effect that is dormant; ``is_part``: only some frames are exported."""
+    """Reason for a dormant effect; ``is_part``: only a part of the frames is exported."""
     is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
-    """Reason why nothing is felt of an effect that is on: certainly no strength at these frames of
-    the animation.
-    """
+    """Reason why an active effect has certainly no strength at these frames; None otherwise."""
     hfx = effect.hfx
     if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active_filters(hfx):
         return None
@@ -163,7 +165,7 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
         return None  # it may set anything
     is_contact = hfx.temperature_reference == "CONTACT"
     reason = powerless_reason(hfx.modality, is_contact)
-    if hfx.modality == "temperature":
+    if hfx.modality == "temperature":  # a handler may set any value
         neutral = neutral_temperature_c(is_contact)
         is_still = not visibility.is_keyed(effect, "hfx.temperature")
         deviation = abs(limited(hfx, "temperature") - neutral)
@@ -178,7 +180,7 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
 
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-    """Warnings about bodies and effects that a scene shows as instances, which are not felt.
+    """Warnings about instanced bodies and effects, which are not felt.
 
     Instances of haptic volumes are felt, see :mod:`.instances`.
     """
@@ -203,11 +205,13 @@ def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, 
 
 
 def _is_lost_as_instance(obj: bpy.types.Object) -> bool:
+    """Test for a body or an effect other than a volume."""
     role = obj.hfx.role
     return bool(role == "BODY" or (role == "EFFECT" and obj.hfx.kind != "VOLUME"))
 
 
 def _of_instance(obj: bpy.types.Object, maker: str, is_own: bool) -> Iterable[str]:
+    """Yield the warning about one instanced body or effect."""
     shown = f"is shown {'also' if is_own else 'only'} as an instance, by '{maker}'"
     if obj.hfx.role == "BODY":
         yield (

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Changes of effects and bodies that Blender does not report: properties set by scripts, painted
-areas, items added to a list.
+"""Changes that Blender's dependency graph does not report: values set by scripts, list items.
 
-Blender's dependency graph is the only one that tells of changes. An object whose properties differ
-from those of its evaluated copy was changed without its knowledge, and is tagged.
+An object whose properties differ from those of its evaluated copy is tagged for an update.
 """
 
 from __future__ import annotations
@@ -15,9 +13,9 @@ from ...blender import compat
 
 
 def tag(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Tag the effects and bodies whose change was not reported; returns True if there are any.
+    """Tag effects and bodies with unreported changes; returns True if there are any.
 
-    Nothing else is tagged: that would empty the caches of simulations.
+    Other objects are not tagged, because a tag clears simulation caches.
     """
     changed = [
         obj
@@ -30,16 +28,17 @@ def tag(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
 
 
 def _content(obj: bpy.types.Object) -> str:
-    """Text of what an object stores for haptics: NaN is equal to itself there."""
+    """Text of all stored haptic values of an object; text makes NaN equal to NaN."""
     arrays = [
         (key, _plain(value))
         for key, value in obj.items()
-        if key.startswith("hfx_")  # "hfx" itself, where it is listed, is a group of properties
+        if key.startswith("hfx_")  # "hfx" itself is a property group
     ]
     return repr((compat.properties(obj), arrays))
 
 
 def _plain(value: object) -> object:
+    """Property value as a comparable Python value."""
     if isinstance(value, bpy.types.ID):
         return value.name_full
     return value.to_list() if hasattr(value, "to_list") else value

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Visibility of objects: those in the view layer that the viewport does not disable are evaluated.
+"""Visibility of objects: Blender evaluates enabled objects of the view layer only.
 
-The monitor icon can be keyed, and then tells at each time whether an object is there; the frame
-that is current does not. Neither the eye icon nor the camera icon matters.
+The monitor icon (`hide_viewport`) may be keyed, so the current frame does not decide. The eye icon
+and the camera icon have no influence.
 """
 
 from __future__ import annotations
@@ -18,49 +18,49 @@ if TYPE_CHECKING:
     from ...engine.scene import SceneDescription  # Blender's start does not wait for it
 
 PATH = "hide_viewport"
-"""Property by which an animation disables an object."""
+"""Property of the monitor icon."""
 
 
 def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:
-    """Test for an action, a clip or a driver that disables an object at times, or changes another
-    of its properties.
-    """
+    """Test for an action, a strip or a driver of a property, by default of the monitor icon."""
     data = obj.animation_data
     if data is None:
         return False
-    curves = [curve for each in compat.curve_collections(obj) for curve in each]
+    curves = [curve for curves in compat.curve_collections(obj) for curve in curves]
     return any(curve.data_path == path for curve in (*curves, *data.drivers))
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:
-    """Test for an object that is disabled in viewports at all times."""
+    """Test for an object that is disabled in viewports at all frames."""
     return bool(obj.hide_viewport) and not is_keyed(obj)
 
 
 def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
-    """Objects of the collections that are on in a view layer of a scene, or behind it."""
+    """Objects of enabled collections in a view layer, background scenes included."""
     layers = [layer, *map(scene_info.layer_of, scene_info.backgrounds_of(scene))]
     return set().union(*(_enabled(each.layer_collection) for each in layers))
 
 
 def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
+    """Objects of a layer collection and its enabled children."""
     if collection.collection.hide_viewport:
         return set()
-    found = set() if collection.exclude else set(collection.collection.objects)
-    return found.union(*map(_enabled, collection.children))
+    objects = set() if collection.exclude else set(collection.collection.objects)
+    return objects.union(*map(_enabled, collection.children))
 
 
 def may_be_seen(
     obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> bool:
-    """Test that Blender evaluates an object at any time; ``enabled`` are those of the layer."""
-    # An object outside the view layer is returned as its unposed original; and even where
-    # something else needs it, so that it is evaluated, it is not posed.
-    is_there = obj in enabled and not is_disabled(obj)
-    return is_there and obj.evaluated_get(layer.depsgraph).is_evaluated
+    """Test for an object that Blender evaluates at some frame; ``enabled`` from
+    :func:`enabled_objects`."""
+    # Outside the view layer Blender returns the unposed original, and dependencies alone do not
+    # make Blender pose an object.
+    is_enabled = obj in enabled and not is_disabled(obj)
+    return is_enabled and obj.evaluated_get(layer.depsgraph).is_evaluated
 
 
 def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
-    """Effects, by their place in a scene, that act on some of its bodies."""
+    """Indices of effects that act on the selected bodies only."""
     ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evaluates the open scene as it stands now, for the preview and live devices.
+"""Evaluation of the open scene at the present frame, for preview and live devices.
 
-It goes the way of an export (reader, engine, samples), but reads what Blender has evaluated
-already instead of stepping through time. An effect that could not be exported is left out.
+The same reader and engine as for an export, but Blender's current evaluated state is read instead
+of stepping. Faulty effects are left out.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from ..stepped.stepping import Stepper
 from .live_instances import LiveInstances
 
 LONGEST_STEP_S = 0.3
-"""Two moments that are farther apart have nothing to do with each other."""
+"""Longest time between two related moments; later moments start without memory."""
 
 
 class LiveClock:
-    """Clock that separates the moments of one scene.
+    """Clock of the moments of one scene.
 
     Parameters
     ----------
     now : callable
-        Seconds of a clock that never goes back.
+        Monotonic clock, seconds.
     """
 
     def __init__(self, scene: bpy.types.Scene, now: Callable[[], float] = time.monotonic) -> None:
@@ -51,14 +51,14 @@ class LiveClock:
         self._is_first = True
 
     def _scene_s(self) -> float:
+        """Time of the current frame since the scene's start, seconds."""
         scene = self._scene
         fps = fps_of(scene)
         return float(scene.frame_current_final - scene.frame_start) / fps
 
     def tick(self) -> tuple[float, float | None]:
-        """Advance to the present; returns the time, and the step since the last moment (None if
-        unrelated).
-        """
+        """Advance to the present: time, and step since the last moment (None if unrelated),
+        seconds."""
         frame_s, clock_s = self._scene_s(), self._now()
         if frame_s != self._frame_s or self._is_first:
             step = frame_s - self._frame_s
@@ -68,31 +68,33 @@ class LiveClock:
             time_s = self._time_s + step
         follows = not self._is_first and 0.0 < step <= LONGEST_STEP_S
         if follows and frame_s != self._frame_s:
-            step = time_s - self._time_s  # on a frame that was dragged on, time went on
+            step = (
+                time_s - self._time_s
+            )  # the frame moved on after time had passed on a dragged frame
             follows = 0.0 < step
         self._frame_s, self._clock_s, self._time_s = frame_s, clock_s, time_s
         self._is_first = False
         return time_s, step if follows else None
 
     def ahead_s(self) -> float:
-        """Present time, if only the clock has moved since the last moment."""
+        """Present time, assuming that only the clock has advanced since the last moment."""
         return self._time_s + (self._now() - self._clock_s)
 
 
 class LiveScene:
-    """Scene that is described once and evaluated whenever something has moved.
+    """Scene that is described once and evaluated after every change.
 
     Parameters
     ----------
     layer : bpy.types.ViewLayer
-        Whose evaluated objects are read.
+        View layer with the evaluated objects.
     with_positions : bool
-        Samples tell where they are, for devices that stand in the room.
+        Samples include positions, for devices in a room.
 
     Raises
     ------
     InputError
-        Nothing can be felt: no body, or no effect without a fault.
+        The scene has no body or no valid effect.
     """
 
     def __init__(
@@ -104,16 +106,16 @@ class LiveScene:
         with_positions: bool = False,
     ) -> None:
         self.signature = signature_of(scene)
-        found = scene_description.find(scene, layer)
+        haptics = scene_description.find(scene, layer)
         shapes = ShapeCache()
-        self._instances = LiveInstances(found, shapes)
+        self._instances = LiveInstances(haptics, shapes)
         more = self._instances.descriptions
-        # While Blender plays, an update is a frame: this gives contacts on surfaces their speed.
-        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
+        # One update per frame during playback gives surface contacts their speed.
+        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in haptics.effects)
         time = time_base(scene)
         time = replace(time, rate_hz=time.fps) if self._has_surfaces else time
         self.objects, self.description = scene_description.describe(
-            found, time, shapes, always_posed=False, more=more
+            haptics, time, shapes, always_posed=False, more=more
         )
         self.faults = self.objects.left_out
         self.tolerance = tolerance
@@ -121,7 +123,7 @@ class LiveScene:
         self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
         self._reading = SteppedReading(self.objects, self.description, shapes)
         self._now = _AsItStands(scene, layer)
-        self._index = 0  # goes on where strokes over surfaces are to be followed
+        self._index = 0  # advances where strokes over surfaces need history
         own = self.description.effects[: len(self.objects.effects)]
         self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
         self._answers = any(
@@ -132,36 +134,34 @@ class LiveScene:
 
     @property
     def rings(self) -> bool:
-        """Test for responses that still ring, though nothing may move any more."""
+        """True while an impact may still be felt without any motion."""
         return self._answers and self.engine.responses.settling.any_rings(self.clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
-        """Current samples: at most one for each effect and body."""
-        asked = self._may_be_on()
-        if asked is None:
+        """Samples of the present moment: at most one run for each effect and body."""
+        active = self._may_be_on()
+        if active is None:
             return []
-        row = self._reading.read(0, self._now, asked, ())
+        row = self._reading.read(0, self._now, active, ())
         effects = [row.effects.get(k, EffectRow()) for k in range(len(self.objects.effects))]
         hidden = [body.evaluated_get(self.objects.layer.depsgraph) for body in self.objects.bodies]
         for k in visibility.felt_on(self.description, [body.hide_viewport for body in hidden]):
             effects[k] = EffectRow()
-        many, stays = self._instances.rows()
-        felt = any(effects[k].level > 0.0 for k in self._volumes)
-        if self.record or felt or any(each.level > 0.0 for each in many):
+        instance_rows, stays = self._instances.rows()
+        is_volume_on = any(effects[k].level > 0.0 for k in self._volumes)
+        if self.record or is_volume_on or any(row_of.level > 0.0 for row_of in instance_rows):
             self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
         self._index += self._has_surfaces or self._answers
-        block = self._block(effects + many, row.poses, stays)
+        block = self._block(effects + instance_rows, row.poses, stays)
         runs = self.engine.evaluate(block)
-        # The display of this moment needs no other.
+        # All runs get index 0, because the display shows one moment.
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
     def _may_be_on(self) -> Sequence[int] | None:
-        """Effects that have to be read: the others are certainly off. None where all there
-        is, is.
-        """
-        every = range(len(self.objects.effects))
+        """Indices of effects to read; None if all effects are certainly off."""
+        all_effects = range(len(self.objects.effects))
         if self._answers or self._has_surfaces or self._instances.descriptions:
-            return every
+            return all_effects
         graph = self.objects.layer.depsgraph
         pairs = zip(self.objects.effects, self.objects.activations, strict=True)
         # Not "> 0": NaN has to be found and reported.
@@ -171,8 +171,8 @@ class LiveScene:
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
-        """Block of the present moment, with the one before it where responses need it."""
-        rows, posed = [[each] for each in effects], [poses]
+        """Block of the present moment, and of the last moment where responses need history."""
+        rows, posed = [[effect] for effect in effects], [poses]
         now_s, step_s = self.clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None
         if not has_history and step_s is None:
@@ -189,11 +189,11 @@ class LiveScene:
         return AnimationBlock(
             indices=np.arange(self._index - count + 1, self._index + 1),
             effects=tuple(
-                effect_block(row, each.modality)
-                for row, each in zip(rows, self.description.effects, strict=True)
+                effect_block(row, description.modality)
+                for row, description in zip(rows, self.description.effects, strict=True)
             ),
             poses=tuple(
-                pose_block([each.get(k) for each in posed]) for k in range(len(self.objects.bodies))
+                pose_block([pose.get(k) for pose in posed]) for k in range(len(self.objects.bodies))
             ),
             history=count - 1,
             live_s=np.array([now_s - (step_s or 0.0), now_s])[-count:] if self._answers else None,
@@ -201,20 +201,21 @@ class LiveScene:
 
 
 class _AsItStands(Stepper):
-    """Stepper that reads the present evaluated state."""
+    """Stepper that keeps the present frame."""
 
     def set_frame(self, frame: Fraction) -> None:
         pass
 
 
 def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
-    """Fingerprint of a scene's description: cheap enough for every update."""
-    found: list[object] = [scene.name]
+    """Fingerprint of the values that a scene description depends on; quick enough for each
+    update."""
+    parts: list[object] = [scene.name]
     for obj in (*effects.bodies_of(scene), *effects.effects_of(scene)):
         hfx = obj.hfx
         data = obj.animation_data
         strips = () if data is None else tuple(_strips(data))
-        found.append(
+        parts.append(
             (
                 obj.name,
                 hfx.role,
@@ -240,17 +241,18 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 strips,
             )
         )
-    return tuple(found)
+    return tuple(parts)
 
 
 def _has_weights(obj: bpy.types.Object) -> bool:
-    # An empty ID-property array comes back as a list.
+    # Blender returns an empty ID-property array as a list
     return effects.WEIGHTS in obj and not isinstance(obj[effects.WEIGHTS], list)
 
 
 def _strips(data: bpy.types.AnimData) -> list[object]:
-    found: list[object] = [data.use_nla, data.action.name if data.action else ""]
+    """NLA settings that decide which strips play."""
+    parts: list[object] = [data.use_nla, data.action.name if data.action else ""]
     for track in data.nla_tracks:
-        found.append((track.mute, track.is_solo))
-        found += [(strip.name, strip.mute) for strip in track.strips]
-    return found
+        parts.append((track.mute, track.is_solo))
+        parts += [(strip.name, strip.mute) for strip in track.strips]
+    return parts

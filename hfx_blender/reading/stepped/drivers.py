@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drivers that cannot be evaluated at a time: found, and evaluated again at the next time.
+"""Retry and report drivers that Blender cannot evaluate at a time.
 
-Blender marks a driver as invalid at its first failure, and skips it from then on: what it drives
-would be lost at all later times, and at earlier ones if a late time is read first.
+Blender marks a driver as invalid at its first failure and skips the driver from then on. Without a
+retry, the driven property would be lost at all later times, and at earlier times if a late time is
+read first.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ import bpy
 _STDERR: Final = 2
 
 LOOKS: Final = (bpy.types.Material, bpy.types.ShaderNodeTree)
-"""Data that changes no place and no shape."""
+"""Data-block types without influence on positions and shapes."""
 
 
 def drivers_of(
     reached: Iterable[bpy.types.ID],
 ) -> Iterator[tuple[bpy.types.ID, bpy.types.FCurve]]:
-    """Drivers that may move or shape something, and the data that they belong to."""
+    """Yield (owner, driver F-curve) of data-blocks, except of materials and shader nodes."""
     for owner in reached:
         data = getattr(owner, "animation_data", None)
         if data is not None and not isinstance(owner, LOOKS):
@@ -32,15 +33,15 @@ def drivers_of(
 
 
 class RetriedDrivers:
-    """Drivers of some data, each of which is evaluated at every time, whatever failed before.
+    """Evaluate every driver of given data-blocks at every time, also after earlier failures.
 
     Parameters
     ----------
     reached : iterable of bpy.types.ID
-        Original data; its drivers that are muted, or that drive nothing, are left out.
+        Original data-blocks; muted drivers and drivers of missing properties are ignored.
     tags : bool
-        Also evaluate failed drivers again where nothing that they depend on has changed. Not with
-        a simulation, whose cache that would empty.
+        Tag owners of failed drivers, so that Blender evaluates them without changed inputs. False
+        with a simulation, because tagging empties its cache.
     """
 
     def __init__(self, reached: Iterable[bpy.types.ID], *, tags: bool) -> None:
@@ -48,11 +49,11 @@ class RetriedDrivers:
         self._tags = tags
         self._messages: IO[bytes] | None = None
         self.failures: tuple[str, ...] = ()
-        """Drivers that failed at the last time, as sentences."""
+        """Sentences about the drivers that failed in the last :meth:`evaluate`."""
         self._collect()
 
     def _collect(self) -> None:
-        """Keep references to the drivers: finding each of a rig's again costs more than posing."""
+        """Cache references to all drivers: a search costs more than posing a rig."""
         self._counts = list(map(_count, self._owners))
         pairs = [
             (owner, curve)
@@ -62,7 +63,7 @@ class RetriedDrivers:
         self._pairs = [(owner, _sentence(owner, curve)) for owner, curve in pairs]
         self._drivers = [curve.driver for _, curve in pairs]
         self._failed = [*range(len(pairs))]
-        # Their results that are no numbers are told on the standard error stream only.
+        # Blender reports infinite and NaN results of scripts on standard error only.
         self._scripted = [
             k
             for k, driver in enumerate(self._drivers)
@@ -72,11 +73,12 @@ class RetriedDrivers:
             self._messages = tempfile.TemporaryFile()
 
     def evaluate(self, work: Callable[[], object]) -> None:
-        """Call ``work``, in which Blender evaluates the drivers, and note those that failed."""
+        """Call ``work``, which evaluates the scene in Blender, and update :attr:`failures`."""
         if not self._owners:
             work()
             return
-        if list(map(_count, self._owners)) != self._counts:  # a handler made or removed some
+        # A handler may have added or removed drivers, which invalidates the references.
+        if list(map(_count, self._owners)) != self._counts:
             self._collect()
         for k in self._failed:
             if not self._drivers[k].is_valid:
@@ -91,7 +93,8 @@ class RetriedDrivers:
         self.failures = tuple(self._pairs[k][1] for k in (*self._failed, *self._endless()))
 
     def _endless(self) -> list[int]:
-        """Drivers whose last result was no finite number; Blender takes 0 for it."""
+        """Indices of scripted drivers with a NaN or infinite last result; Blender uses 0
+        instead."""
         if self._messages is None:
             return []
         self._messages.seek(0)
@@ -102,13 +105,13 @@ class RetriedDrivers:
 
 
 def _count(owner: bpy.types.ID) -> int:
-    """Number of drivers of some data."""
+    """Number of drivers of a data-block; 0 without animation data."""
     data = owner.animation_data
     return 0 if data is None else len(data.drivers)
 
 
 def _drives(owner: bpy.types.ID, curve: bpy.types.FCurve) -> bool:
-    """Test that the property of a driver exists."""
+    """True if the driven property exists."""
     with suppress(ValueError):
         owner.path_resolve(curve.data_path, False)
         return True
@@ -116,6 +119,7 @@ def _drives(owner: bpy.types.ID, curve: bpy.types.FCurve) -> bool:
 
 
 def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
+    """Sentence about a failed driver, without a full stop."""
     path = curve.data_path
     if hasattr(owner.path_resolve(path), "__len__"):
         path += f"[{curve.array_index}]"
@@ -128,16 +132,17 @@ def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
 
 @contextmanager
 def _errors_to(file: IO[bytes] | None) -> Iterator[None]:
-    """Context in which the standard error stream, also Blender's own, goes to a file."""
+    """Context that redirects file descriptor 2, which Blender uses too, to a file; None: no
+    change."""
     if file is None:
         yield
         return
     file.seek(0)
     file.truncate()
-    kept = os.dup(_STDERR)
+    original = os.dup(_STDERR)
     try:
         os.dup2(file.fileno(), _STDERR)
         yield
     finally:
-        os.dup2(kept, _STDERR)
-        os.close(kept)
+        os.dup2(original, _STDERR)
+        os.close(original)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Instances and particles of haptic volumes, each as a volume of its own.
+"""Instances and particles of haptic volumes, each read as a volume with its own effect.
 
-Which there are is found at whole frames of the user's own scene, and at all samples where some
-may be there between two frames only; what each is at a time is read at that very time. Each has
-an id that stays: what makes it (a particle system, a collection instance, geometry nodes), and
-its number there.
+Keys of instances are collected at whole frames of the user's scene, and at all samples if instances
+may exist between two frames only. Values are read at each sample's own time. The id of an instance
+is stable: its instancer (particle system, collection instance, geometry nodes) and its persistent
+number.
 
-The objects that Blender shows as instances live no longer than a step of the loop over them, so
-all that counts is copied inside of it. Sources are told apart by their full names: a library
-and the file may each have an object of the same name.
+Blender frees an instance's object with the next step of the loop over instances, so all values are
+copied inside the loop. Sources are identified by their full names, because a library and the file
+may have objects of equal names.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
 
 MOST = 4096
-"""Largest number of instances of haptic volumes."""
+"""Largest number of instances of haptic volumes in a scene."""
 
 _NO_NUMBER = 2**31 - 1
-"""Filler of the unused levels of a persistent id in Blender."""
+"""Filler value in unused levels of a persistent id in Blender."""
 
 Key = tuple[str, str, tuple[int, ...]]
-"""The full names of the source and of its instancer, and the persistent id."""
+"""Full name of the source, full name of the instancer ("" without), and persistent id."""
 
 Phase = Callable[[bpy.types.Object, F64], F64]
-"""Controls (F, WIDTH) of a source's filters -> the same with phases that go on evenly."""
+"""Function (source, controls (F, WIDTH)) -> controls with continuous phases."""
 
 
 def _states(
     scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
 ) -> dict[str, activation.Activation]:
-    """Activations of volumes, by their full names; solo volumes silence all others."""
+    """Activations by full name; with any solo volume, all other volumes are silenced."""
     every = {obj.name_full: obj for obj in effects.effects_of(scene)}
     silenced = effects.muted_effects({**every, **sources}.values())
     return {
@@ -70,9 +70,9 @@ def _states(
 def _shown(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[tuple[Key, bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
-    """Present instances of haptic volumes: key, evaluated source, instance.
+    """Yield (key, evaluated source, instance) of the present instances of haptic volumes.
 
-    Both of the latter are gone with the next step.
+    The source and the instance are freed with the next step.
     """
     taken: set[Key] = set()
     for instance in depsgraph.object_instances:
@@ -88,7 +88,7 @@ def _shown(
             "" if parent is None else parent.original.name_full,
             number,
         )
-        while key in taken:  # two nodes of one object may count from 0 each
+        while key in taken:  # two nodes of an object may both count from 0
             key = (*key[:2], (*key[2], 0))
         taken.add(key)
         yield key, source, instance
@@ -96,36 +96,36 @@ def _shown(
 
 @dataclass(frozen=True, eq=False)
 class _Values:
-    """Values shared by the instances of a volume at one time."""
+    """Values shared by the instances of one volume at one time."""
 
     level: float
-    parameters: list[float]  # of wind the speed only
+    parameters: list[float]  # in the modality's order; wind: the speed only
     scale: F64  # (3,) shape space to local space
     response: F64 | None  # (F, WIDTH)
 
 
 class Sources:
-    """Volumes of a scene that may have instances, and the state of these at a time.
+    """Volumes of a scene with possible instances, and readers of their present instances.
 
     Parameters
     ----------
     faults : dict, optional
-        Where it is told what went wrong, and at which samples.
+        Message -> sample indices; new faults are added in place.
     time : TimeBase, optional
-        Volumes that cannot be felt at any time of it are left out, too.
+        Volumes that are off at all of these times are excluded too.
 
     Attributes
     ----------
     objects : dict
-        Those that are neither muted nor faulty, by their full names.
+        Sources by full name, without muted, faulty and always silent volumes.
     warnings : tuple of str
-        What is read otherwise than it stands in the file, and what was left out.
+        Corrected values and excluded volumes.
     notes : tuple of str
-        Keyframes that are no numbers.
+        Keyframes with NaN or infinite values.
     asleep : dict
-        Those that cannot be felt at any time of ``time``, and why.
+        Source -> reason, for volumes that are off at all times of ``time``.
     activations : dict
-        When each of them is on; muted ones, too.
+        Source -> activation, muted volumes included.
     """
 
     def __init__(
@@ -138,14 +138,14 @@ class Sources:
         self._found = found
         self._shapes = shapes
         self._faults = {} if faults is None else faults
-        every = sources_of(found.scene)
-        sound, bad = soundness.without_faulty(every.values(), soundness.warnings_of)
-        warned = (text for each in sound.values() for text in each)
-        every = {name: source for name, source in every.items() if source in sound}
-        states = _states(found.scene, every)
-        self.warnings = (*warned, *soundness.left_out(bad))
-        self.notes = soundness.non_finite_keyframes(every.values())
-        self.activations = {every[name]: state for name, state in states.items()}
+        sources = sources_of(found.scene)
+        valid, bad = soundness.without_faulty(sources.values(), soundness.warnings_of)
+        warnings = (text for texts in valid.values() for text in texts)
+        sources = {name: source for name, source in sources.items() if source in valid}
+        states = _states(found.scene, sources)
+        self.warnings = (*warnings, *soundness.left_out(bad))
+        self.notes = soundness.non_finite_keyframes(sources.values())
+        self.activations = {sources[name]: state for name, state in states.items()}
         self.asleep = (
             {} if time is None else dormant.asleep(found.scene, time, self.activations.items())
         )
@@ -153,9 +153,9 @@ class Sources:
             name: state
             for name, state in states.items()
             if state.source is not activation.ActivationSource.OFF
-            and every[name] not in self.asleep
+            and sources[name] not in self.asleep
         }
-        self.objects = {name: every[name] for name in self.states}
+        self.objects = {name: sources[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
         plain = [source.name for source in self.objects.values()]
         self._names = {  # a library may have a volume of the same name
@@ -164,7 +164,7 @@ class Sources:
         }
 
     def described(self, name: str) -> EffectDescription:
-        """Description shared by the instances of a source."""
+        """Effect description shared by the instances of a source."""
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[name],
@@ -177,13 +177,17 @@ class Sources:
         )
 
     def keys_now(self, depsgraph: bpy.types.Depsgraph) -> set[Key]:
-        """Keys of the present instances."""
+        """Keys of the present instances of :attr:`objects`."""
         return {key for key, _, _ in _shown(depsgraph) if key[0] in self.objects}
 
     def rows_now(
         self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
     ) -> dict[Key, EffectRow]:
-        """Rows of the present instances, at a sample."""
+        """Effect rows of the present instances; instances without a valid shape are
+        missing.
+
+        ``index`` is the sample index that faults are recorded with.
+        """
         rows: dict[Key, EffectRow] = {}
         common: dict[str, _Values] = {}
         shapes: dict[tuple[str, int], Shape | None] = {}
@@ -197,7 +201,7 @@ class Sources:
             data = evaluated.data
             which = name, 0 if data is None else data.as_pointer()
             if which not in shapes:
-                part = sum(other == name for other, _ in shapes)
+                part = sum(source == name for source, _ in shapes)
                 shapes[which] = self._shape(name, evaluated, part, index)
             shape = shapes[which]
             if shape is None:
@@ -212,6 +216,8 @@ class Sources:
         return rows
 
     def _values(self, name: str, evaluated: bpy.types.Object, phase: Phase | None) -> _Values:
+        """Values shared by the instances of a source; the phases of its sines are made
+        continuous."""
         hfx = evaluated.hfx
         parameters = effect_values.parameters(hfx, np.eye(4))
         response = response_values.controls(hfx, self._found.unit_m)
@@ -225,37 +231,36 @@ class Sources:
         )
 
     def _shape(self, name: str, evaluated: bpy.types.Object, part: int, index: int) -> Shape | None:
-        """The shape of an instance; None: it has none, of which a fault is told."""
+        """Shape of an instance; None without an inside (recorded as a fault) or without a mesh."""
         if evaluated.hfx.shape == "MESH" and effect_values.is_empty(evaluated):
-            return None  # nodes made instances of all of it, which come by themselves
+            return None  # nodes turned the whole mesh into instances, listed themselves
         source = self.objects[name]
         try:
             return self._shapes.shape_of(source, evaluated, part)
         except InputError as error:
             soundness.add_fault(self._faults, str(error), index)
-            return None  # silent while its mesh has no inside
+            return None  # silent while the mesh has no inside
 
 
 class Instances:
-    """All instances of a scene's haptic volumes, over its own frames and the exported ones.
+    """All instances of a scene's haptic volumes over its own frames and the exported frames.
 
     Parameters
     ----------
     faults : dict
-        Where it is told what went wrong, and at which samples.
+        Message -> sample indices; new faults are added in place.
 
     Attributes
     ----------
     descriptions : tuple of EffectDescription
-        One for each instance.
-    warnings, notes : tuple of str
-    asleep, activations : dict
+        One for each instance, sorted by key.
+    warnings, notes, asleep, activations
         See :class:`Sources`.
 
     Raises
     ------
     InputError
-        There are too many.
+        There are more than :data:`MOST` instances.
     """
 
     def __init__(
@@ -272,16 +277,19 @@ class Instances:
         self.asleep, self.activations = self._sources.asleep, self._sources.activations
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
-        self._last: dict[int, dict[Key, EffectRow]] = {}  # of the last samples
+        self._last: dict[int, dict[Key, EffectRow]] = {}  # by index of the last samples
         self.descriptions: tuple[EffectDescription, ...] = ()
         if self._sources.objects:
             self._find()
 
     def _find(self) -> None:
+        """Step through the scene, collect the keys of all instances, and describe them."""
         scene, time = self._found.scene, self._time
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
         frames = {Fraction(frame) for frame in range(self._first, last + 1)}
+        # Simulations must be stepped from the scene's first frame, so samples before the range
+        # count too.
         if _may_be_brief(self._sources.objects.values()):
             first = -int((time.frame_first - self._first) * time.rate_hz / time.fps)
             count = int((last - time.frame_first) * time.rate_hz / time.fps)
@@ -299,42 +307,43 @@ class Instances:
                 f"most {MOST} can be felt."
             )
         names = sorted({name for name, _, _ in self._keys})
-        # At a sub-frame the instances of the frame before and after may exist.
+        # An instance at a sub-frame may belong to the frame before or to the frame after.
         self._present = {name: np.zeros(len(seen) + 2, np.bool_) for name in names}
-        for row, here in enumerate(seen):
-            for name in {name for name, _, _ in here}:
+        for row, frame_keys in enumerate(seen):
+            for name in {name for name, _, _ in frame_keys}:
                 self._present[name][row : row + 3] = True
         self.descriptions = _numbered(
             self._keys, {name: self._sources.described(name) for name in names}
         )
 
     def stepper(self) -> stepping.Stepping:
-        """The user's own scene, to be set to the times at which instances are read."""
+        """Context with the user's own scene, for reading instances."""
         return stepping.own_scene(self._found)
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Test that any instance can be felt at each played frame, (n,)."""
+        """Mask (n,) of played frames at which any instance may be felt; a superset."""
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(frames), np.bool_)
         for name in {name for name, _, _ in self._keys}:
             present = self._present[name]
             row = np.floor(frames).astype(np.int64) - self._first + 1
             inside = (row >= 0) & (row < len(present))
-            there = inside & present[np.clip(row, 0, len(present) - 1)]
-            on |= there & self._sources.states[name].may_be_on(animation)
+            is_present = inside & present[np.clip(row, 0, len(present) - 1)]
+            on |= is_present & self._sources.states[name].may_be_on(animation)
         return on
 
     def extended(self, block: AnimationBlock, stepper: Stepper) -> AnimationBlock:
-        """A block with the instances after its own effects."""
+        """Append the effects of all instances to a block, read at its samples."""
         rows = [self._rows(index, stepper) for index in block.indices.tolist()]
-        nothing = EffectRow()
+        absent = EffectRow()
         more = (
-            effect_block([row.get(key, nothing) for row in rows], description.modality)
+            effect_block([row.get(key, absent) for row in rows], description.modality)
             for key, description in zip(self._keys, self.descriptions, strict=True)
         )
         return replace(block, effects=(*block.effects, *more))
 
     def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
+        """Effect rows of the instances at a sample, cached for rows that two blocks share."""
         if index not in self._last:
             stepper.set_frame(self._time.frame(index))
             for failure in stepper.failures:
@@ -355,24 +364,25 @@ class Instances:
 
 
 def _may_be_brief(sources: Iterable[bpy.types.Object]) -> bool:
-    """Test that an instance of these volumes may be there between two frames only.
+    """Test for sources with instances that may exist between two whole frames only.
 
-    So it may be where visibility or what geometry nodes take is animated, where nodes read the
-    time, particles live for less than a frame, or a handler of others does what it likes.
+    Causes are animated visibility, animated inputs of geometry nodes, nodes that read the scene
+    time, particles that live less than a frame, and frame handlers of other add-ons.
     """
     reached = data_reached_from(filter(is_instancer, data_reaching(sources)))
     return stepping.foreign_handler() is not None or any(map(_may_be_short, reached))
 
 
 def _may_be_short(data: bpy.types.ID) -> bool:
+    """Test one data-block on the way from an instancer to a source."""
     if isinstance(data, bpy.types.Object):
         paths = soundness.animated_paths(data)
-        return any(each == visibility.PATH or each.startswith("modifiers[") for each in paths)
+        return any(path == visibility.PATH or path.startswith("modifiers[") for path in paths)
     if isinstance(data, bpy.types.ParticleSettings):
         shortest = data.lifetime * (1.0 - data.lifetime_random)
         return shortest < 1.0 or any(data.texture_slots) or bool(soundness.animated_paths(data))
     if isinstance(data, bpy.types.GeometryNodeTree):
-        reads_time = any(each.bl_idname == "GeometryNodeInputSceneTime" for each in data.nodes)
+        reads_time = any(node.bl_idname == "GeometryNodeInputSceneTime" for node in data.nodes)
         return reads_time or bool(soundness.animated_paths(data))
     return False
 
@@ -380,13 +390,18 @@ def _may_be_short(data: bpy.types.ID) -> bool:
 def _numbered(
     keys: Iterable[Key], sources: dict[str, EffectDescription]
 ) -> tuple[EffectDescription, ...]:
-    """Descriptions of the instances; an id stays as long as its source."""
+    """Descriptions of the instances in the order of ``keys``, with unique ids and names.
+
+    The instancer is part of the id only if a source has several instancers.
+    """
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
-    found = []
+    descriptions = []
     for name, parent, number in keys:
         text = ".".join(map(str, number))
         label = f"{parent} {text}" if name in several else text
         source = sources[name]
-        found.append(replace(source, id=f"{source.id}:{label}", name=f"{source.name} {label}"))
-    return tuple(found)
+        descriptions.append(
+            replace(source, id=f"{source.id}:{label}", name=f"{source.name} {label}")
+        )
+    return tuple(descriptions)

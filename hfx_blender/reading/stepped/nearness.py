@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around skin and around moving volumes; volumes clear of all skin are read no further.
+"""Bounding boxes of skin and of moving volumes, for skipping volumes far from all skin.
 
-Boxes here are larger than those that the engine tests, so that it never asks for more than the
-bounds of what counts as far.
+Boxes here contain the boxes of the engine's broad phase, so that a skipped volume can never touch.
 """
 
 from __future__ import annotations
@@ -16,36 +15,38 @@ from ...engine.body.temperature_cells import cell_of_skin
 from ...engine.scene import BodyDescription, PoseBlock, SkinBinding, SurfaceBinding
 
 _ROUNDING = 1e-6
-"""Margin on all sides of a box, as a share of the largest coordinate."""
+"""Margin on all sides of a box, as a fraction of the largest coordinate."""
 
 Box = tuple[F64, F64]
-"""Lowest and highest corner in the world, (3,) each."""
+"""Lowest and highest corner in world space, (3,) or (N, 3) each, metres."""
 
 
 class SkinBoxes:
-    """Boxes around all skin of a body that volumes of some modalities can meet.
+    """World boxes around all skin of a body that volumes of some models can touch.
 
-    Skin bulges beyond its vertices by less than they are apart.
+    Skin bulges beyond its vertices by less than the longest triangle side.
 
     Parameters
     ----------
     model_ids : set of str
-        The perceptual models that these volumes are felt on.
+        Perceptual models of these volumes' effects.
     """
 
     def __init__(self, body: BodyDescription, model_ids: set[str]) -> None:
         self._binding = body.binding
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)  # of all skin at rest
-        self._bones: set[int] = set()  # that any of it follows
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)  # rest pose
+        self._bones: set[int] = set()  # indices of bones with any skin weight
         self._bulge_m = 0.0
-        models = [load_model(each) for each in sorted(model_ids)]
-        finer = [cell_of_skin(each)[0] for each in models if each.modality == "temperature"]
-        for model in {each.id: each for each in (*models, *map(load_model, finer))}.values():
+        models = [load_model(model_id) for model_id in sorted(model_ids)]
+        finer = [cell_of_skin(model)[0] for model in models if model.modality == "temperature"]
+        for model in {loaded.id: loaded for loaded in (*models, *map(load_model, finer))}.values():
             self._bulge_m = max(self._bulge_m, _longest_side(model))
             if isinstance(body.binding, SkinBinding):
                 self._add(model, body.binding)
 
     def _add(self, model: PerceptualModel, binding: SkinBinding) -> None:
+        """Extend the rest box and the set of bones by one model, fitted to the body if
+        available."""
         fitted = binding.fitted.get(model.id)
         if fitted is not None:
             model = fitted.of(model)
@@ -56,13 +57,14 @@ class SkinBoxes:
         self._bones.update(k for k, name in enumerate(binding.bone_names) if name in names)
 
     def over(self, pose: PoseBlock) -> Box | None:
-        """The box over the times of a block; None where it is not known.
+        """Box of the skin over all times of a block; None if unknown, empty (inf, -inf) if
+        unread.
 
-        A vertex is a mean of what its bones make of it, so that it is in the box of what any
-        bone makes of any place of the body at rest.
+        A skinned vertex is a convex combination of its bones' transforms of the rest
+        position, so the union of the rest box under every bone contains the vertex.
         """
         if not pose.valid.any():
-            return np.full(3, np.inf), np.full(3, -np.inf)  # nobody is there
+            return np.full(3, np.inf), np.full(3, -np.inf)  # disabled at all times: an empty box
         to_world = pose.to_world[pose.valid]
         if pose.surface is not None:
             return swept_box(to_world, self._of_surface(pose.surface[pose.valid]))
@@ -70,20 +72,24 @@ class SkinBoxes:
             return None
         bones = pose.bones[pose.valid][:, sorted(self._bones)]
         middle, half = 0.5 * (self._low + self._high), 0.5 * (self._high - self._low)
+        # Interval arithmetic: a box under a matrix spans |matrix| times its half size around its
+        # centre.
         centres = np.einsum("tbij,j->tbi", bones[..., :3], middle) + bones[..., 3]
         reaches = np.einsum("tbij,j->tbi", np.abs(bones[..., :3]), half) + self._bulge_m
         low, high = (centres - reaches).min(axis=1), (centres + reaches).max(axis=1)
         return swept_box(to_world, np.stack([low, high], axis=1))
 
     def _of_surface(self, surface: npt.NDArray[np.float32]) -> F64:
-        """Boxes (T, 2, 3) around skin that rides on an avatar's vertices (T, A, 3).
+        """Boxes (T, 2, 3) around skin anchored to avatar vertices (T, A, 3), the avatar's
+        local space.
 
-        It lies at most so far beyond a triangle, and above it, as its anchors say.
+        Margins follow from the anchors: negative barycentric weights reach beyond a
+        triangle, offsets above it.
         """
         assert isinstance(self._binding, SurfaceBinding)
         anchors = self._binding.anchors.values()
-        beyond = [np.maximum(-each.weights, 0.0).sum(axis=1).max(initial=0.0) for each in anchors]
-        above = [np.abs(each.offset_m).max(initial=0.0) for each in anchors]
+        beyond = [np.maximum(-a.weights, 0.0).sum(axis=1).max(initial=0.0) for a in anchors]
+        above = [np.abs(anchor.offset_m).max(initial=0.0) for anchor in anchors]
         low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
         more = 2.0 * max(beyond, default=0.0) * (high - low).max(axis=1, keepdims=True)
         more += max(above, default=0.0) + self._bulge_m
@@ -91,53 +97,57 @@ class SkinBoxes:
 
 
 def _longest_side(model: PerceptualModel) -> float:
-    """Longest side of all triangles of a model, metres."""
+    """Longest triangle side of a model in rest pose, metres."""
     corners = model.vertices[model.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return float(sides.max(initial=0.0))
 
 
 def swept_box(matrices: F64, bounds: F64) -> Box:
-    """Box around all positions of rotating boxes, from each time to the next.
+    """World box around a moving box at all times and between them; see :func:`swept_boxes`.
 
     Parameters
     ----------
     matrices : (T, 4, 4) float64
-        Places of the boxes' space in the world.
+        Box space to world.
     bounds : (T, 2, 3) float64
         Lowest and highest corners.
     """
-    there = np.ones((len(matrices), 1), np.bool_)
-    low, high = swept_boxes(matrices[:, None], bounds[:, None], there)
+    is_present = np.ones((len(matrices), 1), np.bool_)
+    low, high = swept_boxes(matrices[:, None], bounds[:, None], is_present)
     return low[0], high[0]
 
 
-def swept_boxes(matrices: F64, bounds: F64, there: npt.NDArray[np.bool_]) -> Box:
-    """Boxes of N moving volumes at once: corners (N, 3); infinite where a number is NaN.
+def swept_boxes(matrices: F64, bounds: F64, is_present: npt.NDArray[np.bool_]) -> Box:
+    """World boxes around N moving boxes over all times and between them: corners (N, 3).
+
+    Corners are infinite if any number is NaN, and (inf, -inf), an empty box, without presence.
 
     Parameters
     ----------
     matrices : (T, N, 4, 4) float64
     bounds : (T, N, 2, 3) float64
-    there : (T, N) bool
-        What is not there at a time counts for nothing; if it never is, its box is empty.
+    is_present : (T, N) bool
+        False: the entry is ignored at this time.
     """
     middle, half = bounds.mean(axis=2), 0.5 * (bounds[:, :, 1] - bounds[:, :, 0])
     linear, origins = matrices[..., :3, :3], matrices[..., :3, 3]
-    counts = there[..., None]
+    counts = is_present[..., None]
     centres = np.einsum("tnij,tnj->tni", linear, middle) + origins
     reaches = np.einsum("tnij,tnj->tni", np.abs(linear), half)
-    known = ~there | (np.isfinite(centres) & np.isfinite(reaches)).all(axis=2)
+    known = ~is_present | (np.isfinite(centres) & np.isfinite(reaches)).all(axis=2)
     low = (centres - reaches).min(axis=0, initial=np.inf, where=counts)
     high = (centres + reaches).max(axis=0, initial=-np.inf, where=counts)
+    # A rotation between two times may carry a corner farther out than at both: at most as far as
+    # the corner's distance from the origin of rotation, added on all sides where the matrix turns.
     arms = np.einsum("tnij,tnj->tni", np.abs(linear), np.abs(middle) + half)
-    first = linear[there.argmax(axis=0), np.arange(there.shape[1])]
+    first = linear[is_present.argmax(axis=0), np.arange(is_present.shape[1])]
     turns = ((linear != first) & counts[..., None]).any(axis=(0, 2, 3))
-    longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=0, initial=0.0, where=there))
-    more = np.where(turns, longest, 0.0) + _ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(
+    longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=0, initial=0.0, where=is_present))
+    margin = np.where(turns, longest, 0.0) + _ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(
         axis=1
     )
-    sure = known.all(axis=0)[:, None]
-    with np.errstate(invalid="ignore"):  # of what is never there
-        low, high = low - more[:, None], high + more[:, None]
-    return np.where(sure, low, -np.inf), np.where(sure, high, np.inf)
+    is_known = known.all(axis=0)[:, None]
+    with np.errstate(invalid="ignore"):  # inf - inf of absent volumes
+        low, high = low - margin[:, None], high + margin[:, None]
+    return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that a scene may show or depend on, though none of its collections holds them."""
+"""References between data-blocks: instancers, sources of instances, and dependencies."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...authoring.effects import swarms
 from ...blender.scene_info import scene_objects
 
 Reference = tuple[bpy.types.ID, bpy.types.ID]
-"""Data, and other data that it refers to."""
+"""(user, used) data-blocks."""
 
 
 def is_instancer(obj: bpy.types.ID) -> bool:
-    """Test for an object that may make instances of others, or of its own geometry."""
+    """Test for an object that may instance other objects or its own geometry."""
     return isinstance(obj, bpy.types.Object) and (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)
@@ -24,12 +24,12 @@ def is_instancer(obj: bpy.types.ID) -> bool:
 
 
 def is_volume(obj: bpy.types.Object) -> bool:
-    """Test for a haptic volume."""
+    """Test for the object of a haptic volume."""
     return bool(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME")
 
 
 def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Volumes that something in a scene may instance, by their full names, sorted."""
+    """Volumes that objects of a scene may instance, by full name, in sorted order."""
     if not any(map(is_volume, bpy.data.objects)):
         return {}
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
@@ -38,7 +38,7 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
 
 
 def has_effects(scene: bpy.types.Scene) -> bool:
-    """Test for haptic effects of a scene, also for those that it only has instances of."""
+    """Test for haptic effects in a scene, instanced volumes included."""
     return bool(swarms.listed_effects(scene) or sources_of(scene))
 
 
@@ -49,17 +49,17 @@ def _full_name(data: bpy.types.ID) -> str:
 def reached_from(
     start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
 ) -> set[bpy.types.Object]:
-    """Objects, and all that they refer to, directly or not; a superset of what is needed."""
-    found = data_reached_from(start, ignored)
-    return {each for each in found if isinstance(each, bpy.types.Object)}
+    """Objects and all objects that they refer to, directly or not: a superset of dependencies."""
+    reached = data_reached_from(start, ignored)
+    return {data for data in reached if isinstance(data, bpy.types.Object)}
 
 
 def data_reached_from(
     start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
 ) -> set[bpy.types.ID]:
-    """Objects, and all data that they refer to over any number of steps; see above.
+    """Objects and all data-blocks that they refer to, directly or not.
 
-    ``ignored`` references lead nowhere.
+    ``ignored`` references are not followed.
     """
     uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for user, used in _references():
@@ -69,7 +69,7 @@ def data_reached_from(
 
 
 def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
-    """Objects, and all data that refers to them over any number of steps."""
+    """Objects and all data-blocks that refer to them, directly or not."""
     users: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for user, used in _references():
         users.setdefault(used, []).append(user)
@@ -77,10 +77,10 @@ def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
 
 
 def _references() -> Iterator[Reference]:
-    """Pairs of data and of other data that it refers to; what scenes hold does not count."""
+    """Yield all references of the file except those of scenes."""
     for used, users in bpy.data.user_map().items():
         yield from ((user, used) for user in users if not isinstance(user, bpy.types.Scene))
-    for obj in bpy.data.objects:  # the children of an instancer are what it makes instances of
+    for obj in bpy.data.objects:  # an instancer's children are its sources
         if obj.parent is not None and obj.parent.instance_type != "NONE":
             yield obj.parent, obj
 
@@ -88,11 +88,12 @@ def _references() -> Iterator[Reference]:
 def _closure(
     start: Iterable[bpy.types.Object], following: dict[bpy.types.ID, list[bpy.types.ID]]
 ) -> set[bpy.types.ID]:
-    found: set[bpy.types.ID] = set()
-    waiting: list[bpy.types.ID] = [*start]
-    while waiting:
-        each = waiting.pop()
-        if each not in found:
-            found.add(each)
-            waiting += following.get(each, ())
-    return found
+    """Transitive closure of ``following``, start objects included."""
+    reached: set[bpy.types.ID] = set()
+    pending: list[bpy.types.ID] = [*start]
+    while pending:
+        data = pending.pop()
+        if data not in reached:
+            reached.add(data)
+            pending += following.get(data, ())
+    return reached

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows read at single times, and their assembly into parts of a block."""
+"""Effects and bodies at single times, and their assembly into blocks."""
 
 from __future__ import annotations
 
@@ -17,58 +17,57 @@ from ..description.surface_reading import joined
 
 _RELATIVE = 1e-5
 _ABSOLUTE = 5e-6
-"""Tolerance between two ways of reading the same time: Blender computes in 32 bits."""
+"""Relative and absolute tolerance between two readings of a time: Blender computes in float32."""
 
 
 @dataclass(eq=False)
 class EffectRow:
-    """State of one effect at one time."""
+    """State of one effect at one time; the default is an effect that is off."""
 
-    level: float = 0.0
-    parameters: list[float] | None = None
-    matrix: F64 | None = None
-    shape: Shape | None = None
-    response: F64 | None = None  # (F, WIDTH) controls of its filters
+    level: float = 0.0  # activation times intensity, 0..1
+    parameters: list[float] | None = None  # in the modality's order; None if off
+    matrix: F64 | None = None  # (4, 4) to world, metres; None without a place in the scene
+    shape: Shape | None = None  # volumes only
+    response: F64 | None = None  # (F, WIDTH) controls of the response filters
     vertices: F64 | None = None  # (V, 3) of a surface, object space
-    place: F64 | None = None  # (2,) of a point on the skin; see EffectBlock
+    place: F64 | None = None  # (2,) of a spot; see EffectBlock
     drive: F64 | None = None  # (A,) of a vector sensation
 
 
 @dataclass(eq=False)
 class PoseRow:
-    """State of one body at one time."""
+    """Pose of one body at one time."""
 
-    to_world: F64
-    bones: npt.NDArray[np.float32] | None = None
-    surface: npt.NDArray[np.float32] | None = None
+    to_world: F64  # (4, 4) armature or avatar to world, metres
+    bones: npt.NDArray[np.float32] | None = None  # (B, 3, 4) rest space to armature space
+    surface: npt.NDArray[np.float32] | None = None  # (A, 3) avatar vertices, local space
 
-    def nearly_equals(self, other: PoseRow) -> bool:
-        """Test that two readings of the same time are equal up to rounding."""
-        return _agree(self, other, ("to_world", "bones", "surface"))
+    def nearly_equals(self, second: PoseRow) -> bool:
+        """Test for equality up to rounding with another reading of the same time."""
+        return _agree(self, second, ("to_world", "bones", "surface"))
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Placements of N volumes at a time, or over several, see :mod:`.stepped_volumes`."""
+class VolumePlacements:
+    """Placements of N volumes at one time, or with a leading time axis over several."""
 
-    there: npt.NDArray[np.bool_]  # (N,) False: disabled; the rest may be anything then
-    matrices: F64  # (N, 4, 4) object space to world, Blender's units
-    boxes: F64  # (N, 2, 3) corners of what holds the volume, object space; NaN: not known
+    there: npt.NDArray[np.bool_]  # (N,) False: disabled, other fields are undefined
+    matrices: F64  # (N, 4, 4) object space to world, Blender units
+    boxes: F64  # (N, 2, 3) corners of the volume's box, object space; NaN if unknown
 
 
 @dataclass(eq=False)
-class Row:
-    """Reading at one time; effects and bodies by their place in the scene's lists."""
+class SceneRow:
+    """Effects and bodies at one sample, by their indices in the scene description."""
 
     index: int
     effects: dict[int, EffectRow] = field(default_factory=dict)
-    places: Places | None = None  # of volumes of which nothing else was read
+    places: VolumePlacements | None = None  # of far volumes, which have no effect row
     poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
 
 
 def effects_agree(one: EffectRow, two: EffectRow) -> bool:
-    """Test that two readings of the same time are equal up to rounding; while an effect is off,
-    only its level counts."""
+    """Test for equality up to rounding; rows with level 0 are compared by level only."""
     if not _close(one.level, two.level):
         return False
     if not one.level > 0.0:
@@ -77,21 +76,22 @@ def effects_agree(one: EffectRow, two: EffectRow) -> bool:
 
 
 def _agree(one: object, two: object, names: Sequence[str]) -> bool:
-    """Test that the attributes of these names are equal up to rounding, or missing in both."""
+    """Test for equality up to rounding of the named attributes; None equals only None."""
     return all(_close(getattr(one, name), getattr(two, name)) for name in names)
 
 
 def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
+    """Test for equality up to rounding of arrays, NaN included; None equals only None."""
     if one is None or two is None:
         return one is two
     one, two = np.asarray(one), np.asarray(two)
     if one.shape == two.shape and (one == two).all():
-        return True  # as nearly always: told ten times faster
+        return True  # common, and ten times faster than allclose
     return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
 
 
 def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
-    """An effect's rows of ascending times as a part of a block."""
+    """Assemble the rows (T) of an effect, in the order of time, into a block."""
     count = len(MODALITIES[modality].parameters)
     blank = [0.0] * count
     parameters = np.array([row.parameters or blank for row in rows], np.float64)
@@ -121,29 +121,29 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
 
 
 def silence(count: int, modality: str) -> EffectBlock:
-    """An effect that is not felt at some times."""
+    """Block of an effect with level 0 at all times."""
     width = len(MODALITIES[modality].parameters)
     return EffectBlock(np.zeros(count), np.zeros((count, width)))
 
 
 def _stacked(values: Sequence[F64 | None]) -> F64 | None:
-    """Rows (T, ...); where one was not read, it may hold anything."""
-    known = next((each for each in values if each is not None), None)
-    if known is None:
+    """Stack arrays to (T, ...); None entries become copies of the first array. None without any."""
+    first = next((value for value in values if value is not None), None)
+    if first is None:
         return None
-    return np.stack([known if each is None else each for each in values])
+    return np.stack([first if value is None else value for value in values])
 
 
 def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
-    """A body's rows of ascending times as a part of a block; None was not read."""
+    """Assemble the rows (T) of a body, in the order of time; None rows become invalid."""
     valid = np.array([row is not None for row in rows])
-    known = next((row for row in rows if row is not None), None)
-    if known is None:
+    first = next((row for row in rows if row is not None), None)
+    if first is None:
         return PoseBlock(valid, np.zeros((len(rows), 4, 4)))
-    filled = [known if row is None else row for row in rows]
+    filled = [first if row is None else row for row in rows]
     return PoseBlock(
         valid,
         np.stack([row.to_world for row in filled]),
-        None if known.bones is None else np.stack([row.bones for row in filled]).astype(np.float64),
-        None if known.surface is None else np.stack([row.surface for row in filled]),
+        None if first.bones is None else np.stack([row.bones for row in filled]).astype(np.float64),
+        None if first.surface is None else np.stack([row.surface for row in filled]),
     )

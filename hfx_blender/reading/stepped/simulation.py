@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulations: detected, and played forward once before sub-frames are read.
+"""Detection of simulations, and playback before sub-frames are read.
 
-A simulation goes on from the frame before, and going back to a time between two frames while
-there is no later one lets it go on from there, disturbed. Played through, its cache holds all
-frames, and Blender interpolates between them. Baked ones are left as they are.
+A simulation continues from the previous frame, and a step back in time disturbs all later frames.
+After playback its cache holds all frames, between which Blender interpolates. Baked simulations are
+not played.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ _PHYSICS = {
     "OCEAN",
     "PARTICLE_INSTANCE",
 }
-"""Modifiers that move or deform an object otherwise than its curves say."""
+"""Modifiers with motion or deformation besides F-curves."""
 
 _MOVING_PAINT = {"DISPLACE", "WAVE"}
-"""Surfaces of dynamic paint that deform a mesh."""
+"""Surface types of dynamic paint that deform a mesh."""
 
 _CACHED = {"CLOTH", "SOFT_BODY"}
-"""Modifiers with a point cache of their own; their steps depend on time remapping."""
+"""Modifiers with a point cache; their step length depends on time remapping."""
 
 
 class Simulation:
-    """The simulations of a scene, to be played through once.
+    """Simulations of a scene, played through once.
 
     Parameters
     ----------
     last : int
-        The last frame of the animation that is needed.
+        Last required frame of the animation.
     """
 
     def __init__(self, scene: bpy.types.Scene, last: int) -> None:
@@ -48,11 +48,15 @@ class Simulation:
         self._last = last
         self._is_played = False
         self._forgets = any(map(_simulates_nodes, _shown(scene)))
-        self._frame = Fraction(0)  # that was read last
+        self._frame = Fraction(0)  # last read frame
         self.frames_played = 0
 
     def play(self) -> None:
-        """Step through all frames of the animation, as baking does; only once."""
+        """Step through all frames of the animation once, as baking does; later calls do
+        nothing.
+
+        Time remapping is off during playback.
+        """
         if self._is_played:
             return
         render = self._scene.render
@@ -69,9 +73,9 @@ class Simulation:
         self._is_played = True
 
     def go_to(self, frame: Fraction) -> None:
-        """Play again before a frame where that is needed.
+        """Prepare reading at a frame: play again if Blender has lost the cache.
 
-        Blender 4.5 forgets simulations of geometry nodes when it goes back from beyond the
+        Blender 4.5 clears simulations of geometry nodes on a step back from beyond the
         scene's last frame.
         """
         if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
@@ -81,14 +85,14 @@ class Simulation:
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
-    """Find an object that physics moves or deforms, among some objects and all that they reach."""
+    """First object by name with physics among objects and their references; None without any."""
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
 
 
 def takes_part(obj: bpy.types.Object) -> bool:
-    """Test for an object that is simulated, or that what is simulated may feel."""
+    """Test for simulated objects and for inputs of simulations: fields, colliders, constraints."""
     if _is_simulated(obj) or obj.particle_systems or obj.rigid_body_constraint is not None:
         return True
     is_field = obj.field is not None and obj.field.type != "NONE"
@@ -96,12 +100,12 @@ def takes_part(obj: bpy.types.Object) -> bool:
 
 
 def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
-    """Test for simulations in a scene, felt or not."""
+    """Test for simulations or moving particles in a scene."""
     return simulated(scene_objects(scene)) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
-    """Test for moving particles in a scene: emitted ones, or hair that swings."""
+    """Test for emitted particles or dynamic hair in a scene."""
     return any(
         system.settings.type == "EMITTER" or system.use_hair_dynamics
         for obj in _shown(scene)
@@ -109,28 +113,28 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
     )
 
 
-def to_bake(scene: bpy.types.Scene, felt: Iterable[bpy.types.Object]) -> list[str]:
-    """Warnings about simulations, of what is felt and of all that it reaches, that need baking."""
-    felt = list(felt)
-    if simulated(felt) is None:
+def to_bake(scene: bpy.types.Scene, haptic: Iterable[bpy.types.Object]) -> list[str]:
+    """Warnings about simulations that haptic objects or their references need baked."""
+    haptic = list(haptic)
+    if simulated(haptic) is None:
         return []
     is_remapped = scene.render.frame_map_old != scene.render.frame_map_new
-    found = []
-    for obj in _by_name(reached_from(felt)):
+    warnings = []
+    for obj in _by_name(reached_from(haptic)):
         for modifier in obj.modifiers:
             if _is_unbaked(modifier):
                 name = modifier.bl_rna.name.removesuffix(" Modifier").lower()
-                found.append(f"the {name} of '{obj.name}' is not baked: bake it to feel it")
+                warnings.append(f"the {name} of '{obj.name}' is not baked: bake it to feel it")
             elif modifier.type in _CACHED and is_remapped and not modifier.point_cache.is_baked:
-                found.append(
+                warnings.append(
                     f"time is remapped and the simulation of '{obj.name}' is not baked: bake it "
                     "to be sure of what is felt"
                 )
-    return found
+    return warnings
 
 
 def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
-    """Test for a simulation that playing forward once does not reproduce between frames."""
+    """Test for an unbaked simulation without reproducible sub-frames after playback."""
     if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
         return not modifier.domain_settings.has_cache_baked_data
     if modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
@@ -144,29 +148,34 @@ def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
 
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Objects of a scene, and those that they reach, by name."""
+    """Objects of a scene and all objects that they refer to, by name."""
     return _by_name(reached_from(scene_objects(scene)))
 
 
 def _by_name(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Objects sorted by full name."""
     return sorted(objects, key=lambda obj: obj.name_full)
 
 
 def _is_simulated(obj: bpy.types.Object) -> bool:
-    return obj.rigid_body is not None or any(_simulates(each) for each in obj.modifiers)
+    """Test for rigid bodies and for simulating modifiers."""
+    return obj.rigid_body is not None or any(_simulates(modifier) for modifier in obj.modifiers)
 
 
 def _simulates(modifier: bpy.types.Modifier) -> bool:
+    """Test for a modifier with physics or with simulation nodes."""
     if modifier.type == "NODES" and modifier.node_group is not None:
         return _has_simulation(modifier.node_group, set())
     return modifier.type in _PHYSICS
 
 
 def _simulates_nodes(obj: bpy.types.Object) -> bool:
-    return any(each.type == "NODES" and _simulates(each) for each in obj.modifiers)
+    """Test for geometry nodes with a simulation zone."""
+    return any(m.type == "NODES" and _simulates(m) for m in obj.modifiers)
 
 
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
+    """Search a node tree and its groups for a simulation zone; ``seen`` is extended in place."""
     seen.add(tree.name_full)
     return any(
         node.bl_idname == "GeometryNodeSimulationInput"
@@ -181,7 +190,7 @@ def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
 
 
 def _first_frame(scene: bpy.types.Scene) -> int:
-    """First frame of the earliest simulation of a scene, or of the scene itself."""
+    """Earliest frame of the simulations of a scene and of the scene itself."""
     starts = [start for obj in _shown(scene) for start in _starts(obj)]
     world = scene.rigidbody_world
     if world is not None:
@@ -190,12 +199,13 @@ def _first_frame(scene: bpy.types.Scene) -> int:
 
 
 def _starts(obj: bpy.types.Object) -> Iterator[int]:
+    """Yield the first frames of an object's simulation caches."""
     for system in obj.particle_systems:
         yield system.point_cache.frame_start
     for modifier in obj.modifiers:
         if modifier.type in _CACHED:
             yield modifier.point_cache.frame_start
         elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
-            yield from (each.frame_start for each in modifier.canvas_settings.canvas_surfaces)
+            yield from (surface.frame_start for surface in modifier.canvas_settings.canvas_surfaces)
         elif modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
             yield modifier.domain_settings.cache_frame_start

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading single times of a scene that is stepped through."""
+"""Reading of effects and bodies at single times from a stepped scene."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from ..curves.curve_reading import is_rigid
 from ..description import activation, response_values, skin_values, soundness
 from ..description.scene_description import HapticObjects
 from ..description.surface_reading import SurfaceVertices
-from .scene_rows import EffectRow, PoseRow, Row
+from .scene_rows import EffectRow, PoseRow, SceneRow
 from .stepping import Stepper
 
 
 @dataclass(frozen=True, eq=False)
 class _Settings:
-    """Settings of an effect that nothing animates, as they were read: only its place moves."""
+    """Cached settings of an effect without animated settings: only its placement changes."""
 
     level: float
-    parameters: list[float]  # in their modality's order; of wind the speed only
+    parameters: list[float]  # in the modality's order; wind: the speed only
     place: F64 | None
     drive: F64 | None
     shape: Shape | None
-    scale: F64 | None  # of a volume: shape space to local space, (3,)
+    scale: F64 | None  # (3,) shape space to local space; None: no volume
     is_wind: bool
-    is_mesh: bool  # that deforms: its shape is read each time
+    is_mesh: bool  # deforming mesh: its shape is read at each time
 
 
 class SteppedReading:
-    """Reads effects and bodies from whatever scene is stepped.
+    """Reader of effects and bodies from a stepped scene.
 
     Parameters
     ----------
     keeps_settings : bool
-        Settings of effects that no curve and no driver changes are read once. Not where a user
-        edits them meanwhile, or a handler might change them.
+        Cache the settings of effects without F-curves and drivers. False for scenes that a user or
+        a handler may edit between two readings.
     faults : dict, optional
-        What is known already; more is added to it.
+        Message -> sample indices; new faults are added in place.
     """
 
     def __init__(
@@ -66,42 +66,47 @@ class SteppedReading:
         self._unit_m = found.unit_m
         self._vertices = SurfaceVertices()
         self._settings: dict[int, _Settings] = {}
-        self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
-        self._is_rigid = [keeps_settings and is_rigid(each) for each in found.effects]
+        self._keeps = [keeps_settings and not _is_animated(effect) for effect in found.effects]
+        self._is_rigid = [keeps_settings and is_rigid(effect) for effect in found.effects]
         self.counters = shapes.counters
         self.far: frozenset[int] = frozenset()
-        """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
+        """Mesh volumes far from skin, of which only boxes are read."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
-        """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
+        """Meshes that are no closed volumes: message -> sample indices."""
 
     def read(
         self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
-    ) -> Row:
-        """Set a sample's time, and read some effects and bodies."""
+    ) -> SceneRow:
+        """Step to a sample, and read effects and bodies by their indices."""
         stepper.set_frame(self._scene.time.frame(index))
         for failure in stepper.failures:
             soundness.add_fault(self.faults, failure, index)
         self.counters.times_stepped += 1
-        row = Row(index)
+        row = SceneRow(index)
         row.effects = {k: self.read_effect(k, stepper, index) for k in effects}
         self.counters.effects_read += len(row.effects)
         self.add_poses(row, stepper, bodies)
         return row
 
-    def add_poses(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
-        """Read bodies at the time that is set already."""
+    def add_poses(self, row: SceneRow, stepper: Stepper, bodies: Iterable[int]) -> None:
+        """Read bodies at the present time into a row."""
         read = {k: self._read_pose(k, stepper) for k in bodies}
         self.counters.poses_read += len(read)
         row.poses |= read
 
     def read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
+        """Read an effect at the present time; the default row if hidden, off or unusable.
+
+        Faults are recorded with the sample ``index``. The level is 0 while a mesh has no
+        inside or a surface cannot be read.
+        """
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
         if not evaluated.is_evaluated or evaluated.hide_viewport:
             return EffectRow()
-        known = self._settings.get(which)
-        if known is not None and (which in self.far or not known.is_mesh):
-            return self._moved(known, evaluated, effect)
+        cached = self._settings.get(which)
+        if cached is not None and (which in self.far or not cached.is_mesh):
+            return self._moved(cached, evaluated, effect)
         hfx = evaluated.hfx
         values = EffectRow()
         if state.source is activation.ActivationSource.OFF:
@@ -128,7 +133,7 @@ class SteppedReading:
                 values.shape = self._shapes.last_of(effect)
                 if values.shape is None:
                     return EffectRow()
-                values.level = 0.0  # silent while its mesh has no inside
+                values.level = 0.0  # silent while the mesh has no inside
             values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
             values.response = self._response(effect, hfx, index)
         if self._keeps[which]:
@@ -136,18 +141,20 @@ class SteppedReading:
         return values
 
     def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
+        """Shape of a volume: cached if rigid, a box if far, else read."""
         effect = self._found.effects[which]
         is_rigid = self._is_rigid[which]
-        known = self._shapes.last_of(effect) if is_rigid else None
-        if known is not None:
-            return known
+        cached = self._shapes.last_of(effect) if is_rigid else None
+        if cached is not None:
+            return cached
         box = None
         if which in self.far and evaluated.hfx.shape == "MESH" and not is_rigid:
             box = self._shapes.box_of(effect, evaluated)
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
-        """Cache the settings of an effect, if its row holds nothing else."""
+        """Cache the settings of an effect unless its row holds more than settings and a
+        placement."""
         is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
@@ -165,56 +172,58 @@ class SteppedReading:
         )
 
     def _moved(
-        self, known: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
+        self, cached: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
-        """Row of an effect with cached settings, at its present place."""
-        row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
-        if known.scale is None and not known.is_wind:
+        """Row of an effect with cached settings at its present placement."""
+        row = EffectRow(cached.level, cached.parameters, place=cached.place, drive=cached.drive)
+        if cached.scale is None and not cached.is_wind:
             return row
         world = effect_values.world_matrix(evaluated)
-        if known.is_wind:
-            row.parameters = [*known.parameters, *effect_values.directions(world).tolist()]
-        if known.scale is not None:
+        if cached.is_wind:
+            row.parameters = [*cached.parameters, *effect_values.directions(world).tolist()]
+        if cached.scale is not None:
             world[:3] *= self._unit_m
-            world[:3, :3] *= known.scale
-            row.matrix, row.shape = world, known.shape
-            if known.is_mesh:
+            world[:3, :3] *= cached.scale
+            row.matrix, row.shape = world, cached.shape
+            if cached.is_mesh:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
     def count_far(self, name: str, first: int, count: int) -> None:
-        """Count the samples of a block of which only the place of a volume is needed."""
+        """Count the samples of a block with a far volume; ``first`` is the block's sample index."""
         self.counters.far.setdefault(name, {})[str(first)] = count
 
     def is_settled(self, which: int) -> bool:
-        """Test that only the place of a volume is not known yet."""
-        known = self._settings.get(which)
-        return known is not None and known.scale is not None and not known.is_mesh
+        """Test for a volume with cached settings of which only the placement is read."""
+        cached = self._settings.get(which)
+        return cached is not None and cached.scale is not None and not cached.is_mesh
 
-    def placed(self, which: int, matrices: F64, there: npt.NDArray[np.bool_]) -> EffectBlock:
-        """A settled volume at times at which its place (T, 4, 4) in Blender's units is known.
+    def placed(self, which: int, matrices: F64, is_present: npt.NDArray[np.bool_]) -> EffectBlock:
+        """Block of a settled volume from placements (T, 4, 4) in Blender units.
 
-        It is silent where it is not ``there``.
+        The level is 0 at absent times.
         """
-        known = self._settings[which]
-        assert known.scale is not None and known.shape is not None
-        parameters = np.repeat(np.array([known.parameters], np.float64), len(there), axis=0)
-        if known.is_wind:
+        cached = self._settings[which]
+        assert cached.scale is not None and cached.shape is not None
+        parameters = np.repeat(np.array([cached.parameters], np.float64), len(is_present), axis=0)
+        if cached.is_wind:
             parameters = np.hstack([parameters, effect_values.directions(matrices)])
         world = matrices.copy()
         world[:, :3] *= self._unit_m
-        world[:, :3, :3] *= known.scale
-        world[~there] = np.eye(4)
+        world[:, :3, :3] *= cached.scale
+        world[~is_present] = np.eye(4)
         return EffectBlock(
-            np.where(there, known.level, 0.0),
-            np.where(there[:, None], parameters, 0.0),
+            np.where(is_present, cached.level, 0.0),
+            np.where(is_present[:, None], parameters, 0.0),
             matrices=world,
-            shapes=(known.shape,),
+            shapes=(cached.shape,),
         )
 
     def _response(
         self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
     ) -> np.ndarray | None:
+        """Controls (F, WIDTH) of a volume's filters with continuous phases; None without
+        filters."""
         controls = response_values.controls(hfx, self._unit_m)
         if controls is None:
             return None
@@ -225,7 +234,7 @@ class SteppedReading:
         )[0]
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
-        """Pose of a body; None while it is disabled, as Blender does not pose it."""
+        """Pose of a body; None while hidden, because Blender does not pose hidden objects."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
         needed = [body]
@@ -247,10 +256,11 @@ class SteppedReading:
 
 
 def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
+    """Test for a mesh that geometry nodes turned completely into instances."""
     nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
     return nodes and effect_values.is_empty(evaluated)
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:
-    """Test for a curve or a driver that may change an effect's own settings."""
+    """Test for F-curves or drivers of an effect's own settings."""
     return any("hfx" in path for path in soundness.animated_paths(effect))

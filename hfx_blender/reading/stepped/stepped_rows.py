@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of one pass: effects and bodies at single times, read from the scenes that are stepped."""
+"""Rows of one reading pass: effects and bodies at single times from stepped scenes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..curves.animation_curves import NotModelledError
 from ..curves.presampled_rig import PresampledRig
 from ..description.scene_description import HapticObjects
 from . import stepping
-from .scene_rows import Row
+from .scene_rows import SceneRow
 from .stepped_reading import SteppedReading
 from .stepped_volumes import FarVolumes
 from .stepping import Stepper
@@ -25,8 +25,9 @@ from .stepping import Stepper
 
 @dataclass(frozen=True)
 class SteppedScenes:
-    """Scenes that are stepped: of effects and bodies, and of effects alone; the same one where
-    the other would save nothing.
+    """Scenes for stepping: ``whole`` with bodies and effects, ``light`` with effects only.
+
+    Both are the same stepper if a second scene saves nothing.
     """
 
     whole: Stepper
@@ -34,7 +35,7 @@ class SteppedScenes:
 
     @classmethod
     def own(cls, found: HapticObjects, stack: ExitStack) -> SteppedScenes:
-        """The user's own scene, until the stack is left."""
+        """Use the user's own scene until the stack is closed."""
         stepper = stack.enter_context(stepping.own_scene(found))
         return cls(stepper, stepper)
 
@@ -48,8 +49,9 @@ class SteppedScenes:
         rigs: Sequence[PresampledRig],
         stack: ExitStack,
     ) -> SteppedScenes:
-        """Scratch scenes of some effects and bodies, until the stack is left; ``rigs`` among the
-        bodies are in them as copies.
+        """Make scratch scenes of effects and bodies by index until the stack is closed.
+
+        Bodies of ``rigs`` are replaced by their copies.
         """
         objects = objects_of(found, scene, effects, bodies)
         whole = _scratch(found, objects, rigs, stack)
@@ -62,7 +64,7 @@ class SteppedScenes:
 def objects_of(
     found: HapticObjects, scene: SceneDescription, effects: Iterable[int], bodies: Iterable[int]
 ) -> list[bpy.types.Object]:
-    """Objects that Blender has to evaluate for some effects and bodies, by their numbers."""
+    """Objects to evaluate for effects and bodies by index, surface-bound avatar meshes included."""
     bodies = list(bodies)
     surfaces = (k for k in bodies if isinstance(scene.bodies[k].binding, SurfaceBinding))
     meshes = (mesh for k in surfaces for mesh in avatar_meshes.meshes_of(found.bodies[k]))
@@ -79,6 +81,7 @@ def _scratch(
     rigs: Sequence[PresampledRig],
     stack: ExitStack,
 ) -> Stepper:
+    """Scratch scene with presampled rigs, or without if an object follows one of them."""
     if rigs:
         presampled = [rig.obj for rig in rigs]
         others = [obj for obj in objects if obj not in presampled]
@@ -89,20 +92,20 @@ def _scratch(
 
 @dataclass
 class SteppedRows:
-    """Reads rows of ascending times.
+    """Reader of rows in the order of time.
 
     Attributes
     ----------
     scenes : SteppedScenes
     reading : SteppedReading
     bodies : collection of int
-        Bodies that are stepped.
+        Indices of stepped bodies.
     volumes : FarVolumes
-        Their places are read at each time, and who of them is on.
+        Volumes whose placements are read at each time.
     sample_count : int
-        Samples of the scene; others are read beside them.
-    last : dict of int to Row
-        The last rows by their sample, with which the next block may begin.
+        Number of samples in the scene's range; rows outside the range are not counted.
+    last : dict of int to SceneRow
+        Last rows by sample index, which the next block may share.
     """
 
     scenes: SteppedScenes
@@ -110,7 +113,7 @@ class SteppedRows:
     bodies: Collection[int]
     volumes: FarVolumes
     sample_count: int
-    last: dict[int, Row] = field(default_factory=dict)
+    last: dict[int, SceneRow] = field(default_factory=dict)
 
     def read(
         self,
@@ -119,11 +122,11 @@ class SteppedRows:
         effects: Sequence[int],
         in_scene: Collection[int],
         may_be_on: Bool,
-    ) -> list[Row]:
-        """Read effects at samples, the places of all volumes, and bodies where they are posed.
+    ) -> list[SceneRow]:
+        """Read effects at samples, placements of far volumes, and bodies at posed samples.
 
-        Bodies are also posed where any effect that is ``in_scene`` is on. ``may_be_on`` are the
-        volumes (N,) that may be.
+        Bodies are also posed at samples with any active ``in_scene`` effect. ``may_be_on``
+        (N,) selects far volumes.
         """
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
@@ -132,13 +135,13 @@ class SteppedRows:
         self.last = {row.index: row for row in rows[-OVERLAP:]}
         return rows
 
-    def read_bodies(self, indices: I64, is_posed: Bool) -> list[Row]:
-        """Read bodies alone where they are posed."""
+    def read_bodies(self, indices: I64, is_posed: Bool) -> list[SceneRow]:
+        """Read bodies at posed samples; other rows stay empty."""
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
             row = self.last.get(index)
             if row is None:
-                row = Row(index)
+                row = SceneRow(index)
                 if posed and self.bodies:
                     self._set_time(row)
                     self._add_bodies(row)
@@ -153,7 +156,8 @@ class SteppedRows:
         effects: Sequence[int],
         in_scene: Collection[int],
         may_be_on: Bool,
-    ) -> Row:
+    ) -> SceneRow:
+        """Read one row; the light scene is stepped first unless bodies are certainly needed."""
         stepper = self.scenes.whole if is_posed else self.scenes.light
         row = self.reading.read(index, stepper, effects, ())
         if self.volumes.numbers:
@@ -170,15 +174,16 @@ class SteppedRows:
             self._add_bodies(row)
         return row
 
-    def _set_time(self, row: Row) -> None:
+    def _set_time(self, row: SceneRow) -> None:
+        """Step the whole scene to a row's sample."""
         self.reading.read(row.index, self.scenes.whole, (), ())
 
-    def _add_bodies(self, row: Row) -> None:
-        """Read bodies at the time that is set already."""
+    def _add_bodies(self, row: SceneRow) -> None:
+        """Read bodies at the present time of the whole scene into a row."""
         self.reading.add_poses(row, self.scenes.whole, self.bodies)
 
-    def add_effects(self, rows: Iterable[Row], effects: Iterable[int]) -> None:
-        """Read effects at times at which they were not."""
+    def add_effects(self, rows: Iterable[SceneRow], effects: Iterable[int]) -> None:
+        """Add missing effects to rows that were read without them, in place."""
         for row in rows:
             missing = [k for k in effects if k not in row.effects]
             if missing:

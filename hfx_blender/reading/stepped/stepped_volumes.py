@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placements of volumes that only Blender can place: all are read at once, and little of each.
+"""Bulk reading of the placements of stepped volumes, and their distance from skin.
 
-A place and a box tell that a volume is near no skin; then nothing else of it is read.
+Placements and boxes of all volumes are read at once; a volume far from skin needs no other values.
 """
 
 from __future__ import annotations
@@ -22,40 +22,39 @@ from ..description.scene_description import HapticObjects
 from ..description.soundness import SIZES
 from ..description.visibility import is_keyed
 from .nearness import SkinBoxes, swept_boxes
-from .scene_rows import Places, Row
+from .scene_rows import SceneRow, VolumePlacements
 from .stepping import Stepper
 
 
 class FarVolumes:
-    """Volumes that are stepped, and read in full only while they are near skin.
+    """Stepped volumes that are read completely only while near skin.
 
     Parameters
     ----------
     effects : sequence of int
-        Effects that are stepped, and silent where they are far. Those whose place does not decide
-        where they can be felt are left out.
+        Indices of stepped effects. Effects that are felt independently of their place, or whose
+        size is unknown, are excluded.
 
     Attributes
     ----------
     numbers : tuple of int
-        Numbers of the effects, (N,).
+        Indices of the N far volumes in the scene description.
     in_full : set of int
-        Effects that were near at last, and of which more than a place is unknown: they are read
-        at once.
+        Volumes near skin in the last block, of which not only placements vary: read completely.
     not_seen_on : set of int
-        Effects that were not on yet at any time.
+        Volumes without any active sample so far.
     """
 
     def __init__(
         self, found: HapticObjects, scene: SceneDescription, effects: Sequence[int]
     ) -> None:
         halves = {k: _half_size(found.effects[k]) for k in effects}
-        known = {k: half for k, half in halves.items() if half is not None}
-        self.numbers = tuple(known)
-        self._effects = [found.effects[k] for k in known]
-        self._is_mesh = np.array([each.hfx.shape == "MESH" for each in self._effects], np.bool_)
+        half_sizes = {k: half for k, half in halves.items() if half is not None}
+        self.numbers = tuple(half_sizes)
+        self._effects = [found.effects[k] for k in half_sizes]
+        self._is_mesh = np.array([effect.hfx.shape == "MESH" for effect in self._effects], np.bool_)
         self._has_mesh = bool(self._is_mesh.any())
-        corners = np.array([*known.values()], np.float64).reshape(-1, 3)
+        corners = np.array([*half_sizes.values()], np.float64).reshape(-1, 3)
         self._still = np.stack([-corners, corners], axis=1)
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
         self.in_full: set[int] = set()
@@ -66,8 +65,8 @@ class FarVolumes:
         model_ids = {scene.effects[k].model_id for k in self.numbers}
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self.numbers]
 
-    def read(self, stepper: Stepper) -> Places:
-        """Read their placements at the present time."""
+    def read(self, stepper: Stepper) -> VolumePlacements:
+        """Placements of all N volumes at the present time."""
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, listed, count)
@@ -85,72 +84,74 @@ class FarVolumes:
             if there[k]:
                 matrices[k] = effect_values.world_matrix(evaluated)
                 boxes[k] = np.where(self._is_mesh[k], np.nan, boxes[k])
-        return Places(there, matrices, boxes)
+        return VolumePlacements(there, matrices, boxes)
 
     def _rows(
         self, stepper: Stepper, objects: bpy.types.bpy_prop_collection, count: int
     ) -> tuple[I64, list[int]]:
-        """Rows of the volumes among the objects that a scene shows, and those not among them.
+        """Rows of the volumes in a scene's list of evaluated objects, and volumes not in
+        the list.
 
-        Their order changes only where some are shown or hidden.
+        Rows are cached until the number of objects changes, or if visibility is animated.
         """
         known = self._listed.get(stepper)
         if known is None or known[0] != count or stepper.is_changing:
-            number = {each.original: k for k, each in enumerate(objects)}
-            found = [number.get(effect, -1) for effect in self._effects]
-            missing = [k for k, row in enumerate(found) if row < 0]
-            known = count, np.maximum(np.array(found, np.int64), 0), missing
+            number = {evaluated.original: k for k, evaluated in enumerate(objects)}
+            rows = [number.get(effect, -1) for effect in self._effects]
+            missing = [k for k, row in enumerate(rows) if row < 0]
+            known = count, np.maximum(np.array(rows, np.int64), 0), missing
             self._listed[stepper] = known
         return known[1:]
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Volumes that may be on at frames of the animation, (N, T)."""
-        found = [state.may_be_on(frames) for state in self._states]
-        return np.array(found, np.bool_).reshape(len(found), len(frames))
+        """Mask (N, T) of frames of the animation at which each volume may be on; a superset."""
+        masks = [state.may_be_on(frames) for state in self._states]
+        return np.array(masks, np.bool_).reshape(len(masks), len(frames))
 
     def seen_on(self, there: Bool, may_be_on: Bool, stepper: Stepper) -> list[str]:
-        """Ids of volumes that are on for the first time, at the present time of a scene.
+        """Ids of volumes that are on for the first time, at the present time; updates
+        `not_seen_on`.
 
         Parameters
         ----------
         there, may_be_on : (N,) bool
-            Volumes that are not disabled now, and that may be on in the present block.
+            Enabled volumes, and volumes that may be on in the present block.
         """
-        found = []
+        ids = []
         for n in np.flatnonzero(there & may_be_on).tolist():
             if self.numbers[n] not in self.not_seen_on:
                 continue
             evaluated = stepper.evaluated(self._effects[n])
             is_there = evaluated.is_evaluated and not evaluated.hide_viewport
             if is_there and self._states[n].level(evaluated.hfx) > 0.0:
-                found.append(self._ids[n])
+                ids.append(self._ids[n])
                 self.not_seen_on.discard(self.numbers[n])
-        return found
+        return ids
 
-    def places(self, rows: Iterable[Row]) -> Places:
-        """Their places over the T times of a block, in arrays (T, N, ...)."""
+    def places(self, rows: Iterable[SceneRow]) -> VolumePlacements:
+        """Stack the placements of rows to arrays (T, N, ...)."""
         read = [row.places for row in rows if row.places is not None]
-        return Places(
-            np.array([each.there for each in read]),
-            np.array([each.matrices for each in read]),
-            np.array([each.boxes for each in read]),
+        return VolumePlacements(
+            np.array([row.there for row in read]),
+            np.array([row.matrices for row in read]),
+            np.array([row.boxes for row in read]),
         )
 
-    def are_near(self, places: Places, poses: Sequence[PoseBlock]) -> Bool:
-        """Volumes that may meet the skin of any body at the times of a block, or between, (N,)."""
+    def are_near(self, places: VolumePlacements, poses: Sequence[PoseBlock]) -> Bool:
+        """Mask (N,) of volumes that may touch skin of any body during a block."""
         matrices = places.matrices.copy()
         matrices[..., :3, :] *= self._unit_m
         low, high = swept_boxes(matrices, places.boxes, places.there)
-        # Not "and": a box that is no number may be anywhere.
-        found = np.zeros(len(low), np.bool_)
+        # Compare by "not apart" instead of "overlapping", so that a NaN box counts as near.
+        is_near = np.zeros(len(low), np.bool_)
         for skin, pose in zip(self._skins, poses, strict=True):
             box = skin.over(pose)
-            found |= box is None or ~((low > box[1]).any(axis=1) | (high < box[0]).any(axis=1))
-        return found & places.there.any(axis=0)
+            is_near |= box is None or ~((low > box[1]).any(axis=1) | (high < box[0]).any(axis=1))
+        return is_near & places.there.any(axis=0)
 
 
 def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
-    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
+    """Flat array of a property of all objects, (max(count, 1) * width,); zeros without objects."""
     flat = np.zeros(max(count, 1) * width, np.float32)
     if count:
         objects.foreach_get(name, flat)
@@ -158,9 +159,10 @@ def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: i
 
 
 def _boxes(corners: F64) -> F64:
-    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh.
+    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN for a single point, as of an empty mesh.
 
-    Of a subdivided mesh Blender may give the corners of its cage, which it lies within.
+    For a subdivided mesh Blender may return the corners of the cage, which contains the
+    surface.
     """
     boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     boxes[(boxes[:, 0] == boxes[:, 1]).all(axis=1)] = np.nan
@@ -168,10 +170,10 @@ def _boxes(corners: F64) -> F64:
 
 
 def _half_size(effect: bpy.types.Object) -> list[float] | None:
-    """Half of the size that a volume has at most, (3,) Blender's units.
+    """Half of the largest size of a volume, (3,) Blender units; NaN for a mesh.
 
-    Of a mesh NaN: its box is read. None where no such is known, or a place does not decide
-    where an effect can be felt: it is no volume, or has filters that go on ringing.
+    None if the size is unknown, or if the effect is felt independently of its place: no volume,
+    or a volume with response filters.
     """
     hfx = effect.hfx
     if hfx.kind != "VOLUME" or responses.active_filters(hfx) or is_keyed(effect, "hfx.shape"):
@@ -179,21 +181,21 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
     if hfx.shape == "MESH":
         is_read = effect.type == "MESH" and effect.mode != "EDIT"
         return [np.nan] * 3 if is_read else None
-    known = _largest(effect, hfx.shape)
-    if known is None:
+    largest = _largest(effect, hfx.shape)
+    if largest is None:
         return None
     if hfx.shape == "CUBOID":
-        return [each / 2 for each in known]
-    radius = known[0]
+        return [each / 2 for each in largest]
+    radius = largest[0]
     if hfx.shape == "SPHERE":
         return [radius] * 3
-    half = known[1] / 2
+    half = largest[1] / 2
     return [radius, radius, half if hfx.shape == "CYLINDER" else max(half, radius)]
 
 
 def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
-    """The largest values of the properties that the size of a shape follows from."""
-    found = []
+    """Largest values over time of the size properties of a shape, clamped; None if unknown."""
+    sizes = []
     for name in SIZES[shape]:
         now = limited_vector(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)
         most = max(now)
@@ -201,10 +203,10 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
         if is_keyed(effect, path):
             data = effect.animation_data
             curves = [c for c in compat.fcurves(effect) if c.data_path == path]
-            every = [c for each in compat.curve_collections(effect) for c in each]
-            if len(curves) < sum(c.data_path == path for c in every):
-                return None  # strips may add to each other
-            is_driven = any(each.data_path == path for each in data.drivers)
+            all_curves = [c for curves in compat.curve_collections(effect) for c in curves]
+            if len(curves) < sum(c.data_path == path for c in all_curves):
+                return None  # NLA strips may combine
+            is_driven = any(driver.data_path == path for driver in data.drivers)
             if data.action_blend_type != "REPLACE" or is_driven:
                 return None
             limits = effect.hfx.bl_rna.properties[name]
@@ -212,5 +214,5 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
             most = max(most, default, *map(highest_of, curves))
         if not np.isfinite(most):
             return None
-        found += [most] * len(now) if most > max(now) else now
-    return found
+        sizes += [most] * len(now) if most > max(now) else now
+    return sizes

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Steps through time: in the user's own scene, or in a scratch scene of needed objects.
+"""Stepping through time in the user's own scene or in a scratch scene.
 
-A scratch scene links the haptic bodies and effects and nothing else (Blender adds what these
-depend on), so that no prop, no other character and no avatar mesh is evaluated. What it cannot
-reproduce is known and looked for; where code may run, a few times are compared with the own scene.
+A scratch scene links haptic bodies and effects only; Blender adds their dependencies. Props, other
+characters and avatar meshes are not evaluated. Known causes of different results in a scratch scene
+are checked; with code in the file, a few times are compared with the own scene.
 """
 
 from __future__ import annotations
@@ -35,18 +35,25 @@ _RENDER_SETTINGS = (
     *("fps", "fps_base", "frame_map_old", "frame_map_new"),
     *("use_simplify", "simplify_subdivision"),
 )
-"""Settings of a scene that change when and how its objects are evaluated."""
+"""Render settings that change times or results of an object's evaluation."""
 
 _TRACKING = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER"}
-"""Constraints that take the camera or the movie clip of the scene."""
+"""Constraints that depend on the scene's camera or movie clip."""
 
 
 class Stepper:
-    """Scene that is set to times and read through its dependency graph.
+    """Scene that is set to frames and read through its dependency graph.
 
-    Rigs that are ``presampled`` are in it as their copies. ``is_own`` is the user's scene, not a
-    scratch scene; ``has_code`` tells of code in it that may show and hide objects. Drivers of
-    ``driven`` data that failed at one time are evaluated again at the next.
+    Parameters
+    ----------
+    presampled : sequence of PresampledRig
+        Rigs replaced by copies in this scene.
+    is_own : bool
+        The user's scene, not a scratch scene.
+    has_code : bool
+        The scene may run code that shows and hides objects.
+    driven : iterable of bpy.types.ID
+        Data-blocks whose drivers are retried after a failure.
     """
 
     def __init__(
@@ -70,7 +77,7 @@ class Stepper:
         self._drivers = RetriedDrivers(driven, tags=simulation is None)
 
     def set_frame(self, frame: Fraction) -> None:
-        """Evaluate the scene at a frame, which may lie between whole ones."""
+        """Evaluate the scene at a frame with a fraction."""
         whole, rest = divmod(frame.numerator, frame.denominator)
         if self._simulation is not None:
             self._simulation.go_to(frame)
@@ -79,32 +86,34 @@ class Stepper:
         self._set_frame(whole, rest / frame.denominator)
 
     def _set_frame(self, whole: int, subframe: float) -> None:
+        """Evaluate at a whole frame plus a fraction in 0..1."""
         scene, camera = self._scene, self._scene.camera
         self._drivers.evaluate(lambda: scene.frame_set(whole, subframe=subframe))
-        if scene.camera != camera:  # by a marker, after all that depends on it was evaluated
+        # A marker switches the camera after its dependents were evaluated, so evaluate them again.
+        if scene.camera != camera:
             scene.frame_set(whole, subframe=subframe)
 
     def show(self, frame: tuple[int, float]) -> None:
-        """Evaluate the scene at the user's frame, as a whole number and the rest of it."""
+        """Evaluate the scene at the user's frame: whole number and fraction."""
         self._set_frame(*frame)
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Drivers that could not be evaluated at this time, as sentences."""
+        """Sentences about the drivers that failed at the present frame."""
         return self._drivers.failures
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
-        """Evaluated object at this time."""
+        """Evaluated object at the present frame; of a presampled rig, its evaluated copy."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
 
     @cached_property
     def is_changing(self) -> bool:
-        """Test that the scene may show other objects at other times."""
+        """True if the set of visible objects may differ between frames."""
         return self._has_code or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
-        """The evaluated objects that the scene shows at this time."""
+        """Evaluated visible objects at the present frame."""
         return self._layer.depsgraph.objects
 
 
@@ -113,27 +122,28 @@ Stepping = AbstractContextManager[Stepper]
 
 @contextmanager
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
-    """Context that steps the user's scene, after its simulation; frame and camera are restored.
+    """Context that steps the user's scene after its simulation; frame and camera are restored.
 
-    Meanwhile objects that nothing felt depends on are disabled in viewports, so that Blender does
-    not evaluate them: in a window, where they are seen, only effects that are dormant.
+    Objects that no haptic object depends on are hidden in viewports for this time, so that
+    Blender does not evaluate them. With a window only dormant effects are hidden.
     """
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
         has_code = foreign_handler() is not None or runs_code(scene_objects(scene))
         instanced = (o for o in bpy.data.objects if o.hfx.role == "EFFECT")
-        felt = [*found.read, *(o for o in instanced if o not in found.dormant)]
+        haptic = [*found.read, *(o for o in instanced if o not in found.dormant)]
         idle = [] if has_code else [obj for obj in idle_objects(found) if not obj.hide_viewport]
         stepper = Stepper(
             scene,
             found.layer,
             has_code=has_code,
             simulation=simulation,
-            driven=data_reached_from(felt),
+            driven=data_reached_from(haptic),
         )
 
         def restore() -> None:
+            """Show the hidden objects, and set the frame and camera of before."""
             for obj in idle:
                 obj.hide_viewport = False
             stepper.show(before)
@@ -149,40 +159,41 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
         finally:
             try:
                 restore()
-            except KeyboardInterrupt:  # a late Ctrl-C
+            except KeyboardInterrupt:  # a late Ctrl-C: restore again
                 restore()
                 raise
 
 
 def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
-    """Objects that nothing which is read or felt depends on, where no code may.
+    """Objects without influence on haptic objects; empty results are possible.
 
-    With a window only dormant effects and what makes instances of such alone, as long as no other
-    object of the scene depends on them.
+    With a window only dormant effects and their instancers, unless other objects depend on
+    them.
     """
     objects = scene_objects(found.scene)
-    felt = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
-    shown = set(filter(is_instancer, data_reaching(felt)))
-    # What else needs an avatar's mesh than our setting that names it, Blender finds itself.
+    haptic = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
+    shown = set(filter(is_instancer, data_reaching(haptic)))
+    # The property that names an avatar's mesh is our reference, not a dependency in Blender.
     named = {(body, mesh) for body in found.bodies for mesh in avatar_meshes.meshes_of(body)}
     idle = set(objects)
     if not bpy.app.background:
         idle &= set(filter(is_instancer, data_reaching(found.dormant))) - shown | {*found.dormant}
         named = set()
     idle = {obj for obj in idle.difference(found.read) if not _has_part_of_its_own(obj)}
-    kept = shown | reached_from((*found.read, *set(objects).difference(idle)), named)
-    return [obj for obj in objects if obj in idle and obj not in kept]
+    required = shown | reached_from((*found.read, *set(objects).difference(idle)), named)
+    return [obj for obj in objects if obj in idle and obj not in required]
 
 
 def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
-    """Test for an object that counts though nothing refers to it, or that cannot stay disabled."""
-    is_found = obj.type in ("CAMERA", "META")  # by the scene, or by the metaballs of its family
-    return is_found or visibility.is_keyed(obj) or simulations.takes_part(obj)
+    """Test for an object that Blender uses without a reference, or that cannot stay hidden."""
+    # The scene uses its camera, a metaball those of its family.
+    is_used = obj.type in ("CAMERA", "META")
+    return is_used or visibility.is_keyed(obj) or simulations.takes_part(obj)
 
 
 @contextmanager
 def _marked_as_stepping() -> Iterator[None]:
-    """Context in which :func:`is_stepping` is true."""
+    """Context in which :func:`is_stepping` returns True."""
     global _is_stepping
     was_stepping, _is_stepping = _is_stepping, True
     try:
@@ -192,9 +203,7 @@ def _marked_as_stepping() -> Iterator[None]:
 
 
 def is_stepping() -> bool:
-    """Test that the program steps through time now, which is not the user's playback or
-    scrubbing.
-    """
+    """True while an export or a preview steps through time, not the user's playback."""
     return _is_stepping
 
 
@@ -204,14 +213,14 @@ def scratch_scene(
     objects: Iterable[bpy.types.Object],
     presampled: Sequence[PresampledRig] = (),
 ) -> Iterator[Stepper]:
-    """Context that steps a scratch scene of these objects, at last to the user's frame.
+    """Context that steps a scratch scene of objects, at the end to the user's frame.
 
     The user's scene is not evaluated.
 
     Raises
     ------
     NotModelledError
-        Something in it follows a presampled rig.
+        An object depends on a presampled rig.
     """
     with _marked_as_stepping(), _scratch(scene, objects, presampled) as stepper:
         yield stepper
@@ -221,60 +230,65 @@ def scratch_scene(
 def _scratch(
     scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], presampled: Sequence[PresampledRig]
 ) -> Iterator[Stepper]:
+    """Make the scratch scene; on exit, restore animated values of the objects and remove the
+    scene."""
     from ..curves.animation_curves import (
         NotModelledError,  # not where Blender starts: it needs numpy
     )
 
     scratch = bpy.data.scenes.new(".HFX Export")
-    made: list[bpy.types.ID] = [scratch]
+    created: list[bpy.types.ID] = [scratch]
     stepper = None
     try:
         for name in _RENDER_SETTINGS:
             setattr(scratch.render, name, getattr(scene.render, name))
-        every = (each for obj in objects for each in (obj, *_metaball_family(obj, scene)))
-        for obj in dict.fromkeys(every):  # several bodies may show one mesh
+        linked = (member for obj in objects for member in (obj, *_metaball_family(obj, scene)))
+        for obj in dict.fromkeys(linked):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
         for rig in presampled:
-            made += rig.make_copy()
+            created += rig.make_copy()
             scratch.collection.objects.link(rig.copy)
         layer = scratch.view_layers[0]
         layer.update()
-        there = {each.original for each in layer.depsgraph.ids} if presampled else set()
+        evaluated = {data.original for data in layer.depsgraph.ids} if presampled else set()
         for rig in presampled:
-            if rig.obj in there:
+            if rig.obj in evaluated:
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
-        driven = [each.original for each in layer.depsgraph.ids]
+        driven = [data.original for data in layer.depsgraph.ids]
         stepper = Stepper(scratch, layer, presampled=presampled, is_own=False, driven=driven)
         yield stepper
     finally:
         try:
-            # What animation set in the objects themselves is as it was in the user's scene.
+            # Evaluation writes animated values into the original objects: write those of the user's
+            # frame.
             if stepper is not None:
                 stepper.show((scene.frame_current, scene.frame_subframe))
         finally:
             # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
-            bpy.data.batch_remove(made)
+            bpy.data.batch_remove(created)
 
 
 def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Metaballs of a scene that make one surface with another: all of its name but the number."""
+    """Metaballs of a scene that form one surface with a metaball: equal names except for the
+    number."""
     if obj.type != "META":
         return []
     shown = visibility.enabled_objects(scene, scene.view_layers[0])
-    balls = [each for each in scene_objects(scene) if each.type == "META" and each in shown]
+    balls = [o for o in scene_objects(scene) if o.type == "META" and o in shown]
     return [ball for ball in balls if _without_number(ball.name) == _without_number(obj.name)]
 
 
 def _without_number(name: str) -> str:
+    """Name without Blender's numeric suffix."""
     return re.sub(r"\.\d+$", "", name)
 
 
-# Module of our own handlers: ``hfx_blender``, or its longer name as an extension.
+# Package of the handlers of this add-on: ``hfx_blender``, or its name as an extension.
 _OURS = (__package__ or "").rpartition(".reading")[0]
 
 
 def foreign_handler() -> str | None:
-    """Frame handler of others, which may do anything; None if there are only ours."""
+    """Reason, as a sentence, with a frame handler of another add-on; None without any."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
         module = getattr(handler, "__module__", None) or ""
@@ -285,9 +299,9 @@ def foreign_handler() -> str | None:
 
 
 def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
-    """Reason why a scratch scene of these objects could not reproduce them; None if it can.
+    """Reason why a scratch scene cannot reproduce objects; None if a scratch scene can.
 
-    What they do not reach, over any number of steps, does not matter.
+    Only references of these objects, direct or not, are checked.
     """
     mover = simulations.simulated(objects)
     if mover is not None:
@@ -306,10 +320,9 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
 
 
 def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
-    """Test for drivers that may read anything, of objects and all that they reach.
+    """Test for drivers with code or with paths through object lists, of objects and references.
 
-    They have code, or a path through a list of objects: Blender's dependency graph does not follow
-    either.
+    Blender's dependency graph does not follow such drivers.
     """
     drivers = (curve.driver for _, curve in drivers_of(data_reached_from(objects)))
     return any(
@@ -320,10 +333,10 @@ def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
 
 
 def _takes_camera(data: bpy.types.ID) -> bool:
-    """Test for data that the camera or the movie clip of its scene changes."""
+    """Test for a data-block that depends on the scene's camera or movie clip."""
     if isinstance(data, bpy.types.GeometryNodeTree):
         return any(node.bl_idname == "GeometryNodeInputActiveCamera" for node in data.nodes)
     if not isinstance(data, bpy.types.Object):
         return False
     owners = [data, *(data.pose.bones if data.pose is not None else ())]
-    return any(each.type in _TRACKING for owner in owners for each in owner.constraints)
+    return any(c.type in _TRACKING for owner in owners for c in owner.constraints)

@@ -20,11 +20,10 @@ from hfx_blender.engine import tolerance
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.reference import motion
 from hfx_blender.engine.reference.boundary import nearest
 from hfx_blender.engine.reference.cells import EXACT, Cells, Fineness, Skin
 from hfx_blender.engine.reference.contact import Body, Volume, contact
-from hfx_blender.engine.reference.pose import by_bones, moved
+from hfx_blender.engine.reference.pose import by_bones, is_rotating, moved, placement_between
 from hfx_blender.engine.reference.shapes import (
     contains,
     nearest_on_triangles,
@@ -275,11 +274,11 @@ def test_motion_by_hand() -> None:
     before, after = np.eye(4), np.eye(4)
     after[:3, :3] = [[0.0, -3.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]  # 90 degrees, y times 3
     after[:3, 3] = 4.0, 0.0, 0.0
-    middle = motion.between(before, after, 0.5)
+    middle = placement_between(before, after, 0.5)
     half = 0.5**0.5
     expected = [[half, -2.0 * half, 0.0, 2.0], [half, 2.0 * half, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
     assert middle[:3] == pytest.approx(np.array(expected))
-    assert motion.turns(before, after) and not motion.turns(before, 2.0 * before)
+    assert is_rotating(before, after) and not is_rotating(before, 2.0 * before)
 
 
 def test_passages_by_hand() -> None:
