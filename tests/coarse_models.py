@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hfx_blender.engine.arrays import I32
+from hfx_blender.engine.arrays import I32, expand
 from hfx_blender.engine.body.levels import level_of
-from hfx_blender.engine.body.mesh_edges import expand
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 
 

@@ -50,6 +50,15 @@ def ramp(counts: I64) -> tuple[I64, I64]:
     return steps, owners
 
 
+def expand(offsets: I64, rows: I64 | I32) -> tuple[I64, I64]:
+    """Indices of all entries of sparse rows, and the position in ``rows`` of each entry.
+
+    Row ``r`` holds the entries ``offsets[r]`` to ``offsets[r + 1]``.
+    """
+    steps, owners = ramp(offsets[rows + 1] - offsets[rows])
+    return offsets[rows][owners] + steps, owners
+
+
 def missing_ids(has_entry: Bool, ids: I64) -> I64:
     """Sorted unique ids without an entry."""
     is_known = has_entry[ids]

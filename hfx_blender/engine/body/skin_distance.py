@@ -9,7 +9,7 @@ after Kimmel and Sethian 1998). Exact on flat patches.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -134,6 +134,21 @@ class SkinDistances:
         triangles = self._triangles[is_near[self._triangles].any(axis=1)]
         self._patch = _patch(self._points, triangles, point, nearest_m, radius_m)
         return self._patch
+
+
+def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
+    """Edge lengths of a mesh as a sparse matrix (V, V) for ``scipy.sparse.csgraph``.
+
+    Upper triangle only: each edge has a single entry, from the smaller to the larger vertex id.
+    """
+    from scipy.sparse import coo_array, csr_array
+
+    points = np.asarray(vertices, np.float64)
+    corners = np.asarray(triangles, np.int64)
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    ends = np.unique(np.sort(edges, axis=1), axis=0)
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(points),) * 2))
 
 
 def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m: float) -> _Patch:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..arrays import F64, I64
-from .mesh_edges import edge_graph
+from .skin_distance import edge_graph
 from .surface_locator import SurfaceLocator
 
 STEP_M: Final = 0.004

@@ -10,8 +10,7 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
-from ..arrays import F64, I32, I64
-from ..body.mesh_edges import expand
+from ..arrays import F64, I32, I64, expand
 from ..body.model import PerceptualModel
 from ..native import skin as native
 

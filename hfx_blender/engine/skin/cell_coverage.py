@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, ramp, sorted_by
+from ..arrays import F64, I32, I64, expand, sorted_by
 from ..body.model import PerceptualModel
 from ..body.temperature_cells import cell_of_skin
 from ..native import cluster_bounds as native
@@ -134,8 +134,7 @@ class SkinCoverage:
         # Skin vertices grouped by cell, then in the order of the cells in the clusters.
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
-        step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
-        units = order[firsts[cells][cell_of] + step].astype(np.int32)
+        units = order[expand(firsts, cells)[0]].astype(np.int32)
         cluster_of = owners_of(self.clusters, len(self.model))[self._owner]
         starts = sorted_by(cluster_of, len(self.clusters))[1]
         return native.outlined(SkinMesh.of(self.surface), starts, units, cluster_of)

@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F32, F64, I64
-from ..body.mesh_edges import edge_graph
 from ..body.model import PerceptualModel
+from ..body.skin_distance import edge_graph
 from ..scene import PoseBlock, SurfaceBinding
 from .bound_weights import BoundWeights
 from .surface_posing import SurfaceModel

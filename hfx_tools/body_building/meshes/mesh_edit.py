@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hfx_blender.engine.arrays import F64, I64, Bool
-from hfx_blender.engine.body.mesh_edges import expand
+from hfx_blender.engine.arrays import F64, I64, Bool, expand
 
 from .mesh_edges import Edges, edges_of, key, triangle_normals
 

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from hfx_blender.engine.arrays import F64, I64
-from hfx_blender.engine.body.mesh_edges import expand
+from hfx_blender.engine.arrays import F64, I64, expand
 from hfx_blender.engine.body.surface_locator import barycentric
 
 from .mesh_edges import triangle_normals

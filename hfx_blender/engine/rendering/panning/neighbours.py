@@ -13,10 +13,9 @@ from typing import Any, Final
 import numpy as np
 
 from ...arrays import F64, I64, Bool
-from ...body.mesh_edges import edge_graph
 from ...body.model import PerceptualModel
 from ...body.parts import PARTS
-from ...body.skin_distance import SkinDistances
+from ...body.skin_distance import SkinDistances, edge_graph
 
 MAX_SPAN_M: Final = 0.2
 """Largest distance of two neighbours along the skin, metres."""

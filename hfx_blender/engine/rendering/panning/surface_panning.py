@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import F64, I32, I64
-from ...body.mesh_edges import edge_graph
 from ...body.model import PerceptualModel
+from ...body.skin_distance import edge_graph
 from ..device_config import Law
 from .complex import ActuatorComplex, gain, merged_places
 from .neighbours import MAX_SPAN_M, along_edges_m, limbs_of, parted
