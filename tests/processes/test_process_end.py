@@ -21,6 +21,7 @@ def slow(self, text):
     time.sleep(2.0)
 Console.warn = slow
 process_end.UNWINDING_S = 0.2
+cli.build_parser()  # imports all commands, which takes long
 process_end.end_on_signals()
 os.kill(os.getpid(), signal.SIGTERM)
 cli.run(["device", "list"])
