@@ -10,9 +10,8 @@ import numpy as np
 
 from ..engine.arrays import F64, U8
 from ..engine.texture.height_field import HeightField
-from ..engine.texture.procedural import ProceduralMaterial, noise
+from ..engine.texture.procedural import ProceduralMaterial, Weave, noise, woven
 from ..engine.texture.relief.linear_light import linear_to_srgb, srgb_to_linear
-from ..engine.texture.weave import Weave, woven
 
 _LEAST: Final = 0.03
 _MOST: Final = 30.0
@@ -31,7 +30,7 @@ class Steering:
     wear: float = 0.0  # 0 new, 1 heights above the median worn flat, below 0 raised
     roughness: float = 0.0  # added to the roughness, 0..1
     direction_deg: int = 0  # rotation: 0, 45 or 90
-    draft: str | None = None  # key of weave.DRAFTS, in place of the material's relief
+    draft: str | None = None  # key of procedural.DRAFTS, in place of the material's relief
 
     def clipped(self) -> Steering:
         """Copy with all values within their bounds."""

@@ -69,7 +69,10 @@ def bends_m(boxes: F64, follows: Bool) -> F64:
 
 
 def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
-    """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block."""
+    """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block, metres.
+
+    Boxes contain the bulge of curved skin. Positions of skin without bones are kept in the result.
+    """
     to_world = pose.to_world[rows]
     surface, margins_m = skin.surface, skin.skin.margins_m
     if isinstance(surface, SkinnedModel):

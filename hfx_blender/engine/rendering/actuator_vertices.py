@@ -45,8 +45,8 @@ def vertices_of(place: Place, model: PerceptualModel) -> I32:
     """Vertices of ``model`` that a place reaches, ascending; not to be changed.
 
     A place on the body always reaches the nearest vertex of the parts, even beyond the radius, so
-    that an actuator between the vertices of a coarse model still plays. Empty for named vertices
-    without a set for this model.
+    that an actuator between the vertices of a coarse model still plays. A place in the room reaches
+    all vertices of the parts. Empty for named vertices without a set for this model.
 
     Raises
     ------

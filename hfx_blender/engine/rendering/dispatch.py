@@ -82,7 +82,9 @@ class ActuatorGroup:
         return self._cells[model_id]
 
     def gains(self, run: SampleRun) -> F64:
-        """Gain of each actuator for each sample of a run, (n, A) in 0..1.
+        """Gains (n, A) of the actuators for a run's samples, in 0..1.
+
+        Set by the run's drive, else panned about a spot's focus, else by shared vertices and reach.
 
         Raises
         ------
@@ -144,7 +146,7 @@ class ActuatorGroup:
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
         """Mask (n,) of samples that drive actuators (n, A) only below their detection thresholds.
 
-        Actuators without thresholds count as felt.
+        Actuators without thresholds count as felt. All False unless effect and actuators vibrate.
         """
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
@@ -167,7 +169,10 @@ class ActuatorGroup:
         )
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
-        """Mask (n,) of samples with a frequency out of range of a driven actuator (n, A)."""
+        """Mask (n,) of samples with a frequency out of range of a driven actuator (n, A).
+
+        All False unless effect and actuators vibrate.
+        """
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
         controls = [a.type.controls[1] for a in self._actuators]

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
-from hfx_blender.engine.texture import weave
+from hfx_blender.engine.texture import procedural
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.procedural import noise
 
@@ -42,7 +42,7 @@ def dealt_weaves(seed: int, texels: int = TEXELS) -> list[Cloth]:
     are dealt out, so that surfaces differ in more than scale."""
     rng = np.random.default_rng(seed)
     made = []
-    for draft in weave.DRAFTS:
+    for draft in procedural.DRAFTS:
         depths = rng.permutation(np.geomspace(*_DEPTHS_M, 6))
         directions = rng.permutation(_DIRECTIONS)
         for k, period in enumerate(np.geomspace(*_PERIODS_M, 6).tolist()):
@@ -57,7 +57,7 @@ def drawn_weaves(seed: int, texels: int = TEXELS) -> list[Cloth]:
     made = []
     for _ in range(COUNT):
         period, depth = _measures(rng, _PERIODS_M)
-        draft, direction = str(rng.choice(list(weave.DRAFTS))), float(rng.uniform(0.0, np.pi))
+        draft, direction = str(rng.choice(list(procedural.DRAFTS))), float(rng.uniform(0.0, np.pi))
         made.append(_woven(rng, draft, period, depth, direction, texels, seed))
     return made
 
@@ -66,8 +66,8 @@ def _woven(
     rng: Rng, draft: str, period: float, depth: float, direction: float, texels: int, seed: int
 ) -> Cloth:
     dive = float(rng.uniform(0.4, 0.9))
-    cloth = weave.Weave(draft, period, depth, direction, dive, 0.01 * depth)
-    return Cloth(draft, period, depth, weave.woven(cloth, _size_m(period), texels, seed))
+    cloth = procedural.Weave(draft, period, depth, direction, dive, 0.01 * depth)
+    return Cloth(draft, period, depth, procedural.woven(cloth, _size_m(period), texels, seed))
 
 
 def _size_m(period: float) -> float:

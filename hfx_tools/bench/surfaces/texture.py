@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.engine.arrays import F64
-from hfx_blender.engine.texture import mcha, procedural, stroke, weave
+from hfx_blender.engine.texture import mcha, procedural, stroke
 from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
 from hfx_blender.engine.texture.haptic_map import HapticMap
@@ -176,15 +176,15 @@ def maps(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
             mcha.make_map(field, rough)
             seconds.append(time.perf_counter() - start)
         rows.append({"texels": size, "seconds": min(seconds)})
-    cloth = weave.Weave("twill", 0.8e-3, 0.2e-3, np.pi / 6.0)
+    cloth = procedural.Weave("twill", 0.8e-3, 0.2e-3, np.pi / 6.0)
     finest = _mean_intensity(cloth, 2048)
     for row in rows:
         row["error"] = abs(_mean_intensity(cloth, min(row["texels"], 2048)) / finest - 1.0)
     return rows
 
 
-def _mean_intensity(cloth: weave.Weave, texels: int) -> float:
-    made = mcha.make_map(weave.woven(cloth, 0.04, texels))
+def _mean_intensity(cloth: procedural.Weave, texels: int) -> float:
+    made = mcha.make_map(procedural.woven(cloth, 0.04, texels))
     return float(made.intensity.mean())
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender.engine.texture import procedural, weave
+from hfx_blender.engine.texture import procedural
 from hfx_blender.engine.texture.mcha import blurred_slope
 from hfx_blender.errors import InputError
 from hfx_tools.bench.surfaces import textile_correlation, texture_chart
@@ -58,27 +58,29 @@ def test_gravel_is_stronger_than_metal_by_the_same_slope() -> None:
     assert strength["gravel"] > strength["wood"] > strength["metal"]
 
 
-@pytest.mark.parametrize("draft", weave.DRAFTS)
+@pytest.mark.parametrize("draft", procedural.DRAFTS)
 def test_a_weave_repeats_in_its_period_and_direction(draft: str) -> None:
-    cloth = weave.Weave(draft, 0.5e-3, 0.1e-3)
-    field = weave.woven(cloth, 0.03, 480)
-    repeat = int(np.lcm(*np.array([len(weave.DRAFTS[draft]), len(weave.DRAFTS[draft][0])])))
+    cloth = procedural.Weave(draft, 0.5e-3, 0.1e-3)
+    field = procedural.woven(cloth, 0.03, 480)
+    repeat = int(
+        np.lcm(*np.array([len(procedural.DRAFTS[draft]), len(procedural.DRAFTS[draft][0])]))
+    )
     threads = repeat * round(60 / repeat)
     across = np.roll(field.heights_m, 480 * repeat // threads, axis=1)
     if (480 * repeat) % threads == 0:
         np.testing.assert_allclose(across, field.heights_m, atol=1e-12)
     assert np.ptp(field.heights_m) == pytest.approx(0.1e-3)
-    turned = weave.woven(weave.Weave(draft, 0.5e-3, 0.1e-3, np.pi / 2.0), 0.03, 480)
+    turned = procedural.woven(procedural.Weave(draft, 0.5e-3, 0.1e-3, np.pi / 2.0), 0.03, 480)
     assert turned.heights_m.std() == pytest.approx(field.heights_m.std(), rel=0.02)
 
 
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: weave.Weave("knit", 1e-3, 1e-4),
-        lambda: weave.Weave("plain", 0.0, 1e-4),
-        lambda: weave.Weave("plain", 1e-3, float("nan")),
-        lambda: weave.woven(weave.Weave("satin", 1e-2, 1e-4), 0.01, 64),
+        lambda: procedural.Weave("knit", 1e-3, 1e-4),
+        lambda: procedural.Weave("plain", 0.0, 1e-4),
+        lambda: procedural.Weave("plain", 1e-3, float("nan")),
+        lambda: procedural.woven(procedural.Weave("satin", 1e-2, 1e-4), 0.01, 64),
     ],
 )
 def test_what_is_no_weave_is_refused(make: object) -> None:
@@ -87,7 +89,7 @@ def test_what_is_no_weave_is_refused(make: object) -> None:
 
 
 def test_the_reference_fabrics_go_from_smooth_to_rough() -> None:
-    depths = [each.depth_m for each in weave.reference_fabrics().values()]
+    depths = [each.depth_m for each in procedural.reference_fabrics().values()]
     assert depths == sorted(depths) and len(depths) == 3
 
 

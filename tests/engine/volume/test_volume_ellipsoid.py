@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from volume_cases import rotation
 
-from hfx_blender.engine.volume.ellipsoid import Ellipsoid
+from hfx_blender.engine.volume.analytic import Ellipsoid
 
 
 def all_feet(semi_axes, point):

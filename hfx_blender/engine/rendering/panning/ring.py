@@ -64,7 +64,10 @@ class _Axis:
         self._period = period
 
     def shares(self, values: F64) -> F64:
-        """Shares (n, A) of the two neighbours of each value (n,); 0 if not finite."""
+        """Shares (n, A) of the two neighbours of each value (n,); 0 if not finite.
+
+        Beyond the ends of an open axis the end has share 1; actuators at one place divide a share.
+        """
         count = len(self._places)
         shares = np.zeros((len(values), count))
         rows = np.flatnonzero(np.isfinite(values))
