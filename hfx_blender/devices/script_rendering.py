@@ -186,7 +186,9 @@ def _scene_times_s(header: TrackHeader) -> list[float]:
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
-    """Yield for each row of a track the effects on the wearer and their gains (A,)."""
+    """Yield for each row of a track the effects on the wearer, as runs of one sample, and their
+    gains (A,); an empty list for a row without effects.
+    """
     nothing: FeltRuns = []
     row = 0  # next row to yield
     for block in blocks(track.header, track.runs()):
@@ -255,7 +257,7 @@ class _ScriptRun:
         self._worker.send(b"".join(batch))
 
     def wait(self, most: int = 0) -> None:
-        """Wait until at most ``most`` rows are unanswered.
+        """Process messages until the script is ready and at most ``most`` rows are unanswered.
 
         Raises _FaultError: the script has failed, or has exceeded a time limit.
         """
@@ -288,7 +290,10 @@ class _ScriptRun:
         return f"it did not answer within {ROW_S:g} s"
 
     def _process_message(self, received: Message | None) -> None:
-        """Take an answer, a log line or the end of the worker's messages (None)."""
+        """Store an answer in ``answers``, or log a line; ``_FaultError`` for anything else.
+
+        None is the end of the worker's messages, a fault too.
+        """
         if received is None and self._worker.fault:
             raise self._fault(f"its process {self._worker.fault}")
         if received is None:

@@ -30,16 +30,11 @@ _MOST_FILES: Final = 100_000
 class WatchedFolder:
     """Folder of pictures, watched by polling for files that are completely written.
 
-    Attributes
-    ----------
-    passed_over : list of Path
-        Files of the last poll with a picture's suffix that are empty, no regular file, or a
-        broken link.
-
     Raises InputError: the folder does not exist.
     """
 
     folder: Path
+    # Of the last poll, with a picture's suffix: empty or no regular files, broken links.
     passed_over: list[Path] = field(default_factory=list, init=False)
     _seen: dict[Path, tuple[int, int]] = field(default_factory=dict)
     _done: dict[Path, tuple[int, int]] = field(default_factory=dict)

@@ -33,7 +33,7 @@ class Steering:
     draft: str | None = None  # key of procedural.DRAFTS, in place of the material's relief
 
     def clipped(self) -> Steering:
-        """Copy with all values within their bounds."""
+        """Copy with scale and depth clipped to 0.03..30, wear and roughness to -1..1."""
         return replace(
             self,
             scale=float(np.clip(self.scale, _LEAST, _MOST)),

@@ -34,7 +34,7 @@ def tokens(text: str) -> list[str]:
 
 
 def base_form(word: str, known: Container[str]) -> str | None:
-    """Known form of a word: the word, its singular, or its stem; None if none is known."""
+    """Known form of a word: the word, the singular, or a stem of 3 or more letters; else None."""
     if word in known:
         return word
     # A stem has at least three letters: "es" of "yes" is no ending.

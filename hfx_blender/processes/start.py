@@ -69,9 +69,10 @@ def start(
 
 
 def end_all(limit_s: float) -> None:
-    """Terminate all processes started by :func:`start`; kill them after ``limit_s``, seconds.
+    """Terminate all processes started by :func:`start`; kill the rest after ``limit_s``, seconds.
 
-    Later starts fail: this process is ending.
+    Later starts fail: this process is ending. On Windows processes with an input pipe are left,
+    as these exit with their input.
     """
     ended.append(True)
     known = [reference() for reference in list(_started.values())]

@@ -23,6 +23,7 @@ def absolute(python_path: str) -> list[str]:
 def clean_import_path() -> None:
     """Remove relative entries of PYTHONPATH from ``sys.path`` and from the environment.
 
+    Does nothing without PYTHONPATH, or if Python ignores the environment (``-E``).
     Folders with an absolute entry as well stay, and Python's own folders stay, even if one of
     them is the current folder.
     """

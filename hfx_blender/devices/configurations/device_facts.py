@@ -96,7 +96,10 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
 
 
 def _place(actuator: Actuator) -> str:
-    """Label of the body region at an actuator; :data:`ROOM` for an actuator of the room."""
+    """Label of the region of the vertex nearest to an actuator; :data:`ROOM` without a place.
+
+    Of a place with vertices the first vertex counts.
+    """
     position = actuator.place
     if isinstance(position, BodyPlace):
         model = load_model(_MODEL)

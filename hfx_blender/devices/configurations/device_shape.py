@@ -123,7 +123,7 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
 
 
 def _limits(modality: Modality, parameter: Parameter) -> Record:
-    """Shape of an actuator's limits of a parameter."""
+    """Shape of an actuator's optional limits of a parameter; a silent minimum can only be 0."""
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     is_silent_at_0 = parameter.name == modality.strength and modality.is_silent_at_0
     least = Number(0, 0, note="0, at which the actuator is silent") if is_silent_at_0 else value

@@ -45,23 +45,15 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """Request for the values of a device; the answer may come late.
+    """Request for the values of a device.
 
-    Attributes
-    ----------
-    generation : int
-        ``DeviceThread.generation`` at the time of the request. A pause, stop or start raises the
-        thread's number, so that answers to earlier requests are discarded.
-    asked_s : float
-        Time at which Blender's message was read, by the clock of the output process.
-    number : int
-        Rising number of the request. An answer that comes after the answer to a newer request is
-        discarded.
+    The answer is discarded if a pause, stop or start has raised ``DeviceThread.generation``, or if
+    a newer request has been answered.
     """
 
-    generation: int
-    asked_s: float
-    number: int
+    generation: int  # of the thread, at the time of the request
+    asked_s: float  # time at which Blender's message was read, by the output process's clock
+    number: int  # rising
 
 
 class Script(Protocol):
@@ -527,7 +519,8 @@ class DeviceThread:
     def _with_pulse(self, values: F64, now: float) -> F64:
         """Values (columns,) with the test pulse in place of an actuator's strength.
 
-        Returns ``values`` themselves without a pulse, a copy during a pulse.
+        Returns ``values`` themselves without a pulse or after its end, which clears the pulse; a
+        copy during a pulse.
         """
         if self.test_pulse is None:
             return values

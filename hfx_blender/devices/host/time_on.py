@@ -162,7 +162,10 @@ class TimeOn:
                     budget.idle_since_s[slots[is_idle]] = now_s
 
     def begin(self) -> None:
-        """Register as a player, from silence; loads stay."""
+        """Register as a player of all budgets, with all actuators silent; loads stay.
+
+        Calls ``on_begin`` of each budget, which saves the budget.
+        """
         with self._lock:
             self._is_on = np.zeros(self._count, np.bool_)
             self._paid_s = np.zeros(self._count)

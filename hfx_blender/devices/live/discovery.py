@@ -148,7 +148,7 @@ def serial_number_of(name: str, ports: Iterable[FoundPort]) -> str:
 def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[FoundPort]) -> str:
     """Port of the device with a serial number, last seen on port ``name``.
 
-    ``name`` without a serial number to compare.
+    Returns ``name`` if ``serial_number`` is "", or ``name`` has no number or the same number.
 
     Raises
     ------

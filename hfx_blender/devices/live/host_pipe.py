@@ -189,7 +189,10 @@ class HostPipe:
     # Called in threads of the worker: pipes may block.
 
     def outgoing(self, worker: Worker) -> Iterator[bytes]:
-        """Yield encoded messages for the writing thread, until the worker is closed or replaced."""
+        """Yield encoded messages for the writing thread, until the worker is closed or replaced.
+
+        Urgent messages come before values; values from before a stop are dropped.
+        """
         wake = self._wake
         while True:
             wake.get()

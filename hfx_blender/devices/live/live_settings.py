@@ -40,7 +40,7 @@ class LiveSettings:
 
 
 def load() -> dict[str, LiveSettings]:
-    """Load the settings by device name; empty, or with defaults, where the file is not readable."""
+    """Load the settings by device name; empty without a valid file, invalid members as default."""
     try:
         content = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -64,7 +64,7 @@ def store(name: str, settings: LiveSettings) -> None:
 
 
 def _settings_of(entry: dict[str, Any]) -> LiveSettings:
-    """Settings of a JSON object; invalid members have their defaults."""
+    """Settings of a JSON object; invalid members as default, the delay clipped to 0..1000 ms."""
     members: dict[str, Any] = {}
     for field in fields(LiveSettings):
         value = entry.get(field.name, field.default)

@@ -48,7 +48,10 @@ class BhapticsOutput:
             raise
 
     def send(self, values: F64) -> None:
-        """Send values (columns,); values within 20 ms of the last frame are dropped."""
+        """Send values (columns,) as levels 0..100; off for positions that have become silent.
+
+        Values within 20 ms of the last frame, or with unsent bytes, are dropped.
+        """
         self._socket.check()
         now = time.monotonic()
         if now < self._sent_s + INTERVAL_S or not self._socket.has_room:

@@ -70,7 +70,7 @@ def computer(host: str) -> str:
 
 
 def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    """Test for an address of this computer."""
+    """Test for an address of this computer, by binding a socket to port 0 of the address."""
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
         probe.bind((str(address), 0))  # fails for a foreign address; sends nothing

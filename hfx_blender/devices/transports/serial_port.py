@@ -100,7 +100,7 @@ class SerialPort:
         self._push()
 
     def read(self) -> bytes:
-        """Received bytes, at most 4 KiB, without waiting; OutputLostError if the port is lost."""
+        """Received bytes, 0 to 4096, without waiting; OutputLostError if the port is lost."""
         try:
             if self._is_posix:
                 return os.read(self._port.fileno(), 4096)

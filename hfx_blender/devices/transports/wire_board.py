@@ -148,7 +148,8 @@ class WireBoard:
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
     """Longest time on and following rest, for all channels of a board; 0: the board's own.
 
-    The time on is the shortest of the device's types, and the share of time on the smallest.
+    The time on is the shortest of the device's types, and the share of time on the smallest;
+    types without a limit do not count.
     """
     kinds = [kind for kind in device.actuator_types.values() if math.isfinite(kind.maximum_on_s)]
     if not kinds:

@@ -43,22 +43,11 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Haptics:
-    """Haptic data of a moment.
+    """Haptic data of a moment."""
 
-    Attributes
-    ----------
-    time_s : float
-        Time on the scene's clock.
-    felt : tuple of Effect
-        Effects on the wearer, of all modalities, also of modalities missing on the device.
-    values : (columns,) float64
-        Values without a script: the controls of all actuators, actuator by actuator.
-    device : DeviceConfig
-    """
-
-    time_s: float
-    felt: tuple[Effect, ...]
-    values: F64
+    time_s: float  # on the scene's clock
+    felt: tuple[Effect, ...]  # on the wearer, also of modalities missing on the device
+    values: F64  # (columns,) without the script: controls of all actuators, actuator by actuator
     device: DeviceConfig
 
     @property

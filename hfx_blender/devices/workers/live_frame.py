@@ -29,27 +29,13 @@ _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.val
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """Current samples and settings of the open scene.
+    """Current samples and settings of the open scene."""
 
-    Attributes
-    ----------
-    time_s : float
-        Time on the scene's clock.
-    runs : sequence of SampleRun
-        Runs of one sample, or of none.
-    gains : mapping
-        User's gains by device number; 0 is mute, missing numbers are 1.
-    play_space : (4, 4) float64, optional
-        Play space to world, metres.
-    later : mapping
-        Runs for actuators with a latency, by latency in ms: the samples at ``time_s`` plus the
-        latency. Latencies without known samples are missing.
-    """
-
-    time_s: float
-    runs: Sequence[SampleRun]
-    gains: Mapping[int, float] = field(default_factory=dict)
-    play_space: F64 | None = None
+    time_s: float  # on the scene's clock
+    runs: Sequence[SampleRun]  # of one sample, or of none
+    gains: Mapping[int, float] = field(default_factory=dict)  # by device number; 0: mute, default 1
+    play_space: F64 | None = None  # (4, 4) play space to world, metres
+    # Runs at ``time_s`` plus a latency, by latency in ms; missing where not known.
     later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
 
 
