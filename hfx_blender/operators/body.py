@@ -52,12 +52,12 @@ class HFX_OT_add_avatar(HfxOperator):
 
     person: EnumProperty(
         name="Person",
-        description="The average adult, or one of your own body models",
+        description="The average adult, or a body model of your own",
         items=_people,
     )
     stands_free: BoolProperty(
         name="Stand Free",
-        description="Beside what is at the 3D cursor already, and not inside it",
+        description="Next to objects at the 3D cursor, not inside them",
         default=False,
     )
 
@@ -126,7 +126,7 @@ class HFX_OT_mark_body(_FittingOperator):
     bl_label = "Add Haptic Body"
 
     layer: EnumProperty(
-        name="Layer", description="What is felt where clothes lie over skin", items=FELT_LAYERS
+        name="Layer", description="Meshes to use where clothes cover skin", items=FELT_LAYERS
     )
 
     requires = (
@@ -188,7 +188,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
     bl_idname = "hfx.move_to_body"
     bl_label = "Move to Body"
 
-    body: EnumProperty(name="Body", description="The body to be felt on", items=_bodies)
+    body: EnumProperty(name="Body", description="Body for the effects", items=_bodies)
     which: EnumProperty(
         name="Effects",
         description="Effects to move",

@@ -46,8 +46,8 @@ class LastExport:
     count: int
     folder: Path
     warnings: tuple[str, ...] = ()
-    effects: tuple[str, ...] = ()  # when each is felt, or why not
-    has_clips_outside: bool = False  # of the scene's frames
+    effects: tuple[str, ...] = ()  # times of each effect, or the reason for silence
+    has_clips_outside: bool = False  # True: clips outside of the scene's frame range
 
     @property
     def warned(self) -> str:
@@ -160,7 +160,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
         scene = context.scene
         devices, missing = scene_devices(scene)
-        # In the order of the list, whatever order a set has.
+        # Sort by the list of formats: sets have no order.
         formats = tuple(id for id in EXPORTED if id in self.formats)
         formats = formats_without(missing, formats, devices)
         if self._is_invoked:  # disabled formats count as cleared

@@ -45,13 +45,13 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
         name="Projection",
         description="Projection of the picture",
         items=(
-            ("FLAT", "Flat", "An image that stands behind the body"),
+            ("FLAT", "Flat", "An image behind the body"),
             ("SPHERE", "360 Degrees", "Equirectangular, as the world around the body"),
         ),
     )
     with_sound: BoolProperty(
         name="Sound",
-        description="Also put the video's sound on the timeline; playback is synchronized with it",
+        description="Add the video's sound to the timeline, and sync playback to audio",
         default=True,
     )
 
@@ -63,7 +63,7 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
             try:
                 media.add_sound(scene, path, start)
             except InputError:
-                pass  # a silent video
+                pass  # a video without sound
             else:
                 shown += ", with its sound"
         return shown

@@ -154,6 +154,24 @@ class FileOperator(HfxOperator):
         return Path(bpy.path.abspath(self.filepath))
 
 
+class ModalTimer:
+    """Mixin of modal operators that run on a timer of their window."""
+
+    _timer = None  # no annotation: Blender would register a property
+
+    def start_modal(self, context: bpy.types.Context, interval_s: float) -> None:
+        """Add the timer and the modal handler."""
+        self._timer = context.window_manager.event_timer_add(interval_s, window=context.window)
+        context.window_manager.modal_handler_add(self)
+
+    def stop_timer(self, context: bpy.types.Context) -> None:
+        """Remove the timer and the status text; no effect without a timer."""
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+            context.workspace.status_text_set(None)
+
+
 class KeyBindings:
     """Keys of operators in one of Blender's keymaps, while the extension is enabled.
 

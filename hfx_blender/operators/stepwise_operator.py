@@ -11,7 +11,7 @@ import bpy
 
 from ..engine.stepwise import finish
 from ..reading.stepped.reached import has_effects
-from .shared import HfxOperator
+from .shared import HfxOperator, ModalTimer
 
 if TYPE_CHECKING:
     from ..export.report import ExportReport
@@ -20,7 +20,7 @@ _AT_ONCE_S = 0.2  # work between two redraws
 _PAUSE_S = 0.01
 
 
-class StepwiseOperator(HfxOperator):
+class StepwiseOperator(ModalTimer, HfxOperator):
     """Base of operators whose work is a generator of steps (:mod:`...stepwise`).
 
     A script runs all steps at once. In a window, steps run between redraws; the status bar shows
@@ -38,7 +38,6 @@ class StepwiseOperator(HfxOperator):
     # No annotations: Blender would register these as properties.
     _is_invoked = False
     _steps = None
-    _timer = None
     _share = 0.0
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
@@ -63,9 +62,7 @@ class StepwiseOperator(HfxOperator):
     def _begin(self, context: bpy.types.Context) -> str:
         self._steps = self.steps(context)
         self._share = 0.0
-        window_manager = context.window_manager
-        self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
-        window_manager.modal_handler_add(self)
+        self.start_modal(context, _PAUSE_S)
         self._show(context)
         return ""
 
@@ -109,14 +106,11 @@ class StepwiseOperator(HfxOperator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """End the work, also before its end: close the generator, remove timer and status text."""
-        self._is_invoked = False  # Blender's redo of the same operator is no new press of a button
+        self._is_invoked = False  # Blender's redo reuses this operator, without invoke
         if self._steps is not None:
             self._steps.close()
             self._steps = None
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
-            context.workspace.status_text_set(None)
+        self.stop_timer(context)
 
 
 class StepwiseExport(StepwiseOperator):

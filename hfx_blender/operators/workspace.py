@@ -43,10 +43,10 @@ class HFX_OT_workspace(HfxOperator):
             return ""
         before = set(bpy.data.workspaces)
         bpy.ops.workspace.duplicate()
-        (made,) = set(bpy.data.workspaces) - before
-        made.name = NAME
+        (added,) = set(bpy.data.workspaces) - before
+        added.name = NAME
         # Blender shows the workspace after this operator: arrange its areas by a timer.
-        _arrange_soon(context.window, made)
+        _arrange_soon(context.window, added)
         return ""
 
 
@@ -64,7 +64,7 @@ whether to save the present file"""
         return {"FINISHED"}
 
     def work(self, context: bpy.types.Context) -> str:
-        # Loading a file ends the operator that asks for it: it is done afterwards.
+        # Loading a file ends the calling operator: load by a timer, after it.
         call_soon(load_empty_file)
         return ""
 
@@ -97,7 +97,7 @@ def replace_cube_by_avatar(_file: str) -> None:
         bpy.data.objects.remove(obj)
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.add_avatar()
-    # In the middle of loading a file, whose end would take the timer away.
+    # Persistent: the end of loading would remove the timer.
     call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
 
 
@@ -179,7 +179,7 @@ def _show_tab(viewport: bpy.types.Area) -> None:
     def show_when_drawn() -> float | None:
         try:
             sidebar = next(region for region in viewport.regions if region.type == "UI")
-            # A sidebar that was never drawn has no tabs yet.
+            # A sidebar has no tabs before its first drawing.
             sidebar.active_panel_category = TAB
         except (TypeError, AttributeError):
             return _AGAIN_S if time.monotonic() < until else None

@@ -22,8 +22,8 @@ _AXES: dict[str, dict[int, tuple[str, int, float]]] = {
     "CAPSULE": {0: ("radius", -1, 1.0), 2: ("height", -1, 0.5)},
     "CUBOID": {axis: ("size", axis, 0.5) for axis in range(3)},
 }
-"""Size properties by shape and local axis: property, its component (-1: it is a number), offset per
-unit of it."""
+"""Size properties by shape and local axis: property, component (-1: a number), offset of the
+boundary per unit of the property."""
 
 _COLOURS = ((0.9, 0.25, 0.3), (0.45, 0.75, 0.15), (0.2, 0.5, 0.95))
 

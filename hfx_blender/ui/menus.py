@@ -79,7 +79,7 @@ class HFX_MT_object(bpy.types.Menu):
 
 def draw_add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
-    self.layout.menu(HFX_MT_add.bl_idname, icon="VIEW_PAN")  # a hand
+    self.layout.menu(HFX_MT_add.bl_idname, icon="VIEW_PAN")  # icon of a hand
 
 
 def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

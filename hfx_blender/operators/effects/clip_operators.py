@@ -98,7 +98,7 @@ class _ClipOperator(_OfEffect):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
-            self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
+            self.start = context.scene.frame_current  # shown in Adjust Last Operation
         return framing.execute_with_room(self, context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:

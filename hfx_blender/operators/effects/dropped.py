@@ -52,7 +52,7 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @persistent
 def _on_undo(*_: object) -> None:
-    # The undo step between the drop and ours, with the bare asset, is of no use.
+    # Replace the undo step of the drop, which has the bare asset.
     if effect_assets.dropped_objects(bpy.context.scene):
         call_soon(_undo_further)
 

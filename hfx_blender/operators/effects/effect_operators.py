@@ -12,7 +12,7 @@ from ...engine.modality import MODALITY_ITEMS
 from ...properties.objects import SHAPES
 from ..shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
-_NAME_TIP = "Name in the outliner; empty: named after its kind"
+_NAME_TIP = "Name in the Outliner; empty: the kind of effect"
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
@@ -31,7 +31,7 @@ class HFX_OT_add_volume(HfxOperator):
     bl_label = "Haptic Volume"
 
     modality: EnumProperty(
-        name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
+        name="Modality", description="Sensation inside the volume", items=MODALITY_ITEMS
     )
     shape: EnumProperty(
         name="Shape",
@@ -99,7 +99,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     bl_label = "Haptic Volume from Mesh"
 
     modality: EnumProperty(
-        name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
+        name="Modality", description="Sensation inside the volume", items=MODALITY_ITEMS
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
     requires = (ON_MESH,)
@@ -121,13 +121,13 @@ class HFX_OT_add_painted(OnBodyOperator):
 
     modality: EnumProperty(
         name="Modality",
-        description="What is felt where it is painted",
+        description="Sensation on the painted area",
         items=MODALITY_ITEMS,
         default="pressure",
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
     paint: BoolProperty(
-        name="Paint", description="Begin to paint its area", default=False, options={"SKIP_SAVE"}
+        name="Paint", description="Start painting the area", default=False, options={"SKIP_SAVE"}
     )
 
     def work(self, context: bpy.types.Context) -> str:

@@ -44,7 +44,7 @@ class HFX_OT_scale_strength(_ManyEffects):
 
     factor: FloatProperty(
         name="Factor",
-        description="Factor for their strength; for a temperature, for its difference from neutral",
+        description="Factor of the strength; for temperature, of the difference from neutral",
         default=1.0,
         min=0.0,
         max=100.0,

@@ -85,7 +85,7 @@ class HFX_OT_bake_response(_OnVolume):
 
     target: EnumProperty(
         name="To",
-        description="Property that gets the keyframes",
+        description="Keyframed property",
         items=response_baking.TARGETS,
     )
 

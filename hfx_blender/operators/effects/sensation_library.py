@@ -105,7 +105,7 @@ class HFX_OT_add_from_library(HfxOperator):
 
     name: EnumProperty(
         name="Sensation",
-        description="A shipped sensation, or one from your own effects folder",
+        description="A built-in sensation, or a file in your folder of effects",
         items=sensation_items,
     )
 

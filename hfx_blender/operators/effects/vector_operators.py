@@ -52,7 +52,7 @@ class HFX_OT_add_vector_sensation(OnBodyOperator):
         items=_MODALITIES,
     )
     name: StringProperty(
-        name="Name", description="Name in the outliner; empty: named after its device"
+        name="Name", description="Name in the Outliner; empty: the name of the device"
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -81,7 +81,7 @@ class HFX_OT_key_actuators(HfxOperator):
 
     value: FloatProperty(
         name="Value",
-        description="Value for all of them; -1: each keeps its present value",
+        description="Value of all actuators; -1: the current values",
         default=-1.0,
         min=-1.0,
         max=1.0,

@@ -36,7 +36,7 @@ KINDS = (
 
 
 class _LiveOperator(HfxOperator):
-    bl_options = {"REGISTER"}  # the action of a device cannot be undone
+    bl_options = {"REGISTER"}  # device actions have no undo
 
 
 class _OfDevice(_LiveOperator):
@@ -180,7 +180,7 @@ class HFX_OT_live_connect(_OfDevice):
 
         known = live_settings.load().get(self.name, live_settings.LiveSettings())
         unit = self.unit
-        if self.port != known.port and unit == known.unit:  # another port: what is on that
+        if self.port != known.port and unit == known.unit:  # the port was changed
             unit = serial_number_of(self.port, serial_ports())
         settings = live_settings.LiveSettings(
             self.kind, self.port, self.host, self.path, self.offset_ms, unit
@@ -262,8 +262,8 @@ class HFX_OT_live_approve(_OfDevice):
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
         column.label(text=self.script, icon="FILE_SCRIPT")
-        column.label(text="It runs with all of your rights: files, network, everything.")
-        column.label(text="Read it first. If a byte of it changes, it must be approved again.")
+        column.label(text="The script runs with your rights: files, network, everything.")
+        column.label(text="Read the script first. Every change needs a new approval.")
 
     def _show(self) -> None:
         script = self._found()

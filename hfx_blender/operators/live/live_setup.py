@@ -64,12 +64,10 @@ class HFX_OT_live_find(HfxOperator):
 
     bl_idname = "hfx.live_find"
     bl_label = "Find Devices"
-    bl_options = {"REGISTER"}  # the action of a device cannot be undone
+    bl_options = {"REGISTER"}  # device actions have no undo
     bl_property = "which"
 
-    which: EnumProperty(
-        name="Device", description="Device to add, of those that were found", items=_choices
-    )
+    which: EnumProperty(name="Device", description="Device to add", items=_choices)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         ports = search.run()

@@ -24,7 +24,7 @@ BLENDS = (
     ("subtract", "Subtract", "The old area without the new one"),
     ("multiply", "Multiply", "Product of both areas"),
 )
-_BLEND_TIP = "How the new area is combined with the old one"
+_BLEND_TIP = "Combination of the new area with the old area"
 
 
 class _AreaOperator(HfxOperator):
@@ -123,10 +123,10 @@ class HFX_OT_area_from_image(_AreaOperator):
     bl_label = "Area from Image"
 
     image: StringProperty(name="Image", description="One of this file's images")
-    uv_map: StringProperty(name="UV Map", description="Empty: the one that is active for rendering")
+    uv_map: StringProperty(name="UV Map", description="Empty: the UV map active for rendering")
     channel: EnumProperty(
         name="Channel",
-        description="Part of the image that sets the strength of the area",
+        description="Channel of the image used as strength",
         items=(
             ("brightness", "Brightness", "Bright is strong"),
             ("darkness", "Darkness", "Dark is strong"),

@@ -41,7 +41,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
             paint_view.enter(context, canvas)
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
             compat.set_brush_weight(context, 1.0)
-            # Where nothing is painted is blue; black, the default, would hide the body's shape.
+            # Show weight 0 in blue: black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
         return "Paint, then press Finish Painting"
@@ -149,7 +149,9 @@ class HFX_OT_save_area(_PaintedOperator):
     bl_label = "Save Area"
     bl_options = {"REGISTER"}  # a file of the user's own; nothing of the scene changes
 
-    name: StringProperty(name="Name", description="Name in the list; a known one is replaced")
+    name: StringProperty(
+        name="Name", description="Name in the list; an area of the same name is replaced"
+    )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self.name = painted_effect(context).name

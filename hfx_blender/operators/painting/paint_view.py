@@ -27,9 +27,10 @@ from ...engine.body.parts import CENTRE, SIDES
 from .. import framing
 
 _HIDDEN = "hfx_hidden_to_paint"
-"""ID property of the mesh that is painted on: the objects that are hidden meanwhile. Being in the
-file, it survives saving, and an undo of the beginning shows all of it again by itself. A full copy
-of the scene refers to its own objects.
+"""ID property of the painted mesh: objects hidden during painting.
+
+The property is saved with the file, and an undo of *Paint* removes it and shows the objects. A full
+copy of the scene refers to the copied objects.
 """
 
 _OPACITY = 0.45
@@ -154,7 +155,7 @@ def _pixels_per_unit(
     view = region.data
     corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
     middle = sum(corners, Vector()) / len(corners)
-    if view.is_perspective:  # where the user looks, or a limb in close-up would have a thin brush
+    if view.is_perspective:  # the pivot: in close-ups, the middle is far away
         middle = view.view_location
     across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
     length = max(max(canvas.dimensions), 1e-6) * 0.01
@@ -195,7 +196,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
         if canvas is None:  # finished, undone or deleted
             show([context.view_layer], self._hidden)
             return self._ended(context)
-        if canvas != context.object or canvas.mode == "OBJECT":  # left by Blender's own ways
+        if canvas != context.object or canvas.mode == "OBJECT":  # left by other means
             with suppress(RuntimeError):  # an edited mesh: Finish Painting reports this
                 bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # True: an undo step
             return self._ended(context)

@@ -45,8 +45,7 @@ _HINTS = {
     "STRAIGHT": "Click on the body: next place     Backspace: take back     Enter: finish     "
     "Esc: cancel",
     "FREEHAND": "Hold the left button and draw on the body     Esc: cancel",
-    "RECORD": "Hold the left button and move over the body: it is recorded as you move     "
-    "Esc: cancel",
+    "RECORD": "Hold the left button and move over the body to record the motion     Esc: cancel",
 }
 
 

@@ -34,11 +34,11 @@ _ON_SKIN_M = 0.03
 
 INTERPOLATIONS = (
     ("LINEAR", "Even", "The same speed along the whole path"),
-    ("BEZIER", "Smooth", "Starts and stops softly; its handles are in the Graph editor"),
+    ("BEZIER", "Smooth", "Starts and stops softly; edit the handles in the Graph Editor"),
     ("SINE", "Sine", "Starts softly and stops softly"),
     ("QUAD", "Accelerating", "Faster and faster"),
     ("BOUNCE", "Bounce", "Bounces back from the end"),
-    ("ELASTIC", "Elastic", "Overshoots, and swings until it rests"),
+    ("ELASTIC", "Elastic", "Overshoots and swings to rest"),
 )
 
 
@@ -78,7 +78,7 @@ class HFX_OT_add_spot(OnBodyOperator):
 
     modality: EnumProperty(
         name="Modality",
-        description="What is felt there",
+        description="Sensation on the disc",
         items=[each for each in MODALITY_ITEMS if each[0] != "wind"],
     )
     place: FloatVectorProperty(

@@ -16,7 +16,7 @@ from ...blender.events import redraw
 from ...errors import HfxError, InputError
 from ...processes import blender_session
 from ...version import __version__
-from ..shared import HfxOperator
+from ..shared import HfxOperator, ModalTimer
 
 if TYPE_CHECKING:
     from ...generation.generation_process import GenerationProcess
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 _TICK_S = 0.1
 
 running: GenerationProcess | None = None
-"""Generation that is under way."""
+"""Running generation; None without any."""
 
 results: list[Path] = []
-"""Records of the surfaces that were made last, in their order."""
+"""Files of the last generated surfaces, in order of creation."""
 
 _folders: list[str] = []
 
@@ -56,7 +56,7 @@ def _job(context: bpy.types.Context) -> dict[str, Any]:
     }
     if settings.source == "WORDS":
         if not settings.words.strip():
-            raise InputError("Say in words what the material is: 'worn blue denim'.")
+            raise InputError("Describe the material in words, such as 'worn blue denim'.")
         return job
     if not settings.picture:
         raise InputError("Choose a picture of a material.")
@@ -93,7 +93,7 @@ def _forget(except_folder: str = "") -> None:
         _folders.remove(folder)
 
 
-class HFX_OT_generate_surface(HfxOperator):
+class HFX_OT_generate_surface(ModalTimer, HfxOperator):
     """Generate materials from text or a picture, and assign the first to the active object.
 
     A separate process generates; Blender stays usable
@@ -102,17 +102,14 @@ class HFX_OT_generate_surface(HfxOperator):
     bl_idname = "hfx.generate_surface"
     bl_label = "Make Material"
 
-    # No annotations: Blender would register these as properties.
-    _timer = None
-    _target = ""
+    _target = ""  # no annotation: Blender would register a property
     requires = ((lambda context: running is None, "A material is being made"),)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         begun = self.reported(lambda: self._begin(context))
         if begun != {"FINISHED"}:
             return begun
-        self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        self.start_modal(context, _TICK_S)
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
@@ -126,7 +123,7 @@ class HFX_OT_generate_surface(HfxOperator):
         global running
         from ...generation.generation_process import GenerationProcess
 
-        if importlib.util.find_spec("scipy") is None:  # the process needs its folder until then
+        if importlib.util.find_spec("scipy") is None:  # the generation process needs scipy
             raise ModuleNotFoundError(name="scipy")
         try:
             running = GenerationProcess(_job(context))
@@ -150,9 +147,7 @@ class HFX_OT_generate_surface(HfxOperator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Remove the timer: the work has ended, or the window closes."""
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
+        self.stop_timer(context)
 
     def _end(self, context: bpy.types.Context) -> str:
         global running

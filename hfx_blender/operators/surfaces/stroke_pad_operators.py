@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 
 _TICK_S = 0.01
 _BUSY_S = 0.03
-"""Delay of a timer event from which on the window counts as busy, seconds: moves of the mouse still
-wait."""
+"""Delay of a timer event in a busy window, seconds: mouse events are still waiting."""
 
 last_take: Take | None = None
-"""Last stroke over any surface of this Blender, which is exported."""
+"""Last stroke in this session, for the export."""
 
 
 class HFX_OT_stroke_pad(HfxOperator):
@@ -56,12 +55,12 @@ class HFX_OT_stroke_pad(HfxOperator):
             return {"CANCELLED"}
         settings = obj.hfx.surface
         self._screen = context.window.screen
-        self._region = framing.views(area)[0]  # of quad view, beside the sidebar
+        self._region = framing.views(area)[0]  # the last region of quad view
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
         self._place = rectangle = PadPlace(self._region.width, self._region.height)
-        self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
+        self._passed: list[tuple[float, float]] = []  # points not yet processed
         self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)
         arguments = (self._pad, settings.intensity_image, rectangle, self._region)
@@ -96,7 +95,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             self._keep(pad.release(now))
         elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
             self._passed.append(self._place.surface_point(pad, x, y))
-            if event.type == "INBETWEEN_MOUSEMOVE":  # more of them wait
+            if event.type == "INBETWEEN_MOUSEMOVE":  # more mouse events are waiting
                 return {"RUNNING_MODAL"}
             pad.move_through(self._passed, now)
             self._passed.clear()
@@ -105,7 +104,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             if not pad.is_stroking:
                 return {"PASS_THROUGH"}
             if is_late:
-                return {"RUNNING_MODAL"}  # nor is it drawn, so the next one is in time
+                return {"RUNNING_MODAL"}  # skip drawing, to catch up
             pad.rest(now)
         elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):
             self._key(event.type)

@@ -175,7 +175,7 @@ def _tiles(image: bpy.types.Image, pad: StrokePad, rectangle: PadPlace) -> None:
 
 def _box(x: float, y: float, width: float, height: float, colour: _Colour) -> None:
     corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-    gpu.state.blend_set("ALPHA")  # text has switched it off
+    gpu.state.blend_set("ALPHA")  # text drawing disables blending
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     shape = batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)])
     shader.uniform_float("color", colour)

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...files import suffixes
 from ...properties.surface_properties import IMAGE_KINDS, SOURCES
 from ...text import printable
-from ..shared import ON_MESH, FileOperator, HfxOperator
+from ..shared import ON_MESH, FileOperator, HfxOperator, ModalTimer
 
 if TYPE_CHECKING:
     from ...authoring.surfaces.relief_estimation import ReliefEstimation
@@ -113,7 +113,7 @@ class HFX_OT_load_surface_image(SurfaceFileOperator):
         image = image_values.load(str(self.path()))
         if self.kind == "HEIGHT":
             image.colorspace_settings.is_data = True
-            image.reload()  # an image loaded as a colour stays one
+            image.reload()  # the colour space applies on loading only
         settings.source, settings.image, settings.image_kind = "IMAGE", image, self.kind
         return _made(self, context.object)
 
@@ -211,7 +211,7 @@ class HFX_OT_feel_fabric(HfxOperator):
 _PAUSE_S = 0.1
 
 
-class HFX_OT_estimate_relief(HfxOperator):
+class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     """Estimate relief and roughness from the picture of the material's base colour
 
     A photograph does not tell all: colours can be mistaken for relief. Esc cancels
@@ -222,20 +222,17 @@ class HFX_OT_estimate_relief(HfxOperator):
 
     size_mm: FloatVectorProperty(
         name="Size (mm)",
-        description="Width and height of what the picture shows",
+        description="Width and height of the pictured area",
         size=2,
         min=1e-3,
         max=1e6,
         default=(100.0, 100.0),
     )
-    tiles: BoolProperty(
-        name="Tiles", description="The picture goes on at its opposite edge", default=True
-    )
+    tiles: BoolProperty(name="Tiles", description="The picture repeats seamlessly", default=True)
 
     # No annotations: Blender would register these as properties.
     _is_invoked = False
     estimation = None
-    _timer = None
     _owner = ""
 
     @classmethod
@@ -277,9 +274,7 @@ class HFX_OT_estimate_relief(HfxOperator):
     def begin(self, context: bpy.types.Context) -> str:
         self.estimation = self._started(context)
         self._owner = context.object.name
-        window_manager = context.window_manager
-        self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
-        window_manager.modal_handler_add(self)
+        self.start_modal(context, _PAUSE_S)
         context.workspace.status_text_set("Estimating the relief. Esc: cancel")
         return ""
 
@@ -310,7 +305,4 @@ class HFX_OT_estimate_relief(HfxOperator):
         if self.estimation is not None:
             self.estimation.stop()
             self.estimation = None
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
-            context.workspace.status_text_set(None)
+        self.stop_timer(context)

@@ -50,6 +50,8 @@ class Playback:
         if not is_playing or before is None:
             self._step, self._is_doubtful = 1, False
             return
+        # Blender gives no direction of playback. A step over more than half of the range is a
+        # wrap at an end, in the opposite direction of the apparent step.
         moved = frame - before
         if abs(moved) > length / 2:  # playback wrapped around
             moved = -moved
@@ -62,6 +64,7 @@ class Playback:
     def _wrapped(self, then: float, now: float, first: int, last: int) -> float:
         """Wrap a frame at the ends of the played range, in the current direction."""
         length = last + 1 - first
+        # Frame `last` lasts until `last + 1`; frames of an edit outside of the range do not wrap.
         if self._step > 0 and then >= last + 1 and now <= last:
             return first + (then - last - 1) % length
         if self._step < 0 and then < first <= now:
@@ -94,8 +97,8 @@ def recorded_runs(
     if record is None:
         return {}
     indices = {ms: record.index(frame) for ms, frame in frames.items()}
-    found = {ms: record.runs(index) for ms, index in indices.items() if index is not None}
-    return {ms: _in_slots(runs, streams) for ms, runs in found.items() if runs is not None}
+    cached = {ms: record.runs(index) for ms, index in indices.items() if index is not None}
+    return {ms: _in_slots(runs, streams) for ms, runs in cached.items() if runs is not None}
 
 
 def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRun]:

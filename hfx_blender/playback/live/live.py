@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from ...engine.surface.surface_drive import SurfaceDrive
 
 HOLD_S = 2.0
-"""Time for which a scene that stands still is felt, seconds; then it is silent until something
-moves."""
+"""Time until devices fade in a scene without motion, seconds."""
 
 
 @dataclass(eq=False)

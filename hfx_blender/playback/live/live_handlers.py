@@ -157,7 +157,7 @@ class LiveHandlers:
 
 
 SLOW_S: Final = 0.2
-"""Duration of a frame that devices may not survive, seconds; their limit is a little longer."""
+"""Duration of a slow frame, seconds; devices stop after 0.25 s without a heartbeat."""
 
 
 @dataclass(frozen=True)
@@ -169,8 +169,8 @@ class SlowFrame:
 
     def __str__(self) -> str:
         return (
-            f"Blender needed {self.whole_s:.1f} s for a frame, {self.own_s:.1f} s of it for touch; "
-            "devices stop after 0.25 s without a sign of life."
+            f"Blender needed {self.whole_s:.1f} s for a frame, {self.own_s:.1f} s of this for "
+            "haptics; devices stop after 0.25 s without a heartbeat."
         )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ...engine.samples import Stream
 
 Generation = tuple[str, int]
-"""Kind of a source, and a number that rises with each description of it."""
+"""Kind of a source, and the number of its description, which rises."""
 
 
 class Source(Protocol):
@@ -184,7 +184,7 @@ class TrackSource:
         if path.suffix.lower() != SUFFIX:
             raise InputError(f"{path}: is no track; choose a {SUFFIX} file.")
         if is_elsewhere(path, source) and scene.hfx.live_track not in self.chosen:
-            raise InputError(f"{path}: is on another machine; choose it anew to play it.")
+            raise InputError(f"{path}: is on another machine; choose the file again to play it.")
         return path
 
     def forget(self) -> None:

@@ -28,8 +28,7 @@ from .skin_colours import DisplayedSkins
 ABOVE_SKIN_M = 0.004
 
 MOST_DISCS = 256
-"""Largest number of discs in one draw call; 32 bytes each, of the 16 kB that every graphics card
-has for them."""
+"""Largest number of discs in one draw call: 32 bytes each, in a uniform buffer of 16 kB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,11 +259,11 @@ def _placed(looks: Looks, rows: F32, matrix: Matrix, unit_m: float) -> Discs:
 
 
 SMALLEST_M, LARGEST_M = 0.006, 0.02
-"""Radii of the discs that stand for actuators."""
+"""Radii of the actuators' discs."""
 
 _NEAREST = 4
 _ROOM_M = 0.45
-"""Distance before the body at which an actuator that stands in the room is shown, metres."""
+"""Distance of a disc in the room from the body's front, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,11 +349,11 @@ def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
     """Mesh number and vertex nearest to points (P, 3) at rest."""
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
     best = np.full(len(points), np.inf)
-    for number, each in enumerate(avatar_meshes.meshes_of(body)):
-        skin, _ = avatar_meshes.rest_surface(each, stored_fits.shape_of(body, each))
+    for number, part in enumerate(avatar_meshes.meshes_of(body)):
+        skin, _ = avatar_meshes.rest_surface(part, stored_fits.shape_of(body, part))
         if not len(skin):
             continue
-        to_rest = np.array(body.matrix_world.inverted_safe() @ each.matrix_world, np.float64)
+        to_rest = np.array(body.matrix_world.inverted_safe() @ part.matrix_world, np.float64)
         skin = skin @ to_rest[:3, :3].T + to_rest[:3, 3]
         for k, point in enumerate(points):
             distances = np.linalg.norm(skin - point, axis=1)

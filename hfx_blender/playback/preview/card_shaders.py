@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import gpu
 
 _DARKEST = 0.55
-"""Colour of skin that is seen from the side, as a share: it keeps the body's shape readable."""
+"""Brightness of skin at grazing view, as a share: keeps the body's shape readable."""
 
 _HALO = 2.6  # times a disc's radius, at full strength
 _OFF = (0.06, 0.06, 0.07)

@@ -16,7 +16,7 @@ from ...engine.samples import Sample
 from .skin_colours import DisplayedSkin, Incidence, SkinColours, triangles_of
 
 _ABOVE_SKIN_M = 0.0015
-"""Height of colours over the skin, metres, so that the two do not flicker."""
+"""Height of colours over the skin, metres: avoids flicker."""
 
 
 @dataclass(frozen=True, eq=False)

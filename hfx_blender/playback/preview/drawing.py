@@ -184,13 +184,13 @@ def forget() -> None:
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
     """Left and right end of the part of a region without toolbar and sidebar, pixels."""
     left, right = 0.0, float(region.width)
-    for other in area.regions:
-        if other.width <= 1 or other.type not in ("TOOLS", "UI"):
+    for panel in area.regions:
+        if panel.width <= 1 or panel.type not in ("TOOLS", "UI"):
             continue
-        if other.x <= region.x + 1 and other.type == "TOOLS":
-            left = max(left, other.x + other.width - region.x)
-        elif other.type == "UI" and other.x > region.x:
-            right = min(right, other.x - region.x)
+        if panel.x <= region.x + 1 and panel.type == "TOOLS":
+            left = max(left, panel.x + panel.width - region.x)
+        elif panel.type == "UI" and panel.x > region.x:
+            right = min(right, panel.x - region.x)
     return left + _MARGIN, right - _MARGIN
 
 

@@ -328,7 +328,7 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
 
 
 _SWITCHES: Final = {
-    "hfx_preview": ("Show What Is Felt", "Colour the avatar where it feels something", True),
+    "hfx_preview": ("Show What Is Felt", "Colour the avatar where effects are felt", True),
     "hfx_show_actuators": (
         "Show Actuators",
         "Actuators of the chosen devices glow with their values",

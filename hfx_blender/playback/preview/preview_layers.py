@@ -22,7 +22,7 @@ from .coloured_mesh import ColouredMesh, Layer, Shown
 from .skin_colours import DisplayedSkins
 
 MOST_BYTES = 96_000_000
-"""Memory limit of the cache, bytes; frames beyond it are computed when they are drawn."""
+"""Memory limit of the cache, bytes; frames beyond the limit are computed when drawn."""
 
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
 

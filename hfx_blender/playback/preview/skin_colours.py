@@ -45,6 +45,8 @@ class Incidence:
 
     def of(self, vertices: Numbers) -> tuple[I64, I64]:
         """Indices into ``places`` for some vertices (n,), and how many each has, (n,)."""
+        # Concatenate the ranges begin..begin + count of all vertices without a loop: shift each
+        # begin by the length of the ranges before it, repeat, and add a running number.
         begin = self._first.take(vertices)
         counts = self._first[1:].take(vertices) - begin
         begin -= counts.cumsum()

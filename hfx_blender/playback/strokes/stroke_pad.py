@@ -24,15 +24,14 @@ from ...errors import InputError
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)
 TARGET_PX_S = 200.0
-"""Speed of the pointer on the screen at the target speed, pixels a second, whatever speed that
-stands for."""
+"""Speed of the pointer on the screen at the target speed, pixels a second."""
 
 SPEED_WINDOW_S = 0.15
 LONGEST_S = 60.0
 WAVEFORM_HZ = 8000.0
 
 _FELT_STEP_S = 0.008
-"""Time step within a bunch of positions, seconds; a finer one cannot be seen."""
+"""Time step of drawn values within several positions, seconds."""
 
 _TRAIL_STEP_PX = 1.0
 """Spacing of the drawn line's points, pixels."""
@@ -72,7 +71,7 @@ class StrokePad:
         self.texture = texture
         self.brightest = 1.0 if texture.map is None else float(texture.map.intensity.max())
         self.target_m_s = SLOW_M_S
-        """Speed that the user tries to keep; it sets the pad's scale."""
+        """Target speed, metres a second; sets the pad's scale."""
         self.now = StrokeState()
         self.take: Take | None = None
         self.fault = ""
@@ -82,7 +81,7 @@ class StrokePad:
         self._points: list[tuple[float, float]] = []
         self._rendered_s = self._felt_s = 0.0
         self.trail_m: list[tuple[float, float]] = []
-        """Path of the present stroke, as finely as it is seen; empty between strokes."""
+        """Drawn path of the current stroke; empty between strokes."""
         self.history: list[tuple[float, StrokeState]] = []  # of the present or the last stroke
         self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
 
@@ -127,16 +126,16 @@ class StrokePad:
             self.fault = f"a stroke lasts {LONGEST_S:g} s at most"
             return
         times = np.linspace(self._times[-1], now, len(points_m) + 1)[1:]
-        for each, point in zip(times.tolist(), points_m, strict=True):
-            if each <= self._times[-1]:
+        for at_s, point in zip(times.tolist(), points_m, strict=True):
+            if at_s <= self._times[-1]:
                 continue  # closer together than a clock can tell
-            self._times.append(each)
+            self._times.append(at_s)
             self._points.append(point)
             way = np.hypot(point[0] - self.trail_m[-1][0], point[1] - self.trail_m[-1][1])
             if way >= _TRAIL_STEP_PX * self.metres_per_pixel:
                 self.trail_m.append(point)
-            if not self.history or each - self._felt_s >= _FELT_STEP_S or each == now:
-                self._feel(each)
+            if not self.history or at_s - self._felt_s >= _FELT_STEP_S or at_s == now:
+                self._feel(at_s)
 
     def rest(self, time_s: float) -> None:
         """Let time pass while the pointer stands still."""

@@ -45,7 +45,7 @@ MOST_BYTES = 64_000_000
 compensation."""
 
 
-_MUST_STEP = "The scene has to be stepped through for that."
+_MUST_STEP = "The values need every frame of the scene to be set."
 
 
 class NeedsSteppingError(HfxError):
@@ -139,6 +139,7 @@ class TimelineRecord:
             effect.values[run.indices] = _peaks(run, effect.neutral)
         if not runs or self.is_cut:
             return
+        # From the first block above the limit no samples are cached: `kept_range` stays one range.
         first = min(int(run.indices[0]) for run in runs)
         arrays = [each for run in runs for each in (run.vertices, run.weights, run.positions)]
         self._bytes += sum(each.nbytes for each in arrays if each is not None)
@@ -265,7 +266,7 @@ def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
     here.
     """
     return [
-        f"'{id}' is shown without its script, which runs when it plays and when it is exported"
+        f"'{id}' is shown without its script, which runs during playback and export"
         for id in dict.fromkeys(each.id for each in devices if each.script is not None)
     ]
 
@@ -284,6 +285,7 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
     strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
     starts = run.offsets[:-1]
     weights = np.zeros(len(starts))
+    # `reduceat` is undefined for empty sets: skip these.
     filled = np.diff(run.offsets) > 0
     if filled.any():
         weights[filled] = np.maximum.reduceat(run.weights, starts[filled])

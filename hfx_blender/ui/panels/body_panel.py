@@ -97,7 +97,7 @@ class HFX_UL_bones(bpy.types.UIList):
         _active_property: str,
     ) -> None:
         armature = hfx.id_data
-        split = layout.split(factor=0.55)  # a field to choose in would leave no room for names
+        split = layout.split(factor=0.55)  # a search field would leave no width for names
         split.label(text=label_of(row.name), icon=icon_of(row, armature))
         split.label(text=row.bone)
 
@@ -108,7 +108,7 @@ class HFX_UL_bones(bpy.types.UIList):
         region = hfx.bone_map_region
         shown = [
             pattern in f"{label_of(row.name)} {row.name} {row.bone}".lower()
-            if pattern  # a search goes through the whole table
+            if pattern  # searches include hidden rows
             else region_of(row.name) == region
             for row in getattr(hfx, name)
         ]
@@ -237,7 +237,7 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
         armature = active_armature(context)
         if armature is None:
             return False
-        from ...avatars import stored_fits  # polled all the time, and slow to import
+        from ...avatars import stored_fits  # slow to import, and polled often
 
         return stored_fits.is_fitted(armature)
 

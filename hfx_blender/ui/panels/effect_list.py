@@ -23,7 +23,7 @@ from ...playback.preview.preview import preview
 _LEAST_ROWS, _MOST_ROWS = 3, 10
 
 _open: set[str] = set()
-"""Groups that are open."""
+"""Names of the open groups."""
 
 
 def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
@@ -62,7 +62,7 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     if own is not None and own.hfx.role == "EFFECT":
         return [own]
     listed = swarms.listed_effects(scene)
-    if row.effect:  # of a swarm
+    if row.effect:  # effects of a swarm
         return [each for each in listed if each.name == row.effect]
     return [each for each in listed if effects.group_of(each) == row.group]
 
@@ -133,7 +133,7 @@ class HFX_UL_effects(bpy.types.UIList):
         _active_property: str,
     ) -> None:
         row_effects = _effects_of_row(row)
-        if not row_effects:  # deleted or renamed just now
+        if not row_effects:  # deleted or renamed since the last check
             layout.label(text=row.name)
             return
         line = layout.row(align=True)
@@ -163,7 +163,7 @@ class HFX_UL_effects(bpy.types.UIList):
         pattern = self.filter_name.lower()
         shown = [
             pattern in f"{row.effect} {row.group}".lower()
-            if pattern  # a search goes through closed groups, too
+            if pattern  # searches include closed groups
             else not (row.effect and row.group) or row.is_open
             for row in getattr(manager, name)
         ]

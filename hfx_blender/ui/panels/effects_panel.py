@@ -133,8 +133,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
         if strips and len(clip_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
-        # Rows are made after a clip is added or another effect selected, just before this is drawn
-        # again.
+        # A check of the scene rebuilds the rows after this drawing: their number may differ here.
         for (_, strip), times in zip(strips, context.window_manager.hfx_clips, strict=False):
             box = layout.box()
             _draw_clip(box, strip, times)

@@ -117,7 +117,7 @@ def test_a_wish_that_cannot_be_met_changes_nothing(registered: Any, wanted: Any)
     obj = plane(registered, 0.1)
     for words in ("qwertyx", " "):
         wanted.words = words
-        with pytest.raises(RuntimeError, match=r"names a material|Say in words"):
+        with pytest.raises(RuntimeError, match=r"names a material|Describe the material"):
             registered.ops.hfx.generate_surface()
     assert obj.active_material is None and not surfaces.is_surface(obj)
     assert generation_operators.running is None and not generation_operators.results

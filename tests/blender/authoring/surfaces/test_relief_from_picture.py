@@ -17,7 +17,7 @@ from hfx_blender.authoring.surfaces import image_values, surfaces
 from hfx_blender.cli import run
 from hfx_blender.engine.texture.relief.relief_estimate import estimate
 from hfx_blender.formats.pictures import png, texture_map
-from hfx_blender.operators.shared import HfxOperator
+from hfx_blender.operators.shared import HfxOperator, ModalTimer
 from hfx_blender.operators.surfaces.surface_operators import HFX_OT_estimate_relief
 
 
@@ -133,8 +133,10 @@ class Window:
 
 def dialog(window: Window) -> Any:
     """The operator as its dialog has begun it, without Blender's own part of it."""
-    methods = {**HfxOperator.__dict__, **HFX_OT_estimate_relief.__dict__}
-    keep = ("begin", "_started", "_taken", "modal", "cancel", "reported", "estimation", "_timer")
+    bases = (HfxOperator, ModalTimer, HFX_OT_estimate_relief)
+    methods = {name: member for base in bases for name, member in base.__dict__.items()}
+    keep = ("begin", "_started", "_taken", "modal", "cancel", "reported", "estimation")
+    keep += ("_timer", "start_modal", "stop_timer")
     operator = type("Dialog", (), {name: methods[name] for name in keep})()
     operator.size_mm, operator.tiles = (20.0, 10.0), True
     operator.report = lambda level, text: window.reports.append((level, text))
