@@ -123,6 +123,7 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     curve = curve_in(strip, DATA_PATH)
     influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
     start, length = strip.frame_start, strip.frame_end - strip.frame_start
+    # Keyframes are added, as a sharp pulse may lie between two frames.
     times = {length * step / max(count - 1, 1) for step in range(count)}
     times |= {frame - start for frame, _ in keys_in(strip, DATA_PATH)}
     values = []
@@ -196,6 +197,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
     Raises InputError for a meta strip, before any clip is copied.
     """
     copied = strips_of(source)
+    # Profiles first: a meta strip must raise before anything is copied.
     profiles = [profile_of(source, strip) for _, strip in copied]  # raises before the first copy
     for (_, strip), keys in zip(copied, profiles, strict=True):
         clip = add_clip(
@@ -229,6 +231,7 @@ def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]
 
 def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:
     """Convert a span of strip frames to played frames, by the scene's time remapping."""
+    # Time remapping stretches playback, not the strips.
     length = scene.render.frame_map_new / scene.render.frame_map_old
     return start * length, end * length
 
@@ -270,6 +273,7 @@ def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) ->
     Returns False if a clip is still outside, as no scene starts before frame 0.
     """
     strips = [strip for effect in effects for _, strip in strips_of(effect)]
+    # Only clips outside change the range: a scene is never shortened.
     for strip in strips:
         if outside_scene(scene, strip) is not None:
             start, end = played_span(scene, strip.frame_start, strip.frame_end)
@@ -342,6 +346,7 @@ def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.ty
 
 
 def _animates_activation(strip: bpy.types.NlaStrip) -> bool:
+    # A meta strip has no F-curves of its own.
     if strip.type == "META":
         return any(_animates_activation(inner) for inner in strip.strips)
     return any(curve.data_path == DATA_PATH for curve in compat.strip_fcurves(strip))

@@ -30,6 +30,7 @@ def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurv
         start, end = strip.frame_start, strip.frame_end
         rise, fall = strip.blend_in, strip.blend_out
         strip.use_animated_influence = True
+        # The curve starts with the shape of the fades that it replaces.
         keys = [(start, 0.0 if rise else 1.0)]
         keys += [(start + rise, 1.0)] if rise else []
         keys += [(end - fall, 1.0)] if fall else []
@@ -51,6 +52,7 @@ def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.
         return
     strip.use_animated_influence = True
     old, new = curve_of(source), curve_of(strip)
+    # Keyframes first: handles are set on existing keyframes.
     compat.set_keys(new, [(point.co[0], point.co[1]) for point in old.keyframe_points])
     for source_key, key in zip(old.keyframe_points, new.keyframe_points, strict=True):
         for name in ("interpolation", "easing", *_HANDLE_TYPES, "handle_left", "handle_right"):
@@ -104,6 +106,7 @@ def follow_clips(effect: bpy.types.Object) -> bool:
 
 def _drawn_strips(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
     data = effect.animation_data
+    # Strips of a linked file are read-only in an override.
     is_override = effect.override_library is not None
     return [
         strip

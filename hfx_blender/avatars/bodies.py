@@ -104,8 +104,8 @@ def choosing_meshes(
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes to fit a body to, in steps: the selected meshes, or the avatar's skin.
 
-    Selected props that a constraint holds are left out. Without selected meshes, see
-    :func:`choosing_again`.
+    Selected props held by a constraint are left out; the mesh with most vertices comes first.
+    Without selected meshes, see :func:`choosing_skin_meshes`.
     """
     selected = [
         obj

@@ -187,7 +187,10 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
 
 
 def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
-    """Numbers at the start of a part of DNA1; parts are aligned to four bytes."""
+    """Numbers by a struct layout at the next part of DNA1, which must begin with ``mark``.
+
+    Parts are aligned to four bytes. Raises ValueError or EOFError for damaged data.
+    """
     file.seek(-file.tell() % 4, os.SEEK_CUR)
     if _exactly(file, 4) != mark:
         raise ValueError(f"DNA1 has no {mark!r}")

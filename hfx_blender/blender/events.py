@@ -18,7 +18,7 @@ Handlers = Mapping[str, Callable[..., None]]
 
 
 def add_handlers(handlers: Handlers) -> None:
-    """Append handlers that are not installed yet."""
+    """Append handlers to ``bpy.app.handlers``, unless installed already."""
     for name, handler in handlers.items():
         installed = getattr(bpy.app.handlers, name)
         if handler not in installed:
@@ -26,7 +26,7 @@ def add_handlers(handlers: Handlers) -> None:
 
 
 def remove_handlers(handlers: Handlers) -> None:
-    """Remove installed handlers."""
+    """Remove handlers from ``bpy.app.handlers``; handlers that are not installed are ignored."""
     for name, handler in handlers.items():
         installed = getattr(bpy.app.handlers, name)
         if handler in installed:

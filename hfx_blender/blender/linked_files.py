@@ -64,7 +64,7 @@ def refuse_endless() -> None:
 
 
 def warnings_of_files() -> list[str]:
-    """Warnings about missing files, and about files that --resume cannot compare."""
+    """Warnings about missing files, folders in place of files, and files that --resume ignores."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
     again = "--resume exports the scene again"
     warnings = []
@@ -147,7 +147,7 @@ def _paths_of_objects() -> Iterator[_Path]:
 
 
 def _paths_of_nodes() -> Iterator[_Path]:
-    """Files imported by geometry nodes."""
+    """Files imported by geometry nodes, from unlinked sockets named Path."""
     for tree in bpy.data.node_groups:
         for node in tree.nodes:
             for socket in node.inputs if node.bl_idname.startswith("GeometryNodeImport") else ():

@@ -111,6 +111,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
     def apply_folders(self) -> None:
         """Set the search folders of this process and of later helper processes."""
         for name, variable in _VARIABLES.items():
+            # The value before the add-on is restored when a preference is cleared.
             _initial_values.setdefault(variable, os.environ.get(variable))
             folder = getattr(self, name)
             value = bpy.path.abspath(folder) if folder else _initial_values[variable]

@@ -38,6 +38,7 @@ def weights_of_selection(effect: bpy.types.Object) -> F64:
     """Weights (V,) of an effect's vertices from vertices selected on the avatar in Edit Mode."""
     body, anchors = _anchors(effect)
     selected = []
+    # Vertex numbers run over all meshes, as in the anchors.
     for mesh in avatar_meshes.meshes_of(body):
         mesh.update_from_editmode()
         selected.append(mesh_arrays.values(mesh.data.vertices, "select", kind=np.bool_))

@@ -49,6 +49,7 @@ def replace_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[b
     from . import effect_exchange  # not needed at Blender's start
 
     name, location = str(dropped[SENSATION]), dropped.matrix_world.translation.copy()
+    # Removed first: an error must not leave an empty without a function.
     bpy.data.objects.remove(dropped)
     sensation = effect_exchange.load_library(name)
     body, distance = nearest_body(scene, location)

@@ -137,6 +137,7 @@ def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
         paths.skin().on_skin(where.path.points_m)
     if isinstance(where, VertexArea):
         model = load_model(effects.model_id_for(recipe.modality))
+        # Vertex numbers are valid for one edition only, unless that edition can be transferred.
         if (where.model_id, where.model_hash) != (model.id, model.content_hash):
             if where.model_id == model.id and _transferred(where) is not None:
                 return
@@ -167,6 +168,7 @@ def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
         weights[list(where.vertices)] = where.weights
         return weights
     assert isinstance(where, PartsArea)
+    # Whole parts are smoothed into a soft edge on the present model.
     is_in_parts = painting.part_flags(model, where.parts, where.side)
     return areas.smooth(model, is_in_parts.astype(np.float64), where.smooth)
 
@@ -197,6 +199,7 @@ def _apply_volume(
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
     fps = fps_of(scene)
+    # Paths of a file are F-curves of the location, one per axis.
     for axis in range(3) if volume.path else ():
         keys = [(frame + t * fps, origin[axis] + place[axis] / unit_m) for t, place in volume.path]
         compat.set_keys(compat.own_fcurve(effect, "location", "Path", axis), keys)
@@ -248,6 +251,7 @@ def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecip
         x, y, z = (a - b for a, b in zip(position, origin_m, strict=True))
         return x, y, z
 
+    # Every position of the volume moves along with the origin.
     swarm = volume.swarm
     if swarm is not None:
         swarm = replace(swarm, location_m=moved(swarm.location_m))

@@ -320,6 +320,7 @@ def _read(node: Node) -> Sensation:
 
 def _check_consistency(effect: Node) -> None:
     """Raise InputError for members of an effect that are inconsistent."""
+    # JSON shapes check members one by one; these rules compare two members.
     if "area" in effect and "vertices" in effect["area"]:
         count = len(effect["area"]["vertices"].value)
         if len(effect["area"]["weights"].value) != count:

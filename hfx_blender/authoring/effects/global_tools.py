@@ -49,6 +49,7 @@ def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -
     for curve in compat.fcurves(effect):
         if curve.data_path == f"hfx.{name}":
             for key in curve.keyframe_points:
+                # Handles are scaled with the key, so that the curve keeps its form.
                 for handle in (key.co, key.handle_left, key.handle_right):
                     handle[1] = scaled(handle[1])
             curve.update()
@@ -77,6 +78,7 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
         count += 1
         if curve is None:
             continue
+        # At most one modulation: an earlier one is replaced.
         for modifier in list(curve.modifiers):
             if modifier.type == "FNGENERATOR" and modifier.name.startswith(_MODULATION):
                 curve.modifiers.remove(modifier)

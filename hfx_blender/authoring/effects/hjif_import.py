@@ -144,6 +144,7 @@ def _add_effects(
 def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[int]:
     if is_own and envelope.vertices:
         return sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})
+    # Without own vertices the body part mask selects an area.
     masks = vertex_masks(model)
     return np.flatnonzero(masks & np.uint32(envelope.body_part_mask or _WHOLE_BODY)).tolist()
 

@@ -105,6 +105,7 @@ def _points(effect: bpy.types.Object, key: str) -> F64:
     import numpy as np
 
     try:
+        # A property of another type counts as an invalid path, reported below.
         flat = np.array(effect.get(key, []), np.float64)
     except (TypeError, ValueError):
         flat = np.array([np.nan])
@@ -175,6 +176,7 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
     """Points projected onto the skin (n, 3), and a path (m, 3) through these; see :func:`draw`."""
     import numpy as np
 
+    # "curve" and "straight" follow the surface; "traced" joins projected points directly.
     knots = skin().on_skin(places)
     if kind == "curve":
         return knots, skin().curve(knots, closed)
@@ -212,6 +214,7 @@ def record(
     if len(times) != len(places) or (np.diff(times) < 0.0).any() or not np.isfinite(times).all():
         raise InputError("A recording needs a time for each place, in order.")
     knots = skin().on_skin(places)
+    # The speed of the hand is in the keyframes, so they are linear.
     path, shares = skin().traced(knots)
     set_path(effect, path, knots)
     effect[KIND], effect[CLOSED] = "traced", 0

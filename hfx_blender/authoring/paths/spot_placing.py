@@ -45,6 +45,7 @@ def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
         return
     if any(d.data_path == data_path and not d.mute for d in data.drivers):
         raise InputError(f"The {label} of '{effect.name}' is driven; change or mute its driver.")
+    # A strip overrides the property, except in tweak mode, where its action is edited.
     for track in data.nla_tracks:
         for strip in () if track.mute else track.strips:
             if any(c.data_path == data_path for c in compat.strip_fcurves(strip)):
@@ -72,6 +73,7 @@ def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_pat
 
 def action_frame(scene: bpy.types.Scene, effect: bpy.types.Object) -> float:
     """Current frame in the time of the effect's action."""
+    # In tweak mode keyframes count from the start of the strip.
     data = effect.animation_data
     frame = float(scene.frame_current_final)
     return frame if data is None else float(data.nla_tweak_strip_time_to_scene(frame, invert=True))
@@ -93,6 +95,7 @@ def place_at(scene: bpy.types.Scene, effect: bpy.types.Object, point: F64, is_ke
     paths.check_editable(effect)
     check_keyable(effect, paths.POSITION, "position")
     (point,) = paths.skin().on_skin(np.asarray(point, np.float64)[None])
+    # A temporary move before this one must not become part of the path.
     remove_extension(effect)
     if len(paths.path_of(effect)) == 0:
         paths.set_path(effect, point[None])
@@ -130,6 +133,7 @@ def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
     place = place_of(effect)
     if place is None:
         raise InputError(f"'{effect.name}' has no place on the skin; place it first.")
+    # At a temporary position the path needs a detour; on the path a keyframe suffices.
     if paths.OWN in effect:
         place_at(scene, effect, place, is_keyed=True)
     else:
@@ -250,6 +254,8 @@ def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
         return
     kind = str(effect.get(paths.KIND, "traced"))
     closed = bool(effect.get(paths.CLOSED, 0))
+    # Control points before and after the point stay, those near the point give way to the new
+    # position.
     lengths = lengths_along(path)
     current_m = effect.hfx.path_position * lengths[-1]
     knots_m = np.array([share_nearest(path, knot) for knot in knots]) * lengths[-1]
@@ -281,6 +287,7 @@ def _key_position(
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])
     shares = np.clip([key.co[1] for key in curve.keyframe_points], 0.0, 1.0)
+    # Index of the keyframe at the frame, or of the first one after it.
     at = int(np.searchsorted(frames, frame - _SAME_FRAME))
     new = key_at(curve, frame) is None
     route, values = rerouted(path, shares, at, place, _shortest, new=new)

@@ -90,6 +90,7 @@ def curves_of(
     curves = []
     for k, item in enumerate(effect.hfx.drive):
         curve = fcurves.get(f"hfx.drive[{k}].value")
+        # An actuator without keyframes has a constant value.
         if curve is None or not len(curve.keyframe_points):
             curves.append((item.name, ((0.0, float(item.value)),)))
             continue

@@ -124,6 +124,7 @@ def write_blend(record: Path) -> Path:
     bpy.context.view_layer.update()
     apply_generated(swatch, record).asset_mark()
     path = record.with_name(record.name.removesuffix(generated.RECORD) + ".blend")
+    # Blender writes to a temporary folder; the result is moved into place when complete.
     with temporary_folder() as folder:
         saved = os.path.join(folder, path.name)
         try:

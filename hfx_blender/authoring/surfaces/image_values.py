@@ -29,6 +29,7 @@ def data_of(image: bpy.types.Image) -> F64:
 
     Raises InputError: the image has no pixels, or too many.
     """
+    # Blender converts float images to linear light on loading; reloading as data avoids this.
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
         return pixels_of(image)[..., 0].astype(np.float64)
@@ -92,6 +93,7 @@ def pixels_of(image: bpy.types.Image) -> F32:
     Raises InputError: the image has no pixels or too many, or the file is a pipe or on another
     machine.
     """
+    # Reading pixels loads the file, which must not be a pipe.
     if not image.has_data and image.source != "GENERATED" and not image.packed_files:
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
         path = Path(bpy.path.abspath(image.filepath, library=image.library))

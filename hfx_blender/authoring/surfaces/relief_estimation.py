@@ -98,6 +98,7 @@ def apply_estimate(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
     image = image_values.store(
         f"{estimation.name} Estimate", None, surface_sources.estimate_channels(estimate)
     )
+    # The estimate knows its size, so the scale is entered rather than measured.
     settings.source, settings.image_kind, settings.image = "IMAGE", "ESTIMATE", image
     settings.roughness_image = None
     settings.height_mm = height_mm

@@ -90,6 +90,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     copy.data.uv_layers[charts.name].active = True
     copy.data.uv_layers[charts.name].active_render = True
     scratch.copy_materials(charts, owner)
+    # Coverage is measured with an extra bake, before the large bakes.
     fault = _uv_fault(scratch, charts)
     if fault:
         _use_one_tile(scratch, charts, owner, fault)
@@ -145,6 +146,7 @@ def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
 
 
 def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> None:
+    # A tile stands for the whole surface only if nothing but UVs matters.
     dependency = material_relief.depends_on(scratch.materials, charts.name)
     if dependency or len(scratch.materials) > 1:
         reason = (
@@ -284,6 +286,7 @@ def _wired(
     values: Sequence[Any],
 ) -> Iterator[None]:
     """Rewire materials to temporary surface shaders until the end of the context."""
+    # Materials are restored in any case, as the next bake rewires them again.
     undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
     try:
         yield

@@ -70,6 +70,7 @@ def _material_relief(obj: bpy.types.Object) -> SurfaceRelief:
     width, height = (max(8, round(settings.resolution * t / max(tile))) for t in tile)
     baked = surface_baking.bake(obj, width, height, settings.uv_map)
     heights, notes = baked.heights_m, list(baked.notes)
+    # Without relief, colour differences stand in for heights; a uniform colour does not.
     if baked.luminance is not None and float(np.ptp(baked.luminance)) > 1.0 / 512.0:
         heights = baked.luminance.astype(np.float64) * settings.height_mm / 1000.0
         notes.append("the material has no relief: its colour was used as heights")

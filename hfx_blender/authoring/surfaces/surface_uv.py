@@ -67,6 +67,7 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
 
 def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
     """Corners (F, 3, 3), without translation, and areas (F,) of a mesh's triangles in the world."""
+    # Translation has no effect on sizes.
     linear = np.array(world, np.float64)[:3, :3]
     points = (mesh_arrays.points(mesh) @ linear.T)[mesh_arrays.triangles(mesh)]
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
