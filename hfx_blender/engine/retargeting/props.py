@@ -9,7 +9,7 @@ of a region (a hand as separate mesh) are not props.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,7 +23,15 @@ from .bone_regions import region_of
 from .canonical_pose import matrices, posed
 from .joints import skeletons_of
 from .skin_parts import joined
-from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, owners_of, weld
+from .target import (
+    RigMapping,
+    TargetAvatar,
+    areas_of,
+    connected_pieces,
+    owners_of,
+    weld,
+    with_ancestors,
+)
 
 # Smallest distance of a protruding vertex from the body, metres at canonical size
 _REACH_M: Final = 0.12
@@ -111,7 +119,7 @@ def _candidates(
     """
     canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
     owners = owners_of(union, canonical)
-    carrying = _mapped_and_ancestors(union, canonical)
+    carrying = with_ancestors({bone.name: bone.parent for bone in union.bones}, canonical)
     is_body = np.array([name in carrying for name in union.bone_names])
     regions = [region_of(owner) if owner else "torso" for owner in owners]
     weights = union.weights
@@ -151,18 +159,6 @@ def _candidates(
         _Candidate(np.concatenate(rows), union.bone_names[key[2]], regions[key[2]])
         for key, rows in groups.items()
     ]
-
-
-def _mapped_and_ancestors(union: TargetAvatar, mapped: Iterable[str]) -> set[str]:
-    """Mapped bones and all their ancestors."""
-    parents = {bone.name: bone.parent for bone in union.bones}
-    names: set[str] = set()
-    for name in mapped:
-        at: str | None = name
-        while at is not None and at not in names:
-            names.add(at)
-            at = parents.get(at)
-    return names
 
 
 def _without_candidates(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:

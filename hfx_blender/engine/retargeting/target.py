@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
@@ -230,6 +230,21 @@ def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     return np.asarray(np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0))
 
 
+def upwards(parents: Mapping[str, str | None], name: str) -> Iterator[str]:
+    """Yield a bone and its ancestors, nearest first; stops at a cycle."""
+    bone: str | None = name
+    seen: set[str] = set()
+    while bone is not None and bone not in seen:
+        yield bone
+        seen.add(bone)
+        bone = parents.get(bone)
+
+
+def with_ancestors(parents: Mapping[str, str | None], names: Iterable[str]) -> set[str]:
+    """Bones and all their ancestors."""
+    return {bone for name in names for bone in upwards(parents, name)}
+
+
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
     """Canonical bone of each bone in ``target.bone_names``; ``canonical`` maps bones of the rig.
 
@@ -237,20 +252,10 @@ def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | 
     bones take the root; None for bones outside of the body's hierarchy.
     """
     parents = {bone.name: bone.parent for bone in target.bones}
-
-    def upwards(name: str) -> Iterator[str]:
-        """Yield a bone and its ancestors; stops at a cycle."""
-        at: str | None = name
-        seen: set[str] = set()
-        while at is not None and at not in seen:
-            yield at
-            seen.add(at)
-            at = parents.get(at)
-
-    ancestors = {above for name in canonical for above in upwards(name)}
+    ancestors = with_ancestors(parents, canonical)
     owners: list[str | None] = []
     for name in target.bone_names:
-        mapped = next((at for at in upwards(name) if at in canonical), None)
+        mapped = next((bone for bone in upwards(parents, name) if bone in canonical), None)
         if mapped is not None:
             owners.append(canonical[mapped])
         else:
