@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import SkinWeights
+from ..body.rigs.rig import upwards
 
 # Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)
 _LARGE_PIECE: Final = 0.01
@@ -228,16 +229,6 @@ def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     shares = flat.reshape(count, groups)
     sums = shares.sum(axis=1, keepdims=True)
     return np.asarray(np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0))
-
-
-def upwards(parents: Mapping[str, str | None], name: str) -> Iterator[str]:
-    """Yield a bone and its ancestors, nearest first; stops at a cycle."""
-    bone: str | None = name
-    seen: set[str] = set()
-    while bone is not None and bone not in seen:
-        yield bone
-        seen.add(bone)
-        bone = parents.get(bone)
 
 
 def with_ancestors(parents: Mapping[str, str | None], names: Iterable[str]) -> set[str]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,16 @@ class RigBone:
     deform: bool = True  # Blender's "Deform"; False for control bones
 
 
+def upwards(parents: Mapping[str, str | None], name: str) -> Iterator[str]:
+    """Yield a bone and its ancestors, nearest first; stops at a cycle."""
+    bone: str | None = name
+    seen: set[str] = set()
+    while bone is not None and bone not in seen:
+        yield bone
+        seen.add(bone)
+        bone = parents.get(bone)
+
+
 class Rig:
     """Bones by name, and the hierarchy of deforming bones.
 
@@ -53,35 +64,31 @@ class Rig:
                 break
         self.labels = dict(labels or {name: name for name in self.bones})
         deforming = {without_role(name): name for name in self.bones}
-        self.parent = {name: self._deforming_parent(name, deforming) for name in self.bones}
+        parents = {bone.name: bone.parent for bone in bones}
+        self.parent = {
+            name: self._deforming_parent(name, parents, deforming) for name in self.bones
+        }
         self.children: dict[str, list[str]] = {name: [] for name in self.bones}
         for name, parent in self.parent.items():
             if parent is not None:
                 self.children[parent].append(name)
 
-    def _deforming_parent(self, name: str, deforming: Mapping[str, str]) -> str | None:
+    def _deforming_parent(
+        self, name: str, parents: Mapping[str, str | None], deforming: Mapping[str, str]
+    ) -> str | None:
         """Nearest ancestor in ``bones``, or counterpart of an ancestor; None at the top.
 
         ``deforming`` maps names without a Rigify role to the considered bones.
         """
-        above = self.by_name[name].parent
-        seen = {name}
-        while above is not None and above in self.by_name and above not in seen:
-            seen.add(above)
+        for above in islice(upwards(parents, name), 1, None):
             counterpart = deforming.get(without_role(above))
-            if counterpart is not None and counterpart != name:
+            if above in self.by_name and counterpart is not None and counterpart != name:
                 return counterpart
-            above = self.by_name[above].parent
         return None
 
     def ancestors(self, name: str) -> Iterator[str]:
         """Yield the ancestors of a bone, nearest first; stops at a cycle."""
-        seen = {name}
-        above = self.parent[name]
-        while above is not None and above not in seen:
-            seen.add(above)
-            yield above
-            above = self.parent[above]
+        return islice(upwards(self.parent, name), 1, None)
 
     def depth(self, name: str) -> int:
         """Number of ancestors of a bone."""
