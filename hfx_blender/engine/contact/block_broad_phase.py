@@ -66,12 +66,7 @@ class BlockBroadPhase:
         return self._bounds[key]
 
     def is_clear(
-        self,
-        animated: EffectBlock,
-        body: BodyDescription,
-        model_id: str,
-        *,
-        is_bent: bool = False,
+        self, animated: EffectBlock, body: BodyDescription, model_id: str, *, is_bent: bool = False
     ) -> bool:
         """Test that a volume certainly touches no skin of a model on a body in the block.
 

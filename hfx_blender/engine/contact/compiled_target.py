@@ -81,7 +81,7 @@ class PlacedTarget:
     Attributes
     ----------
     is_usable : (n,) bool
-        Neither flattened, infinite nor NaN. All other results require usable rows throughout.
+        Finite and not flattened. All other results require usable rows throughout.
     """
 
     def __init__(

@@ -55,7 +55,7 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
     if usable.all():
         return query
     query.counters.warn(
-        f"{query.title} is flattened, endless or not a number: it is not felt",
+        f"{query.title} is flattened, infinite or not a number: it is not felt",
         int(np.count_nonzero(~usable & query.reported)),
     )
     follows = query.follows.copy()
@@ -84,11 +84,7 @@ def _by_definition(query: ContactQuery) -> Contacts:
 
 
 def _gathered(
-    rows: I64,
-    columns: I32,
-    weights: Weights,
-    details: DetailArrays | None,
-    own_sets: bool,
+    rows: I64, columns: I32, weights: Weights, details: DetailArrays | None, own_sets: bool
 ) -> Contacts:
     """Contacts from dense weights (n, C); equal successive rows share a set unless ``own_sets``."""
     is_touched = weights.any(axis=1)

@@ -91,7 +91,7 @@ def outlined(
 
 
 class Outline:
-    """Boxes at rest of the skin that each bone moves, cluster by cluster; ``hfx_outline``.
+    """Boxes at rest of skin by bone, cluster by cluster; ``pointers`` is ``hfx_outline``.
 
     A *pair* is a cluster with a bone.
 
@@ -105,11 +105,6 @@ class Outline:
         Index into ``bones`` of each pair.
     centres, halves : (P, 3) float64
         Centres and half extents of the pairs' boxes, metres, rest space.
-
-    Attributes
-    ----------
-    pointers : Structure
-        ``hfx_outline``.
     """
 
     def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:

@@ -73,7 +73,7 @@ _SLACK: Final = 1e-12  # rounding error of a tree's boxes, share of the largest 
 
 
 class NativeMesh:
-    """Closed mesh for the compiled contact; ``hfx_mesh``.
+    """Closed mesh for the compiled contact; ``pointers`` is ``hfx_mesh``.
 
     Parameters
     ----------
@@ -87,11 +87,6 @@ class NativeMesh:
         Centre of the mesh's box, shape space.
     depth : float
         Radius of the largest inscribed ball; 0 without falloff.
-
-    Attributes
-    ----------
-    pointers : Structure
-        ``hfx_mesh``.
     """
 
     def __init__(self, grid: Any, tree: Any, largest: float, middle: F64, depth: float) -> None:

@@ -98,13 +98,7 @@ class BoundClusters:
     """
 
     def __init__(
-        self,
-        offsets: I64,
-        bones: I64,
-        values: F64,
-        rest: F64,
-        clusters: list[I32],
-        bone_count: int,
+        self, offsets: I64, bones: I64, values: F64, rest: F64, clusters: list[I32], bone_count: int
     ) -> None:
         self.place_counts = np.array([len(ids) for ids in clusters], np.int64)
         self.bone_count = bone_count

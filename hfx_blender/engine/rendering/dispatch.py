@@ -110,14 +110,14 @@ class ActuatorGroup:
         ids = [actuator.id for actuator in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
-            text = f"device '{self._device.id}': {self.modality} actuators that reach no vertex of"
-            yield from counted(lost, f"{text} the body model '{model_id}' play nothing of it")
+            text = f"device '{self._device.id}': {self.modality} actuators without a vertex on the"
+            yield from counted(lost, f"{text} body model '{model_id}' do not play its effects")
             reasons = unpanned(self._device, self._actuators, self._models(model_id))
             if self._device.scheme.name != "coverage" and reasons:
                 yield (
-                    f"device '{self._device.id}': coverage takes the place of its scheme "
-                    f"'{self._device.scheme.name}' on the body model '{model_id}', as actuators "
-                    f"{reasons}"
+                    f"device '{self._device.id}': coverage replaces the scheme "
+                    f"'{self._device.scheme.name}' on the body model '{model_id}', because "
+                    f"actuators {reasons}"
                 )
 
     def _reach(self, run: SampleRun, gains: F64) -> None:

@@ -181,8 +181,10 @@ class Renderer:
             rows = self._late_rows(kind)
             if (self._values[:rows, part.start] != self._neutral[part.start]).any():
                 late.append(actuator.id)
-        text = f"{name}: what is felt right at the beginning comes late, or not, at actuators"
-        return tuple(dict.fromkeys([*notes, *counted(late, f"{text} that answer late")]))
+        text = (
+            f"{name}: effects at the very start come late, or not at all, at actuators with latency"
+        )
+        return tuple(dict.fromkeys([*notes, *counted(late, text)]))
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)

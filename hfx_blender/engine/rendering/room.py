@@ -59,7 +59,7 @@ class PlaySpace:
         matrices = np.concatenate([rows, last], axis=1)
         is_right = len(rows) > 0 and np.isfinite(rows).all() and (np.diff(indices) > 0).all()
         if not is_right or (np.abs(np.linalg.det(matrices)) < 1e-12).any():
-            raise InputError(f"The track's {SETTING} holds a pose that is none.")
+            raise InputError(f"The track's {SETTING} holds an unusable pose.")
         return cls(indices, matrices)
 
     @staticmethod

@@ -57,9 +57,7 @@ LAYOUTS: Final = {
         _flat("7.0", 30.0, -30.0, 0.0, 90.0, -90.0, 150.0, -150.0),
         _flat("ring8", *(45.0 * k for k in range(8))),
         LoudspeakerLayout(
-            "cube8",
-            (45.0, -45.0, 135.0, -135.0) * 2,
-            (-_CORNER,) * 4 + (_CORNER,) * 4,
+            "cube8", (45.0, -45.0, 135.0, -135.0) * 2, (-_CORNER,) * 4 + (_CORNER,) * 4
         ),
     )
 }

@@ -85,11 +85,7 @@ class ContactFollower:
     """
 
     def __init__(
-        self,
-        mesh: SurfaceMesh,
-        reach_m: float,
-        max_contacts: int = 100,
-        first: Bool | None = None,
+        self, mesh: SurfaceMesh, reach_m: float, max_contacts: int = 100, first: Bool | None = None
     ) -> None:
         self._mesh = mesh
         self._reach_m = reach_m

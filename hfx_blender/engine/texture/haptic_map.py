@@ -68,10 +68,7 @@ class NoticeableSteps:
     frequency_hz: float = 40.0
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("amplitude_g", self.amplitude_g),
-            ("frequency_hz", self.frequency_hz),
-        ):
+        for name, value in (("amplitude_g", self.amplitude_g), ("frequency_hz", self.frequency_hz)):
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"Noticeable steps: {name} is {value:g}; expected more than 0.")
 

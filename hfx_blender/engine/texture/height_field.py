@@ -117,11 +117,7 @@ class HeightField:
 
 
 def from_image(
-    grey: npt.ArrayLike,
-    depth_m: float,
-    size_m: tuple[float, float],
-    *,
-    tiles: bool = True,
+    grey: npt.ArrayLike, depth_m: float, size_m: tuple[float, float], *, tiles: bool = True
 ) -> HeightField:
     """Height field of a picture of heights.
 

@@ -27,7 +27,7 @@ DECIMATION_SHARE: Final = 1.0 / 8.0
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells subdivided in each round
 _CORE_ROUNDS: Final = 24
-_ALIKE: Final = 1e-9  # difference of equal depths, share of the largest
+_EQUAL: Final = 1e-9  # difference of equal depths, share of the largest
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 _BOX_TRIANGLES: Final = np.array(
@@ -86,7 +86,7 @@ class MeshVolume:
                 f"got {vertices.shape} and {triangles.shape}"
             )
         if not triangles.size:
-            raise InputError(f"'{self.name}' has no faces, so it has no inside to be felt in.")
+            raise InputError(f"'{self.name}' has no faces. A mesh volume needs a closed mesh.")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ValueError(f"triangles: expected indices below {len(vertices)}")
         broken = np.count_nonzero(~np.isfinite(vertices[np.unique(triangles)]).all(axis=1))
@@ -96,14 +96,14 @@ class MeshVolume:
             )
         vertices, triangles = merged(vertices, triangles)
         if not (len(triangles) and _is_solid(np.ptp(vertices, axis=0))):
-            raise InputError(f"'{self.name}' is flat, so it has no inside to be felt in.")
+            raise InputError(f"'{self.name}' is flat. A mesh volume needs a mesh with an inside.")
         vertices, triangles, note = closed_surface(vertices, triangles, self.name)
         object.__setattr__(self, "_vertices", vertices)
         object.__setattr__(self, "_triangles", triangles)
         if len(triangles) >= MANY_FACES and find_spec("fast_simplification") is None:
             slower = (
-                f"'{self.name}' has {len(triangles)} faces, and fast-simplification, which finds "
-                f"fewer that feel the same, is not installed: it is felt more slowly"
+                f"'{self.name}' has {len(triangles)} faces. Its contacts take longer, because "
+                f"fast-simplification is not installed"
             )
             note = "; ".join(filter(None, (note, slower)))
         object.__setattr__(self, "note", note)
@@ -264,7 +264,7 @@ class MeshVolume:
             if not len(promising) or reach < _CORE_TOLERANCE * best:
                 break
             # Depths that differ by rounding rank equally, so that all machines choose the same.
-            rank = np.rint(depths[promising] / (_ALIKE * max(best, reach)))
+            rank = np.rint(depths[promising] / (_EQUAL * max(best, reach)))
             order = np.argsort(-rank, kind="stable")[:_CORE_CANDIDATES]
             chosen = centres[:, promising[order]]
             half = half / 2.0

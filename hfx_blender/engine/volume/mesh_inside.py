@@ -7,7 +7,7 @@ occur:
 
 * Whether a triangle spans the ray is decided edge by edge, in the plane across the ray, by the
   half-open rule of polygon filling. Triangles that share an edge compute the same number, so
-  that crossings of a closed mesh cancel whatever the rounding.
+  that crossings of a closed mesh cancel under any rounding.
 * The height of a crossing is interpolated between the two edges that span the point, and so stays
   between them also for slivers and for triangles along the ray.
 

@@ -71,8 +71,8 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
         return _mended(vertices, triangles, name)
     except ImportError as error:
         raise InputError(
-            f"'{name}' has holes, or faces that face the other way, and {error.name}, with which "
-            f"they are mended, is not installed; fill the holes and recalculate the normals."
+            f"'{name}' has holes or flipped normals, and {error.name}, which repairs them, is not "
+            f"installed; fill the holes and recalculate the normals."
         ) from error
 
 
@@ -86,8 +86,12 @@ def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
         triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
         edge, uses, up = _edges(triangles)
         number = int(np.count_nonzero(turned))
-        faces = "1 face that faces" if number == 1 else f"{number} faces that face"
-        notes += [f"'{name}' has {faces} the other way: turned for it"] * (number > 0)
+        faces = (
+            "1 face with a flipped normal"
+            if number == 1
+            else f"{number} faces with flipped normals"
+        )
+        notes += [f"'{name}' has {faces}: recalculated for the volume"] * (number > 0)
     # Flipping keeps the number of uses of an edge, so ``is_open`` still holds.
     if is_open.any():
         vertices, triangles, note = _with_caps(vertices, triangles, edge, uses, name)
@@ -156,8 +160,8 @@ def _with_caps(
             f"'{name}' is not closed: {open_edges} of its {len(uses)} edges lack a face on one "
             f"side; fill the holes or merge the vertices there."
         )
-    closed = "a hole was" if len(holes) == 1 else f"{len(holes)} holes were"
-    note = f"'{name}' is open at {open_edges} edges: {closed} closed for it"
+    filled = "1 hole was" if len(holes) == 1 else f"{len(holes)} holes were"
+    note = f"'{name}' is open at {open_edges} edges: {filled} filled for the volume"
     return with_middles, np.concatenate([triangles, caps]), note
 
 

@@ -21,8 +21,8 @@ place of zeros. Below this limit noise and flatness are indistinguishable."""
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     """Invert affine placing matrices, with a mask of the reliable inverses.
 
-    Columns, then rows, are equilibrated by powers of two, which is exact. Neither the unit nor
-    unequal scales of the axes then count as flatness, only axes that are nearly coplanar.
+    Columns, then rows, are equilibrated by powers of two, which is exact. So units and unequal
+    scales do not count as flatness; nearly coplanar axes do.
 
     Parameters
     ----------

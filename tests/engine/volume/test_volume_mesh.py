@@ -327,7 +327,7 @@ def test_small_holes_are_closed_and_told(rng):
     inside = np.all((points > 0.0) & (points < 1.0), axis=0)
     for missing in range(12):
         volume = MeshVolume(CUBE[0], np.delete(CUBE[1], missing, axis=0), "Vase")
-        assert volume.note == "'Vase' is open at 3 edges: a hole was closed for it"
+        assert volume.note == "'Vase' is open at 3 edges: 1 hole was filled for the volume"
         np.testing.assert_array_equal(volume.contains(points), inside)
     lid = np.all(np.isclose(CUBE[0][CUBE[1]][:, :, 2], 1.0), axis=1)
     without_lid = MeshVolume(CUBE[0], CUBE[1][~lid], "Box")
@@ -361,8 +361,8 @@ def test_holes_of_a_mesh_with_turned_faces_are_closed(rng):
 @pytest.mark.parametrize(
     ("turned", "note"),
     [
-        ([7], "'Box' has 1 face that faces the other way: turned for it"),
-        ([0, 3], "'Box' has 2 faces that face the other way: turned for it"),
+        ([7], "'Box' has 1 face with a flipped normal: recalculated for the volume"),
+        ([0, 3], "'Box' has 2 faces with flipped normals: recalculated for the volume"),
         (range(12), ""),  # inside out is as good
     ],
 )
@@ -389,7 +389,7 @@ def test_what_was_mended_is_told_together():
 def test_only_what_has_to_be_mended_needs_trimesh(monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh.graph", None)
     assert MeshVolume(*CUBE, "Whole").note == ""
-    with pytest.raises(InputError, match=r"^'Box' has holes, .* trimesh.*, is not installed; fill"):
+    with pytest.raises(InputError, match=r"^'Box' has holes .* trimesh.*, is not installed; fill"):
         MeshVolume(CUBE[0], CUBE[1][1:], "Box")
 
 

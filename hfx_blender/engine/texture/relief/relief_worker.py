@@ -31,10 +31,7 @@ def main(source: str, target: str) -> None:
         return
     with Path(target).open("wb") as stream:
         np.savez(
-            stream,
-            heights_m=relief.field.heights_m,
-            slope=relief.slope,
-            roughness=relief.roughness,
+            stream, heights_m=relief.field.heights_m, slope=relief.slope, roughness=relief.roughness
         )
 
 
