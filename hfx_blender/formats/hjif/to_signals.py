@@ -9,8 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
+
 from ...errors import InputError
 from ...files import limits
+from ..leniency import ToleratedFaults
 from ..signals.curves import Curve, clipped
 from ..signals.signals import Credits, FrequencyRange, Piece, Signal, Transient, mixed
 from ..sound.waveforms import Waveform, added, piece_of
@@ -75,26 +78,33 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         )
     if signals:
         left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
-        if any(
-            perception["perception_modality"] == "Other" for perception in document["perceptions"]
-        ):
-            notes += ("modality Other is taken as vibration",)
-        channels = [one for perception in document["perceptions"] for one in perception["channels"]]
-        if any(channel.get(key) for channel in channels for key in _PLACES):
-            notes += ("places of its channels on the body are not kept",)
-        if any(abs(channel["mixing_coefficient"] - 1.0) > 1e-3 for channel in channels):
-            notes += ("mixing coefficients of its channels are not kept",)
+        notes += _unused_members(document)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
     hertz = [
-        float(f)
-        for signal in signals
-        for f in (signal.frequency_hz.values.min(), signal.frequency_hz.values.max())
+        float(end(signal.frequency_hz.values)) for signal in signals for end in (np.min, np.max)
     ]
     hertz += [tick.frequency_hz for signal in signals for tick in signal.transients]
-    return signals, FrequencyRange(
-        min(hertz, default=0.0), max(hertz, default=1.0), is_stated=False
-    )
+    lowest, highest = min(hertz, default=0.0), max(hertz, default=1.0)
+    return signals, FrequencyRange(lowest, highest, is_stated=False)
+
+
+def _unused_members(document: dict[str, Any]) -> ToleratedFaults:
+    """Sentences about members of a document without a place in signals."""
+    perceptions = document["perceptions"]
+    channels = [channel for perception in perceptions for channel in perception["channels"]]
+    sentences = {
+        "modality Other is taken as vibration": any(
+            perception["perception_modality"] == "Other" for perception in perceptions
+        ),
+        "places of its channels on the body are not kept": any(
+            channel.get(key) for channel in channels for key in _PLACES
+        ),
+        "mixing coefficients of its channels are not kept": any(
+            abs(channel["mixing_coefficient"] - 1.0) > 1e-3 for channel in channels
+        ),
+    }
+    return tuple(sentence for sentence, holds in sentences.items() if holds)
 
 
 def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope]:
