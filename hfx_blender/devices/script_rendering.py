@@ -72,12 +72,9 @@ class Rendered:
 def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Played]:
     """Render a recorded track for each device on each body.
 
-    Raises
-    ------
-    ScriptError
-        A device's script may not run, or has failed.
-    InputError
-        A place of a device does not fit a model, or the models differ from the track's.
+    Raises ScriptError: a device's script may not run, or has failed.
+    Raises InputError: a place of a device does not fit a model, or the models differ from the
+    track's.
     """
     return finish(rendering(track, renderers_of_track(track, devices))).complete().played
 

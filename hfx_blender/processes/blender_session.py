@@ -119,10 +119,8 @@ def refuse_name(path: Path) -> None:
 def open_blend(path: Path) -> None:
     """Open a .blend file; no script, driver or handler of the file is run.
 
-    Raises
-    ------
-    InputError
-        The file is missing, is no .blend, links to a pipe or device, or Blender cannot read it.
+    Raises InputError: the file is missing, is no .blend, links to a pipe or device, or Blender
+    cannot read it.
     """
     refuse_name(path)
     if not path.is_file():

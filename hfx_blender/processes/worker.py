@@ -147,10 +147,8 @@ class Worker:
     def receive(self, limit_s: float | None = None) -> Message | None:
         """Wait for the next message; None after the last, and after invalid data (:attr:`fault`).
 
-        Raises
-        ------
-        TimeoutError
-            No message has come within ``limit_s``, seconds; None waits without limit.
+        Raises TimeoutError: no message has come within ``limit_s``, seconds; None waits without
+        limit.
         """
         try:
             message = self._received.get(timeout=limit_s)

@@ -22,9 +22,7 @@ class Output(Protocol):
     def send(self, values: F64) -> None:
         """Send values (columns,) from the guard; unsent older values are dropped.
 
-        Raises
-        ------
-        OutputLostError
+        Raises OutputLostError.
         """
 
     def stop(self) -> None:
@@ -45,9 +43,7 @@ class SoundingOutput(Output, Protocol):
     def send_tones(self, values: F64, tones: Tones) -> None:
         """Send values (columns,), and tones in place of the values of actuators with a waveform.
 
-        Raises
-        ------
-        OutputLostError
+        Raises OutputLostError.
         """
 
 

@@ -150,10 +150,8 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
 
     Returns ``name`` if ``serial_number`` is "", or ``name`` has no number or the same number.
 
-    Raises
-    ------
-    DeviceError
-        The device is on no port, and a device with another serial number is on ``name``.
+    Raises DeviceError: the device is on no port, and a device with another serial number is on
+    ``name``.
     """
     at_name = serial_number_of(name, ports)
     # Without numbers to compare, the name of the port decides.

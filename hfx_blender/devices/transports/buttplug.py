@@ -287,10 +287,8 @@ class ButtplugOutput:
     command_interval_s : float
         Shortest time between two commands; silence is sent at once.
 
-    Raises
-    ------
-    OutputLostError
-        The server does not answer, or not in version 4; no device fits or is free.
+    Raises OutputLostError: the server does not answer, or not in version 4; no device fits or is
+    free.
     """
 
     def __init__(

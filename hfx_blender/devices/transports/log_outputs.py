@@ -49,10 +49,8 @@ class Simulator:
         Log with lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
         times are of the system's monotonic clock. Only logs of simulators are overwritten.
 
-    Raises
-    ------
-    OutputLostError
-        The file is not a simulator's log, is no regular file, or cannot be written.
+    Raises OutputLostError: the file is not a simulator's log, is no regular file, or cannot be
+    written.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -197,10 +195,8 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
         Tests the content of an existing file; True permits overwriting. Empty files are always
         overwritten. None: the file must not exist.
 
-    Raises
-    ------
-    OutputLostError
-        The file exists and may not be overwritten, is no regular file, or cannot be written.
+    Raises OutputLostError: the file exists and may not be overwritten, is no regular file, or
+    cannot be written.
     """
     try:
         return _opened(path, is_ours)

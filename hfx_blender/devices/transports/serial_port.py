@@ -37,10 +37,8 @@ class SerialPort:
     A partly written frame is completed first; an unsent frame is replaced by a newer frame. So a
     stalled port costs neither memory nor time.
 
-    Raises
-    ------
-    OutputLostError
-        ``name`` is no port (:func:`is_port_name`), or the port is open already or cannot be opened.
+    Raises OutputLostError: ``name`` is no port (:func:`is_port_name`), or the port is open already
+    or cannot be opened.
     """
 
     def __init__(self, name: str, baud: int) -> None:
@@ -89,9 +87,7 @@ class SerialPort:
     def write_first(self, content: bytes) -> None:
         """Drop unsent bytes, also of the system, and write ``content``.
 
-        Raises
-        ------
-        OutputLostError
+        Raises OutputLostError.
         """
         self._rest, self._next = b"", b""
         with suppress(Exception):  # also termios.error; without the reset the bytes are sent later

@@ -41,11 +41,8 @@ class SoundCard:
     ``interface``: part of the card's name, or the number; "": the system's default.
     ``first_channel``: channel of the first actuator, from 1.
 
-    Raises
-    ------
-    OutputLostError
-        PortAudio is not installed, no actuator vibrates, no card or several match, or a channel
-        is in use by another device.
+    Raises OutputLostError: PortAudio is not installed, no actuator vibrates, no card or several
+    match, or a channel is in use by another device.
     """
 
     def __init__(self, device: DeviceConfig, interface: str = "", first_channel: int = 1) -> None:

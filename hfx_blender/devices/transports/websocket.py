@@ -55,10 +55,8 @@ class WebSocket:
     on_tick : callable, optional
         Called about 20 times a second, in the thread of this object.
 
-    Raises
-    ------
-    OutputLostError
-        The server does not answer within :data:`OPEN_S`, or not as a websocket server.
+    Raises OutputLostError: the server does not answer within :data:`OPEN_S`, or not as a websocket
+    server.
     """
 
     def __init__(
@@ -110,10 +108,8 @@ class WebSocket:
     def send(self, text: str, *, is_urgent: bool = False) -> None:
         """Send a message now, or as soon as the socket has room; ``is_urgent``: a stop.
 
-        Raises
-        ------
-        OutputLostError
-            The connection is lost, or more than :data:`MAX_WAITING` bytes are unsent.
+        Raises OutputLostError: the connection is lost, or more than :data:`MAX_WAITING` bytes are
+        unsent.
         """
         with self._lock:
             self.check()
