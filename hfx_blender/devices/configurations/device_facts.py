@@ -69,7 +69,10 @@ class DeviceFacts:
 
 
 def facts_of(name: str) -> DeviceFacts:
-    """Texts about a device by its name in a scene; cached until the file changes."""
+    """Texts about a device by its name in a scene; cached until the file changes.
+
+    Errors are returned as ``fault``.
+    """
     try:
         path = find_file(named_in_blend(name))
         stamp = 0 if path is None else path.stat().st_mtime_ns

@@ -196,7 +196,10 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
 
 
 def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
-    """Body parts and side of a node's bone; None for bones of the middle and shoulders."""
+    """Body parts of a node's bone and its side, left, right or None (middle and shoulders).
+
+    Raises InputError: the bone is unknown.
+    """
     bone = node.get("target_bone")
     if isinstance(bone, str):
         if bone in _MIDDLE:

@@ -189,8 +189,10 @@ class TimeOn:
             self._is_on = np.zeros(self._count, np.bool_)
 
     def blocked(self, is_requested: Bool, step_s: float) -> Bool:
-        """Mask (A,) of actuators that have to be silent until the next call.
+        """Charge the last step and the coming one; mask (A,) of actuators that have to be silent.
 
+        An actuator is blocked from the step that would exceed load 1 until load 0. Without limited
+        actuators nothing is charged.
         A step counts as on if the actuator is on at the start or the end of the step, else as rest.
 
         ``is_requested`` (A,) bool: actuators to be on from now to the next call.

@@ -135,7 +135,8 @@ class Sounding:
         return values
 
     def totals(self, share: float, wanted: F64) -> F64:
-        """Values (columns,) for the guard, at least as strong as the RMS sum of the tones.
+        """Values (columns,) for the guard, at least as strong as the root of the sum of squares of
+        the tones.
 
         Otherwise strong tones with weak values would pass the limits.
         ``share`` is that of the ramp, 0..1. Returns a copy, or ``wanted`` itself without waveforms.

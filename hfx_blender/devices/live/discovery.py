@@ -115,7 +115,11 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
 
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
-    """Devices behind a program; of a Buttplug server only with a fitting device there."""
+    """Devices behind a program at an address.
+
+    Devices with Buttplug need a fitting device of the server, and are listed for each; connects
+    to the server.
+    """
     from ..transports.buttplug import devices_at
 
     text, matches, served = f"a program on {host}:{port}", [], None
