@@ -42,8 +42,7 @@ from ..formats.registry import FORMATS
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
 from ..processes.start import cores
-from ..reading.description.scene_devices import formats_without
-from ..reading.description.scene_tolerance import scene_tolerance
+from ..reading.description.scene_settings import formats_without, scene_tolerance
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..text import MOST_LINES, counted, shortened
 from . import result_files

@@ -156,7 +156,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         from ..export.scene_export import ExportSettings, SceneExport
         from ..formats.writing import why_nothing
-        from ..reading.description.scene_devices import formats_without, scene_devices
+        from ..reading.description.scene_settings import formats_without, scene_devices
 
         scene = context.scene
         devices, missing = scene_devices(scene)

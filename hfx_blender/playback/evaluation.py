@@ -53,7 +53,7 @@ class Evaluation:
         """Describe the scene unless its signature is unchanged; never call this during a depsgraph
         update.
         """
-        from ..reading.description.scene_tolerance import live_tolerance
+        from ..reading.description.scene_settings import live_tolerance
         from ..reading.live.live_scene import LiveScene, signature_of
 
         scene, layer = context.scene, context.view_layer

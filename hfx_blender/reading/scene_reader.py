@@ -25,7 +25,7 @@ from ..blender.scene_info import scene_objects
 from ..engine.arrays import I64
 from ..engine.counters import ReadingCounters, Unfelt
 from ..engine.rendering.room import SETTING, PlaySpace
-from ..engine.response.paths import NEIGHBOURS
+from ..engine.response.motion_estimate import NEIGHBOURS
 from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..text import shortened

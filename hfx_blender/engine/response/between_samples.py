@@ -23,7 +23,7 @@ from ..response_filters.envelope import LOUD
 from ..samples import SampleRun
 from ..scene import EffectBlock, Motion, PoseBlock
 from .grazes import Contacts, follow_on, may_graze, may_touch
-from .paths import NEIGHBOURS, Path
+from .motion_estimate import NEIGHBOURS, MotionEstimate
 from .touches import Between, BodyPlaces, Moments, Touches
 
 STEP_S: Final = 0.0005
@@ -338,7 +338,7 @@ class _Intervals:
     ) -> None:
         self._moments = moments
         self._parameters = parameters
-        self._own_paths: dict[tuple[str, int, int, int], Path] = {}
+        self._own_paths: dict[tuple[str, int, int, int], MotionEstimate] = {}
         self._own_motion: dict[tuple[str, int, bytes], F64] = {}
         self._contacts = contacts
         self._is_straight = is_straight
@@ -474,13 +474,13 @@ class _Intervals:
             known.update(zip([keys[k] for k in missing], parts, strict=True))
         return np.concatenate([known[key] for key in keys])
 
-    def _path(self, name: str, values: F64 | F32, n: int) -> Path:
+    def _path(self, name: str, values: F64 | F32, n: int) -> MotionEstimate:
         """Cached motion estimate for interval ``n`` of the block's values (T, ...)."""
         known = self._own_paths if name == "matrices" else self._moments.places.paths
         row, before, after = (int(counts[n]) for counts in (self._rows, self._before, self._after))
         key = name, row, before, after
         if key not in known:
-            known[key] = Path(
+            known[key] = MotionEstimate(
                 [_packed(values[row - 1 - k]) for k in range(before)],
                 [_packed(values[row + k]) for k in range(after)],
             )

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64, Bool
 from ..response_filters.controls import FilterKind, Operation
-from ..response_filters.envelope import Impact
+from ..response_filters.envelope import RingingImpact
 from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
 from .touches import Touches, WeightedSet, packed, strongest
@@ -35,7 +35,7 @@ class Memory:
     was_touched: bool = False
     touched_s: float = -np.inf  # last moment with touched skin
     left: tuple[float, WeightedSet] | None = None  # level and weights of the last sample
-    impacts: tuple[tuple[Impact, ...], ...] = ()  # by filter, in the order of time
+    impacts: tuple[tuple[RingingImpact, ...], ...] = ()  # by filter, in the order of time
     values: F64 | None = None  # (F,) filter values of the last touch
     held: tuple[tuple[float, WeightedSet], ...] = ()  # (onset, kept weights) of each impact
 
@@ -116,7 +116,7 @@ class _Timeline:
 class _Ringing:
     """Impacts over the N times of a timeline; impacts of one onset are summed."""
 
-    impacts: list[list[Impact]]  # by filter
+    impacts: list[list[RingingImpact]]  # by filter
     values: F64  # (N, F) filter values; 0 for other filters than impacts
     rings: Bool  # (N,) any impact is felt
     energies: dict[float, F64]  # (N,) by onset
@@ -197,7 +197,7 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
     return _Ringing(impacts, values, rings, energies, ends, is_loud)
 
 
-def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[list[Impact]]:
+def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[list[RingingImpact]]:
     """Impacts by filter: those that may still ring, then new ones."""
     known = memory.impacts or ((),) * len(touches.filters)
     impacts = [list(of_filter) for of_filter in known]
@@ -207,7 +207,7 @@ def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[li
         for k in np.flatnonzero(begins).tolist():
             _, attack, decay, full = touches.controls[k, f, :4].tolist()
             strength = min(float(touches.speeds_m_s[k]) / full, 1.0)
-            impacts[f].append(Impact(_onset_s(touches, k), strength, attack, decay))
+            impacts[f].append(RingingImpact(_onset_s(touches, k), strength, attack, decay))
     return impacts
 
 

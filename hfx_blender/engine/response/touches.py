@@ -28,7 +28,7 @@ from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.nearest_surface import distances_m
 from ..volume.placing_matrix import inverse_placement, world_bounds
-from .paths import Path
+from .motion_estimate import MotionEstimate
 
 WeightedSet = tuple[I32, F32]
 """Ascending vertices and their weights."""
@@ -110,7 +110,7 @@ class BodyPlaces:
         self._rows = rows  # rows with a known pose
         self._known: dict[int, F64] = {}
         # Motion between samples, estimated and computed, shared by all volumes.
-        self.paths: dict[tuple[str, int, int, int], Path] = {}
+        self.paths: dict[tuple[str, int, int, int], MotionEstimate] = {}
         self.motion: dict[tuple[str, int, bytes], F64] = {}
 
     def of(self, cluster: int) -> F64:

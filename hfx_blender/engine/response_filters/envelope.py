@@ -30,7 +30,7 @@ _EQUAL_ENDS: Final = (
 
 
 @dataclass(frozen=True)
-class Impact:
+class RingingImpact:
     """Impact that may still be felt."""
 
     time_s: float

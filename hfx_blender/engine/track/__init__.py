@@ -7,7 +7,7 @@ any time. The layout is described in ``docs/track-format.md``.
 """
 
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
-from .reader import StreamSummary, TrackReader
+from .track_reader import StreamSummary, TrackReader
 from .writer import TrackWriter
 
 SUFFIX = ".hfxtrack"

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ..samples import SampleRun
 from ..scene import Clip, TimeBase
 from .header import TrackHeader
-from .reader import TrackReader
+from .track_reader import TrackReader
 from .writer import TrackWriter
 
 

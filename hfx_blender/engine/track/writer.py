@@ -37,7 +37,7 @@ from .codec import (
 )
 from .header import TrackEffect, TrackHeader
 from .header_json import to_json
-from .reader import TrackReader, read_sections
+from .track_reader import TrackReader, read_sections
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _TIME_TOLERANCE_S: Final = 1e-9

@@ -158,7 +158,7 @@ def _devices(
     options: ExportOptions, scene: bpy.types.Scene
 ) -> tuple[list[str], tuple[DeviceConfig, ...], dict[str, str]]:
     """The devices, their names or files, and those that a scene names and that are none."""
-    from ...reading.description.scene_devices import scene_devices
+    from ...reading.description.scene_settings import scene_devices
 
     if options.devices:
         names = [name for name in options.devices if name != "none"]
@@ -172,7 +172,7 @@ def _devices(
 def _settings(
     options: ExportOptions, devices: tuple[DeviceConfig, ...], missing: dict[str, str]
 ) -> ExportSettings:
-    from ...reading.description.scene_devices import formats_without
+    from ...reading.description.scene_settings import formats_without
     from ..scene_export import ExportSettings
 
     formats = options.formats or (("track", "csv") if devices else ("track",))

@@ -44,7 +44,7 @@ class HFX_OT_record_track(StepwiseExport):
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         from ...engine.rendering.room import needs_positions
         from ...export.scene_export import ExportSettings, SceneExport
-        from ...reading.description.scene_devices import scene_devices
+        from ...reading.description.scene_settings import scene_devices
 
         devices, _ = scene_devices(context.scene)
         record = ("positions",) if needs_positions(devices) else ()

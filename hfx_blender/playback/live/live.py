@@ -272,7 +272,7 @@ class Live:
         return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
     def _choose_schemes(self, scene: bpy.types.Scene) -> None:
-        from ...reading.description.scene_devices import scheme_of
+        from ...reading.description.scene_settings import scheme_of
 
         for name, state in self.states.items():
             item = scene.hfx.devices.get(name)

@@ -32,8 +32,7 @@ from ...engine.scene import EffectDescription, SceneDescription, TimeBase
 from ...engine.track.header import TrackHeader
 from ...errors import HfxError, InputError
 from ...reading.curves.animation_time import time_base
-from ...reading.description.scene_devices import load_scene_device
-from ...reading.description.scene_tolerance import live_tolerance
+from ...reading.description.scene_settings import live_tolerance, load_scene_device
 from ...reading.scene_reader import SceneReader
 from ...reading.stepped.reached import sources_of
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
-from ...engine.response.paths import OVERLAP
+from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import TimeBase
 from ..curves.animation_time import animation_frames
 from ..stepped import stepping

@@ -23,7 +23,7 @@ import numpy as np
 from ...authoring import volumes
 from ...authoring.effects import effect_values, effects
 from ...engine.arrays import F64, Bool
-from ...engine.response.paths import OVERLAP
+from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ...engine.volume.shape import Shape
 from ...errors import InputError

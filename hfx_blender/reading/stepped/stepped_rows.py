@@ -11,7 +11,7 @@ import bpy
 
 from ...avatars import avatar_meshes
 from ...engine.arrays import I64, Bool
-from ...engine.response.paths import OVERLAP
+from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import SceneDescription, SurfaceBinding
 from ..curves.animation_curves import NotModelledError
 from ..curves.presampled_rig import PresampledRig

@@ -23,7 +23,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.samples import Stream
 from hfx_blender.engine.tolerance import EXACT, PRESETS, Tolerance, parse
-from hfx_blender.reading.description.scene_devices import scene_devices
+from hfx_blender.reading.description.scene_settings import scene_devices
 
 from .trade_chart import NOISE
 from .trade_judge import Judge, events

@@ -38,7 +38,7 @@ from hfx_blender.playback.live.live import live
 from hfx_blender.playback.preview.preview import preview as viewport_preview
 from hfx_blender.playback.preview.preview_layers import Preview
 from hfx_blender.playback.timeline.timeline_recorder import recorder
-from hfx_blender.reading.description.scene_tolerance import scene_tolerance
+from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.reading.stepped import stepping

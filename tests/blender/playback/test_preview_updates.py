@@ -15,7 +15,7 @@ from hfx_blender.blender.events import is_waiting, remove_timers
 from hfx_blender.operators.shared import HfxOperator
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.preview import preview
-from hfx_blender.reading.description.scene_tolerance import scene_tolerance
+from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
 NO_CHANGE = {"HFX_OT_paint_status", "HFX_OT_live_stop_all"}

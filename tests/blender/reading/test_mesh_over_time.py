@@ -11,7 +11,7 @@ import oracle
 import pytest
 from hfx_scenes import FPS, small_scene
 
-from hfx_blender.engine.track.reader import TrackReader
+from hfx_blender.engine.track.track_reader import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 
 FLAT_FROM = 5

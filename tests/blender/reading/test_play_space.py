@@ -20,7 +20,7 @@ from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.reading.description.play_space import pose_now
-from hfx_blender.reading.description.scene_tolerance import scene_tolerance
+from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.playback.timeline.timeline_record import record
-from hfx_blender.reading.description.scene_tolerance import scene_tolerance
+from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
 bpy = pytest.importorskip("bpy")

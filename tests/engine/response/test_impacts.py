@@ -15,7 +15,7 @@ import pytest
 from skin_plane import plane
 
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response import paths
+from hfx_blender.engine.response.motion_estimate import MotionEstimate
 from hfx_blender.engine.response_filters.controls import WIDTH, Filter, FilterKind, Operation
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -427,7 +427,7 @@ def test_a_path_between_two_samples(place: Callable[[np.ndarray], np.ndarray]) -
     shares = np.linspace(0.0, 1.0, 21)
     before = [place(np.array([[each]], float)) for each in (0.0, -1.0, -2.0)]
     after = [place(np.array([[each]], float)) for each in (1.0, 2.0, 3.0)]
-    found = paths.Path(before, after).at(shares)[:, 0, 0]
+    found = MotionEstimate(before, after).at(shares)[:, 0, 0]
     np.testing.assert_allclose(found, place(shares), atol=1e-9)
 
 
@@ -438,6 +438,6 @@ def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:
         [np.array([[each]]) for each in (1.0,) * 3],
     )
     for count in (1, 3):
-        found = paths.Path(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
+        found = MotionEstimate(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
         assert found.min() >= 0.0 and found.max() <= 1.0
-    np.testing.assert_allclose(paths.Path(at[0][:1], at[1][:1]).at(shares)[:, 0, 0], shares)
+    np.testing.assert_allclose(MotionEstimate(at[0][:1], at[1][:1]).at(shares)[:, 0, 0], shares)

@@ -33,7 +33,7 @@ _NODES: Final = np.arange(4) / 3.0
 _CUBICS: Final = np.linalg.inv(np.vander(_NODES))  # basis: 1 at one node, 0 at the others
 
 
-class Path:
+class MotionEstimate:
     """Motion of N rows of D values over an interval, from 0 at its start to 1 at its end.
 
     Parameters

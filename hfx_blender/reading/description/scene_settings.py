@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices of an export, chosen in a scene."""
+"""Devices and tolerances chosen in a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from ...blender.stored_values import bad_values
 from ...devices.configuration import load_device, named_in_blend
 from ...engine.rendering.device_config import DeviceConfig
-from ...errors import InputError
+from ...engine.tolerance import PREVIEW, Tolerance, parse
+from ...errors import InputError, UsageError
 from ...formats.writing import usable
 
 if TYPE_CHECKING:
@@ -65,3 +67,33 @@ def formats_without(
     if formats and not usable_formats:
         raise InputError("; ".join(missing.values()) + ".")
     return usable_formats
+
+
+def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
+    """Read the export tolerance of a scene.
+
+    Raises
+    ------
+    InputError
+        The stored value is no tolerance.
+    """
+    for bad in bad_values(scene):
+        if bad.path in ("tolerance", "tolerance_custom"):
+            raise InputError(f"Scene '{scene.name}': {bad}.")
+    if scene.hfx.tolerance != "CUSTOM":
+        return parse(scene.hfx.tolerance)
+    try:
+        return parse(scene.hfx.tolerance_custom)
+    except UsageError as error:
+        raise InputError(f"Scene '{scene.name}': {error}.") from error
+
+
+def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
+    """Read the tolerance of the preview and of live devices.
+
+    Raises
+    ------
+    InputError
+        The stored value is no tolerance.
+    """
+    return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)
