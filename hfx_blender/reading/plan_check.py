@@ -53,6 +53,7 @@ def checked(
     truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene)
     if agrees(plan, truth):
         return plan
+    # From cheap to expensive: presampled rigs, F-curves, scratch scene, own scene.
     if plan.presampled:
         plan = replace(plan, presampled={})
         if agrees(plan, truth):

@@ -133,6 +133,7 @@ class ReadingPass:
         rows = self._rows(indices, is_posed, in_full, may_be_on.any(axis=1))
         effects |= {k: self._effect_of(k, rows) for k in in_full}
         effects |= {k: silence(count, self._modality(k)) for k in self.dormant}
+        # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
         own = rows[history : len(rows) - future]
@@ -230,6 +231,7 @@ class ReadingPass:
         is_near = may_be_on
         if is_near.any():
             places = far.places(rows)
+            # A volume counts as near if its swept box overlaps the skin of any body in the block.
             is_near = is_near & far.are_near(places, poses)
         nearby = {k for k, near in zip(far.numbers, is_near, strict=True) if near}
         reread = [k for k in far.numbers if k in nearby - far.in_full and not reading.is_settled(k)]

@@ -48,7 +48,7 @@ _STEPPED_SIZE = 32
 
 
 class SceneReader:
-    """Reader of one scene of the open file.
+    """Reader of a scene of the open file.
 
     Parameters
     ----------
@@ -275,6 +275,8 @@ class SceneReader:
                 own = stack.enter_context(self.instances.stepper())
             size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
             for indices in contiguous_blocks(sample_indices, size):
+                # Neighbouring samples are read with the block, so that results do not depend on the
+                # split of time.
                 first, last = int(indices[0]), int(indices[-1])
                 history, future = self._beside(first, last)
                 indices = np.arange(first - history, last + future + 1)
@@ -346,7 +348,7 @@ class SceneReader:
         )
 
     def _is_in_scene(self, index: int) -> bool:
-        """True for a sample between the scene's first frame and the end of its last frame."""
+        """True for a sample between the scene's first frame and the end of the last frame."""
         end = max(self.found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
 

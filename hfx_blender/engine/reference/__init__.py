@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Definition of a contact in plain numpy, as the reference for the engine.
 
-Every formula stands here once, with its source: each skin sample is tested at each time, without
+Every formula stands here once, with the source: each skin sample is tested at each time, without
 clusters, boxes or caches. Tests compare the engine with this package, and a change of the
 definition starts here.
 
 pose       skin positions: linear blend skinning, anchored skin, placements between samples
-cells      cells of skin around vertices, and their samples
-shapes     inside of a volume and its strength there
+cells      cells of skin around vertices, and samples of cells
+shapes     inside of a volume and the strength there
 boundary   nearest boundary point of a volume and the normal there
 sweep      times at which a moving point is inside a volume
 contact    weights and details of a contact

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Nearest boundary points of volumes from points inside, measured in the world.
 
-A convex volume is the intersection of its supporting half spaces. The distance from a point inside
+A convex volume is the intersection of the supporting half spaces. The distance from a point inside
 to the plane with normal w is ``H(w) - w . x``, H the volume's support function (Schneider, "Convex
 Bodies: The Brunn-Minkowski Theory", section 1.7); the depth is the minimum over all w. Under a
 placing matrix A, a plane's normal w becomes ``A^-T w``, so the world distance is ``(H(w) - w . x) /
@@ -128,6 +128,8 @@ def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat:
         in_world = np.concatenate([in_world, np.zeros((1, _STARTS))])
     starts = np.concatenate([starts, in_world / np.linalg.norm(in_world, axis=0)], axis=1)
     candidates = np.repeat(starts[:, None], points.shape[1], axis=1)
+    # Only the best starts are refined: away from faces, which are tested separately, H is
+    # smooth.
     order = np.argsort(_distances(shape, points, to_world, candidates), axis=1)[:, :_KEPT]
     best = starts[:, order]  # (3, N, K)
     step = 4.0 / np.sqrt(_STARTS)
@@ -141,7 +143,7 @@ def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat:
 def _moved_to_least(
     shape: Shape, points: F64, to_world: F64, directions: F64, step: float, is_flat: bool
 ) -> F64:
-    """Best of directions (3, N, K) and their neighbours at a distance ``step``."""
+    """Best of directions (3, N, K) and the neighbours at a distance ``step``."""
     axis = np.zeros_like(directions)
     axis[2] = 1.0
     if not is_flat:

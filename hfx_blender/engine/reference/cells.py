@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of skin around vertices, and their sample points.
+"""Cells of skin around vertices, and the sample points.
 
-The *cell* of a vertex of a perceptual model is the skin nearer to the vertex than to its
+The *cell* of a vertex of a perceptual model is the skin nearer to the vertex than to the
 neighbours, with each distance divided by the neighbour's own spacing. In HFX Studio (Danieau et
 al., VRST 2018), the origin of perceptual models, a contact is a vertex inside a volume. Here a
 contact has a weight, the inside fraction of the cell, so that contacts between two vertices are
@@ -9,7 +9,7 @@ felt.
 
 In a triangle with corners 0, 1, 2 the part of corner 0 is the *quad* from the corner over a point
 on the edge to 1 and a point in the middle to a point on the edge to 2. Each quad has ``n`` by ``n``
-samples, each in the middle of its part of the quad.
+samples, each in the middle of the part of the quad.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FLAT: Final = 0.1  # fraction of the sample distance: a lower bulge is flat
 
 @dataclass(frozen=True)
 class Fineness:
-    """Largest distance of skin from its sample: a fraction of the vertex spacing, within limits."""
+    """Largest distance of skin from the sample: a fraction of the vertex spacing, within limits."""
 
     share: float = 1.0 / 8.0
     least_m: float = 0.00025
@@ -69,7 +69,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Sample points of skin with their fractions of cell areas."""
+    """Sample points of skin with the fractions of cell areas."""
 
     cells: I64  # (N,) model vertices
     corners: I64  # (3, N) surface vertices
@@ -137,7 +137,7 @@ class Cells:
         return np.clip(steps, 1, _MOST).astype(np.int64)
 
     def _reach(self, squares: tuple[F64, F64, F64], steps: F64 | float) -> F64:
-        """Largest distance from a sample to a corner of its part, times ``steps``, (Q,)
+        """Largest distance from a sample to a corner of the part, times ``steps``, (Q,)
         metres.
 
         The position is bilinear in (s, t): the distance is half a step in s and in t times
@@ -177,18 +177,18 @@ class Cells:
         step = np.arange(len(quad)) - np.repeat(np.cumsum(counts) - counts, counts)
         n = self._steps[quad]
         s, t = (step // n + 0.5) / n, (step % n + 0.5) / n
-        edge, other, inner, inner_2 = (
+        edge, far_edge, inner, inner_2 = (
             values[quad] for values in (self._edge, self._other, self._inner, self._inner_2)
         )
         one = s * (1.0 - t) * edge + s * t * inner
-        two = (1.0 - s) * t * other + s * t * inner_2
+        two = (1.0 - s) * t * far_edge + s * t * inner_2
         # The Jacobian of (one, two) by (s, t) times twice the triangle's area is the area element.
-        jacobian = edge * other + s * edge * (inner_2 - other) + t * other * (inner - edge)
+        jacobian = edge * far_edge + s * edge * (inner_2 - far_edge) + t * far_edge * (inner - edge)
         areas = jacobian * self._doubled[quad] / n**2
         by_one, by_two, between = self._bulges[:, quad]
         heights = (1.0 - one - two) * (one * by_one + two * by_two) + one * two * between
 
-        # The vertex is a sample too: with an equal fraction, but at most a hundredth of its cell.
+        # The vertex is a sample too: with an equal fraction, but at most a hundredth of the cell.
         unit = self._corners[0, quad]
         of_units = np.bincount(unit, areas, total)
         of_units[units] = np.where(of_units[units] > 0.0, of_units[units], 1.0)
@@ -220,10 +220,10 @@ def cells_of(skin: Skin, fineness: Fineness) -> Cells:
 
 
 def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> F64:
-    """Bulge coefficients of skin above its triangles, (3, Q): edges 01, 02 and 12.
+    """Bulge coefficients of skin above the triangles, (3, Q): edges 01, 02 and 12.
 
     Phong tessellation (Boubekeur and Alexa, 2008) moves a point with barycentric coordinates l
-    to the mean, weighted by l, of its projections onto the planes at the corners. Its height
+    to the mean, weighted by l, of the projections onto the planes at the corners. Its height
     above the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``, with
     ``m_i`` the corner's normal times its cosine to the triangle's normal. Half of it equals the
     sagitta of a circle and of a sphere, to second order.

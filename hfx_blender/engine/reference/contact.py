@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Contact of a body's skin with a volume: the inside fraction of each cell.
 
-The weight of a vertex is the mean strength of the volume over its cell. Contacts between two
+The weight of a vertex is the mean strength of the volume over the cell. Contacts between two
 samples count at the later sample: the largest fraction that was inside at one moment, for cells
 without contact at the earlier sample.
 """
@@ -114,7 +114,7 @@ def contact(
     with_details : bool
         Also compute positions and beginnings.
 
-    The position of a contact is its vertex if inside, else the deepest sample of its cell; of a
+    The position of a contact is its vertex if inside, else the deepest sample of the cell; of a
     contact that is over, the deepest sample halfway through its passage.
     """
     count, to_shape = len(body.skin.model), np.linalg.inv(volume.matrix(row))
@@ -145,7 +145,7 @@ def _summed(samples: Samples, weights: F64, count: int) -> F64:
 
 
 def _place(result: Contact, volume: Volume, row: int, cells: I64, points: F64) -> None:
-    """Set contact positions to the deepest of points (3, N) of their cells (N,), in place."""
+    """Set contact positions to the deepest of points (3, N) of the cells (N,), in place."""
     if result.details is None:
         return
     depths = nearest(volume.shape(row), points, volume.matrix(row))[2]
@@ -166,6 +166,7 @@ def _follow(
     before, row = rows
     path = _path(body, volume, samples, rows, steps)
     start = volume.strength(path[0], before)
+    # A cell in contact at the earlier sample continues its contact and is not counted again.
     is_open = _summed(samples, start, len(result.weights)) == 0.0
     first, last = passage(volume.shape(row), path)
     entered = np.flatnonzero(np.isfinite(first) & is_open[samples.cells])

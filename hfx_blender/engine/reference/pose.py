@@ -46,7 +46,7 @@ def moved(matrix: F64, points: F64) -> F64:
 def by_bones(model: PerceptualModel, bone_names: tuple[str, ...], bones: F64) -> F64:
     """Linear blend skinning: positions (3, V) in armature space.
 
-    A vertex is the sum of ``w_b M_b p`` over its bones b, with matrices ``M_b`` (3, 4) from the
+    A vertex is the sum of ``w_b M_b p`` over the bones b, with matrices ``M_b`` (3, 4) from the
     rest pose and weights ``w_b`` normalised to sum 1 (Magnenat-Thalmann et al.,
     "Joint-dependent local deformations for hand animation and object grasping", 1988; Blender's
     Armature modifier). A vertex without weights stays at rest.
@@ -105,6 +105,7 @@ def is_rotating(before: F64, after: F64) -> bool:
 
 def _polar(linear: F64) -> tuple[F64, F64]:
     """Rotation and symmetric stretch of a linear map; a reflection is part of the stretch."""
+    # With A = U S V^T, the rotation is U V^T and the stretch V S V^T.
     u, sizes, vt = np.linalg.svd(linear)
     sign = 1.0 if np.linalg.det(u @ vt) > 0.0 else -1.0
     return sign * u @ vt, sign * vt.T @ np.diag(sizes) @ vt

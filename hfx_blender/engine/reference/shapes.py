@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inside of volumes, and their strength there.
+"""Inside of volumes, and the strength there.
 
 All shapes have unit size in shape space; the placing matrix holds position, size, stretch and
 shear. The boundary is inside.
@@ -59,7 +59,7 @@ def rise(shape: Shape, points: F64) -> F64:
 def gauge(shape: Shape, points: F64) -> F64:
     """Minkowski functional (N,) of a convex shape: below 1 inside, 1 on the boundary.
 
-    For a capsule the distance from its segment.
+    For a capsule the distance from the segment.
     """
     if isinstance(shape, Cuboid):
         return np.asarray(np.abs(points).max(axis=0))
@@ -83,6 +83,7 @@ def winding_numbers(corners: F64, points: F64) -> F64:
     numbers = np.zeros(points.shape[1])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     near = np.flatnonzero(((points.T >= low) & (points.T <= high)).all(axis=1))
+    # Points in parts, so that the arrays of point and triangle pairs stay small.
     size = max(1, _PAIRS_AT_ONCE // len(corners))
     for part in (near[first : first + size] for first in range(0, len(near), size)):
         a, b, c = (corners[:, k, :, None] - points[:, part] for k in range(3))  # (F, 3, n)

@@ -3,7 +3,7 @@
 
 Points move straight at constant speed. A convex shape is an intersection or a union of slabs and
 balls, and a straight path meets each of these in one time interval (Kay and Kajiya, "Ray tracing
-complex scenes", 1986). A mesh is entered and left at its triangles; between the first and the last
+complex scenes", 1986). A mesh is entered and left at the triangles; between the first and the last
 moment inside, a point counts as inside.
 """
 
@@ -70,6 +70,7 @@ def _passage(shape: Shape, start: F64, end: F64) -> Interval:
                 )
         else:
             assert isinstance(shape, MeshVolume)
+            # A mesh counts as one interval, from the first to the last crossing or inside end.
             interval = _through_triangles(shape.corners, start, way)
             interval = _union(interval, _at(contains(shape, start), 0.0))
             interval = _union(interval, _at(contains(shape, end), 1.0))
@@ -101,6 +102,7 @@ def _at(is_inside: Bool, time: float) -> Interval:
 def _in_slabs(start: F64, way: F64, half: float) -> Interval:
     """Times with all coordinates between -half and half."""
     to_low, to_high = (-half - start) / way, (half - start) / way
+    # A point at rest along an axis is inside the slab always or never.
     rests = np.where(np.abs(start) <= half, -np.inf, np.inf)
     first = np.where(way == 0.0, rests, np.minimum(to_low, to_high)).max(axis=0)
     last = np.where(way == 0.0, -rests, np.maximum(to_low, to_high)).min(axis=0)

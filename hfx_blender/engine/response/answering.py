@@ -72,7 +72,7 @@ class Answering:
         *,
         is_clear: bool,
     ) -> SampleRun | None:
-        """Apply the response of a volume to its contacts with a body; None without samples.
+        """Apply the response of a volume to the contacts with a body; None without samples.
 
         ``rows`` may include rows of neighbouring blocks; samples are those of the block
         itself. ``is_clear``: no contact is possible, also not between rows.

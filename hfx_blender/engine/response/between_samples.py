@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Impacts between two samples: beginning, speed, and touched skin.
 
-The strength of an impact follows from its beginning, its felt weights from contacts during its
+The strength of an impact follows from the beginning, the felt weights from contacts during the
 decay. At samples alone, both would depend on the sampling rate. Contacts are evaluated at steps of
 half a millisecond and at keys in three kinds of intervals: where a touch begins, where contacts
 change while an impact is loud, and where a volume may have touched and turned back. Motion in an
@@ -71,7 +71,7 @@ class _Steps:
     def strengths(self, slow: F64) -> F64:
         """Weight sums (n, S + 1) under exponential decay.
 
-        ``slow`` (N,) are time constants of all intervals, as fractions of their lengths.
+        ``slow`` (N,) are time constants of all intervals, as fractions of the lengths.
         """
         return np.asarray(self.sums * np.exp(-self.shares / slow[self.which, None]))
 
@@ -164,18 +164,21 @@ def _looked_closely(
     onsets = np.full(len(touches), np.nan)
     if touches.onsets_s is not None:
         onsets = touches.onsets_s.copy()
+    # The onset is the first touched fine step, at most 1/16 of a step late.
     onsets[chosen[new]] = intervals.times_s(new, finer.shares[np.arange(len(new)), first])
     touches = replace(touches, onsets_s=onsets)
     if is_live or finer.run is None:
         return touches, []
     column = np.concatenate([first, finer.strengths(slow_s)[len(new) :].argmax(axis=1)])
     flat = np.arange(len(column)) * finer.shares.shape[1] + column
-    is_touched_row = np.flatnonzero(np.isin(flat, finer.rows))
-    which, shares = finer.which[is_touched_row], finer.shares.ravel()[flat[is_touched_row]]
-    sets = finer.run.set_of[np.searchsorted(finer.rows, flat[is_touched_row])]
+    hits = np.flatnonzero(np.isin(flat, finer.rows))
+    which, shares = finer.which[hits], finer.shares.ravel()[flat[hits]]
+    sets = finer.run.set_of[np.searchsorted(finer.rows, flat[hits])]
+    # Filters and speeds are evaluated at these moments only: nearness and speeds cost more than
+    # contacts.
     answered = intervals.answered(which, shares, 1.0 / count / _FINER, finer.run, sets)
     speeds = touches.speeds_m_s.copy()
-    is_new = is_touched_row < len(new)
+    is_new = hits < len(new)
     speeds[chosen[which[is_new]]] = answered.speeds_m_s[is_new]
     k = np.flatnonzero(answered.is_touched)
     rows, times = chosen[which[k]], intervals.times_s(which[k], shares[k])
@@ -209,6 +212,7 @@ def _changes(
     loudest_s = LOUD * touches.controls[:, impacts, 1:3].sum(axis=2).max(axis=1)
     until_s = np.where(begins, touches.times_s + loudest_s, loud_until_s)
     is_loud = np.zeros(len(touches), np.bool_)
+    # An interval is loud if an impact of any earlier onset is loud at its start.
     is_loud[1:] = touches.times_s[:-1] < np.maximum.accumulate(until_s)[:-1]
     is_loud &= follows
     rises, falls = begins.copy(), np.zeros(len(touches), np.bool_)
@@ -223,10 +227,12 @@ def _changes(
             falls[k] = True
         else:
             rises[k], falls[k] = _changed(run, int(before[k]), int(set_of[k]))
+    # A touch that ends and begins again within two samples may be a pause of one touch.
     pauses = falls & (set_of < 0)
     pauses[:-2] &= begins[1:-1] | begins[2:]
     changes = (rises & ~begins) | (falls & np.concatenate([[False], rises[:-1]]))
     less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
+    # Local maxima of the summed weights: the strongest moment lies in an interval on either side.
     is_most = ~less[0] & less[1]
     closely = changes & (is_most | np.concatenate([[False], is_most[:-1]])) | pauses
     # A turning volume may have covered more skin between two equal sets.
@@ -259,6 +265,7 @@ def _by_steps(
     chosen = np.flatnonzero(rows)
     ends = moments.rows[chosen]
     lengths_s = moments.times_s[ends] - moments.times_s[ends - 1]
+    # A step may lose the decay within it, so steps are fractions of the shortest time constant.
     steps_s = np.minimum(_OF_DECAY * _slow_s(touches, chosen), longest_s)
     counts = np.clip(np.ceil(lengths_s / steps_s - 1e-6), 2, _MOST_STEPS)
     for count in np.unique(counts).tolist():
@@ -300,7 +307,7 @@ def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
     times = np.concatenate([part.times_s for part in parts])
     order = np.lexsort((times, rows))
     rows, times, set_of = rows[order], times[order], np.concatenate(numbers)[order]
-    # In a run of moments with one set only the first, strongest one counts, and the last, the
+    # Of successive moments with equal sets only the first, the strongest, counts, and the last, the
     # touch's end.
     follows = np.concatenate([rows[1:] == rows[:-1], [False]])
     is_same = follows & np.concatenate([set_of[1:] == set_of[:-1], [False]])
@@ -421,6 +428,7 @@ class _Intervals:
         response = effect.response
         if response is not None:
             mix = s[:, None, None]
+            # Levels and controls change slowly: linear interpolation is enough.
             response = (1.0 - mix) * response[ends - 1] + mix * response[ends]
         between_ends = EffectBlock(
             (1.0 - s) * effect.levels[ends - 1] + s * effect.levels[ends],
@@ -465,6 +473,7 @@ class _Intervals:
 
         known = self._own_motion if name == "matrices" else self._moments.places.motion
         rows = self._rows[which].tolist()
+        # Shares of an interval are part of the key, because fine steps differ between volumes.
         keys = [(name, row, mine.tobytes()) for row, mine in zip(rows, shares, strict=True)]
         missing = [k for k, key in enumerate(keys) if key not in known]
         if missing:

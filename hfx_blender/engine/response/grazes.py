@@ -38,6 +38,8 @@ def may_graze(moments: Moments) -> Bool:
     bounds, follows = moments.bounds, follow_on(moments)
     at = np.searchsorted(bounds.rows, rows)
     boxes = boxes_at(moments.effect, rows)
+    # A path between two samples deviates from the straight one by at most half of its second
+    # difference.
     beside = bends_m(boxes, follows)
     most = float(beside.max(initial=0.0)) + float(bounds.bends_m.max(initial=0.0))
     if not most > _LEAST_M:
@@ -71,6 +73,7 @@ def may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
     for part in (chosen, chosen - 1):
         margins_m[part] = np.maximum(margins_m[part], bends + 0.5 * (ways + moved))
     grown = effect.matrices.copy()
+    # Scaling an axis of length l by 1 + margin / l moves the surface outwards by the margin.
     lengths = np.maximum(np.linalg.norm(grown[rows, :3, :3], axis=1), 1e-9)
     grown[rows, :3, :3] *= (1.0 + margins_m[:, None] / lengths)[:, None, :]
     near_rows = np.union1d(chosen, chosen - 1)

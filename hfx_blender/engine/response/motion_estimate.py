@@ -34,12 +34,12 @@ _CUBICS: Final = np.linalg.inv(np.vander(_NODES))  # basis: 1 at one node, 0 at 
 
 
 class MotionEstimate:
-    """Motion of N rows of D values over an interval, from 0 at its start to 1 at its end.
+    """Motion of N rows of D values over an interval, from 0 at the start to 1 at the end.
 
     Parameters
     ----------
     before, after : list of (N, D) float64
-        Values at the interval's start and at samples before, and at its end and at samples after,
+        Values at the interval's start and at samples before, and at the end and at samples after,
         the nearest first: 1 to 3 each. Rows move independently.
     """
 
@@ -62,6 +62,8 @@ class MotionEstimate:
         if len(self._turns):
             s = shares[:, None, None]
             legs = self._left.at(s), self._right.at(1.0 - s)
+            # Before the turn the left leg counts, after it the right one; legs that do not meet are
+            # a jump.
             bent = np.where(s <= self._turn[:, None], *legs)
             values[:, self._turns] = np.where(self._meets, bent, values[:, self._turns])
         return values
@@ -82,6 +84,8 @@ def _smooth(before: list[F64], after: list[F64]) -> tuple[F64, I64]:
     reaches_end &= (len(before) > 1) & ~(differ & (left.bend > right.bend))
     reaches_start = _length(start - right.at(1.0)) <= _SMOOTH * right.bend + _NOISE
     reaches_start &= (len(after) > 1) & ~(differ & (right.bend >= left.bend))
+    # Each extrapolation is corrected linearly to end at the known sample; two valid ones are
+    # blended.
     from_left = left.at(s) + s * (end - left.at(1.0))
     from_right = right.at(1.0 - s) + (1.0 - s) * (start - right.at(1.0))
     both = from_left + s * (from_right - from_left)
@@ -102,6 +106,8 @@ class _Leg:
         if len(samples) > 2:
             self.change = self.step - (samples[1] - samples[2])
         if is_steady:
+            # Strong acceleration right before a turn is part of the turn itself: continue at
+            # constant velocity.
             is_uneven = _length(self.change) > _STEADY * _length(self.step)
             self.change = np.where(is_uneven[:, None], 0.0, self.change)
         self.bend = _length(self.change)

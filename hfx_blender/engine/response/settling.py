@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory of contact responses: ringing impacts and the skin that they were felt on.
 
-While an impact rings, a vertex keeps its largest weight since the impact began. The strongest
+While an impact rings, a vertex keeps the largest weight since the impact began. The strongest
 moment between two samples counts at the later sample. Touches of each stream must be given in the
 order of time, in parts of any size: splitting time does not change a byte.
 """
@@ -28,7 +28,7 @@ _MORE: Final = 1.0 + 1e-6  # relative to the samples at both ends: less is round
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Memory of one stream between parts of time."""
+    """Memory of a stream between parts of time."""
 
     index: int = -2  # of the last sample
     time_s: float = -np.inf
@@ -141,6 +141,8 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
     influences = touches.controls[line.row_of, :, 0]
     starts = ringing.rings & multiplies
     response = folded(filters, (line.is_touched | starts).astype(np.float64), values, influences)
+    # Two foldings of the stack: with touch and nearness, and without; their quotient scales ringing
+    # skin.
     response[response < LEAST] = 0.0
     for f, filter_ in enumerate(filters):
         if filter_.kind is FilterKind.PROXIMITY:
@@ -191,6 +193,7 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
             is_over = ~is_felt & (times >= impact.ends_s)
             values[:, f] += value
             rings |= is_felt
+            # Impacts of several filters with one onset keep one set of weights.
             energies[impact.time_s] = energies.get(impact.time_s, 0.0) + value
             ends[impact.time_s] = ends.get(impact.time_s, np.True_) & is_over
             is_loud |= (since >= impact.time_s) & (since < impact.loud_until_s)
@@ -228,6 +231,7 @@ def _begins(touches: Touches, memory: Memory) -> Bool:
     is_touched[between.rows] = True
     begins = is_touched & ~was_touched & _follows(touches, memory) & (touches.speeds_m_s > 0.0)
     last = np.full(len(touches), -np.inf)
+    # Last touched time before each sample, for pauses within a touch.
     last[between.rows] = between.times_s  # of equal rows the last one remains
     last[touches.is_touched] = touches.times_s[touches.is_touched]
     last = np.maximum.accumulate(np.concatenate([[memory.touched_s], last[:-1]]))
@@ -248,19 +252,19 @@ def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
     Only ringing samples may look back, so the memory ends with the last impact.
     """
     values = touches.values.copy()
-    columns = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.SPEED]
+    columns = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.SPEED]
     if columns and not touches.is_touched.all():
         touched = np.where(touches.is_touched, np.arange(len(touches)), -1)
         last = np.maximum.accumulate(touched)  # touch up to each sample; -1 before the first
-        kept = np.zeros(len(touches.filters)) if memory.values is None else memory.values
-        held = np.where((last >= 0)[:, None], touches.values[last], kept)
+        earlier = np.zeros(len(touches.filters)) if memory.values is None else memory.values
+        held = np.where((last >= 0)[:, None], touches.values[last], earlier)
         held[~(rings | touches.is_touched)] = 0.0
         values[:, columns] = held[:, columns]
     return values
 
 
 class _Held:
-    """Weights that impacts keep, and what is felt of them, sample by sample."""
+    """Weights kept by impacts, and the resulting samples, one after another."""
 
     def __init__(
         self,
@@ -281,34 +285,33 @@ class _Held:
             self.left = None
 
     def next(self, k: int, *, begins: bool) -> tuple[float, WeightedSet] | None:
-        """Level and weights of the sample ``k``, what was stronger before it included.
+        """Level and weights of sample ``k``, stronger moments of the interval before included.
 
-        Each impact is felt where it was: the weights of several are averaged by their envelopes.
+        Each impact keeps the weights of its own contacts; several are averaged by the envelopes.
         """
         line, ringing = self._line, self._ringing
-        place = int(line.samples[k])
+        row = int(line.samples[k])
         first = int(line.samples[k - 1]) + 1 if k else 0
+        # A new impact keeps no weights of earlier contacts.
         if begins:
             onset = _onset_s(self._touches, k)
             self.sets[onset] = np.zeros(0, np.int32), np.zeros(0, np.float32)
             self._merged = -1
         strongest = None
-        if self.sets and first < place and ringing.is_loud[k]:
-            strongest = self._between(first, place)
-        own = int(line.set_of[place])
-        if self.sets and line.is_touched[place] and own != self._merged:
+        if self.sets and first < row and ringing.is_loud[k]:
+            strongest = self._between(first, row)
+        own = int(line.set_of[row])
+        if self.sets and line.is_touched[row] and own != self._merged:
             now = self._touches.weighted_set(own)
-            self.sets = {time: _merged(each, now) for time, each in self.sets.items()}
+            self.sets = {time: _merged(held, now) for time, held in self.sets.items()}
             self._merged = own
         weighted = self._touched_set(own)
-        self.sets = {
-            time: each for time, each in self.sets.items() if not ringing.ends[time][place]
-        }
-        if self.sets and self._shares[place] > 0.0:
-            energies = [float(ringing.energies[time][place]) for time in self.sets]
-            share = float(self._shares[place])
+        self.sets = {time: held for time, held in self.sets.items() if not ringing.ends[time][row]}
+        if self.sets and self._shares[row] > 0.0:
+            energies = [float(ringing.energies[time][row]) for time in self.sets]
+            share = float(self._shares[row])
             weighted = _together(weighted, list(self.sets.values()), energies, share)
-        level = float(self._levels[place])
+        level = float(self._levels[row])
         self.left = None
         if weighted is not None and len(weighted[0]) and level > 0.0:
             self.left = level, weighted
@@ -320,40 +323,43 @@ class _Held:
             self._own = number, self._touches.weighted_set(number) if number >= 0 else None
         return self._own[1]
 
-    def _between(self, first: int, place: int) -> tuple[float, WeightedSet] | None:
-        """Strongest moment of each vertex before the sample at ``place``; None if the
+    def _between(self, first: int, row: int) -> tuple[float, WeightedSet] | None:
+        """Strongest moment of each vertex before the sample at ``row``; None if the
         sample is strongest.
 
         Merges weights touched from ``first`` on into the weights that impacts keep.
         """
         line, ringing = self._line, self._ringing
-        numbers = line.set_of[first : place + 1].tolist()
+        numbers = line.set_of[first : row + 1].tolist()
         own = [self._touches.weighted_set(j) if j >= 0 else None for j in numbers]
         known = [s for s in (*own, *self.sets.values()) if s is not None]
         if self.left is not None:
             known.append(self.left[1])
+        # All sets over common columns, so that maxima and sums are plain array operations.
         vertices = np.unique(np.concatenate([vertex_ids for vertex_ids, _ in known]))
         weights = np.stack([_spread(weighted, vertices) for weighted in own])
-        is_touched = line.is_touched[first : place + 1, None]
+        is_touched = line.is_touched[first : row + 1, None]
         largest = np.maximum.accumulate(np.where(is_touched, weights, 0.0), axis=0)
         sums, totals = np.zeros_like(largest), np.zeros((len(own), 1))
-        # For each impact: running maximum of weights since its onset, weighted by its envelope
+        # For each impact: running maximum of weights since its onset, weighted by the envelope
         # among all impacts.
         held = largest
         for time, before in self.sets.items():
             held = np.maximum(largest, _spread(before, vertices))
-            energies = ringing.energies[time][first : place + 1, None]
+            energies = ringing.energies[time][first : row + 1, None]
             sums, totals = sums + energies * held, totals + energies
             is_kept = held[-1] > 0.0
             self.sets[time] = vertices[is_kept], held[-1, is_kept].astype(np.float32)
         rings = np.divide(sums, totals, out=held.copy(), where=totals > 0.0)
-        rings *= self._shares[first : place + 1, None]
-        levels = self._levels[first : place + 1]
+        rings *= self._shares[first : row + 1, None]
+        levels = self._levels[first : row + 1]
         strengths = levels[:, None] * np.maximum(weights, rings)
         at_sample = strengths[-1]
         if self.left is not None:
             at_sample = np.maximum(at_sample, self.left[0] * _spread(self.left[1], vertices))
         peaks = strengths[:-1].max(axis=0)
+        # A vertex counts as stronger inside only beyond rounding, so that constant contacts stay
+        # equal sets.
         is_inside = peaks > _MORE * at_sample
         if not is_inside.any():
             return None
@@ -375,10 +381,10 @@ def _spread(weighted_set: WeightedSet | None, vertices: I32) -> F64:
     return weights
 
 
-def _merged(one: WeightedSet, other: WeightedSet) -> WeightedSet:
+def _merged(one: WeightedSet, second: WeightedSet) -> WeightedSet:
     """Union of two sets with the larger weight of each vertex; ``one`` itself if unchanged."""
     known = one[0], one[1].astype(np.float64)
-    vertices, weights = strongest(known, other[0], other[1].astype(np.float64))
+    vertices, weights = strongest(known, second[0], second[1].astype(np.float64))
     if len(vertices) == len(one[0]) and (weights == one[1]).all():
         return one
     return vertices, weights.astype(np.float32)
@@ -389,7 +395,7 @@ def _together(
 ) -> WeightedSet:
     """Union of a present set and ringing sets, the latter scaled by ``share``.
 
-    The weights of several impacts are averaged by their energies. ``now`` None: nothing is
+    The weights of several impacts are averaged by the energies. ``now`` None: nothing is
     touched or near.
     """
     total = sum(energies)

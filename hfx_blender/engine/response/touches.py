@@ -31,7 +31,7 @@ from ..volume.placing_matrix import inverse_placement, world_bounds
 from .motion_estimate import MotionEstimate
 
 WeightedSet = tuple[I32, F32]
-"""Ascending vertices and their weights."""
+"""Ascending vertices and the weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ _NOTHING: Final = Between(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Contact of one volume and one body at n times, before the response's memory.
+    """Contact of a volume and a body at n times, before the response's memory.
 
     With impacts, all times with the effect on are included, because an impact may still be
     felt; otherwise times with touched or near skin only.
@@ -124,7 +124,7 @@ class BodyPlaces:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """One volume and one body over rows of a block."""
+    """A volume and a body over rows of a block."""
 
     effect: EffectBlock
     filters: tuple[Filter, ...]
@@ -144,7 +144,7 @@ class Moments:
         Parameters
         ----------
         parameters : (T, P) float64
-            Of the effect, clamped to its modality's ranges.
+            Of the effect, clamped to the modality's ranges.
         run : SampleRun or None
             Contacts without a response; None without contacts.
         """
@@ -225,6 +225,8 @@ class Moments:
                 self.skin.vertices.points(vertices, self.pose, r, inverse @ self.pose.to_world[r])
                 for r, inverse in ((row - 1, inverses[0]), (row, inverses[1]))
             )
+            # Displacement in shape space, mapped by the present placement: the motion of the volume
+            # itself cancels.
             way = pair[1, :3, :3] @ (here - before)
             lengths = np.sqrt(np.einsum("in,in->n", way, way))
             speeds[k] = float(weights @ lengths / weights.sum()) / step_s
@@ -264,13 +266,14 @@ class Moments:
         ends = np.searchsorted(rows, np.arange(len(self.rows) + 1))
         for k in np.unique(rows).tolist():
             part = slice(int(ends[k]), int(ends[k + 1]))
+            # Weights are relative to the strongest vertex, nearness is the level.
             peak = 1.0 if is_touched[k] else float(near[part].max())
             nearness[k] = max(nearness[k], peak)
             sets[k] = strongest(sets.get(k), ids[part], near[part] / peak)
         return nearness
 
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
-        """Distances (n, V) from the volume of points (3, n, V) in its shape space, metres."""
+        """Distances (n, V) from the volume of points (3, n, V) in the shape space, metres."""
         index = self.effect.shape_index
         if index is None:
             return distances_m(self.effect.shapes[0], local, matrices[mine])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Kinds of filters of a contact response, and their keyframable controls."""
+"""Kinds of filters of a contact response, and the keyframable controls."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Filter:
     kind: FilterKind
     operation: Operation = Operation.MULTIPLY
     about: About = About.CENTRE
-    rings_s: float = 0.0  # upper bound of an impact's duration, for all values of its controls
+    rings_s: float = 0.0  # upper bound of an impact's duration, for all values of the controls
 
     @property
     def is_in_space(self) -> bool:

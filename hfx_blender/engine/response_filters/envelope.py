@@ -21,9 +21,9 @@ SILENCE: Final = 1e-3
 """Fraction of the peak at which an impact's envelope ends."""
 
 LOUD: Final = 4.0
-"""Multiple of attack plus decay after which an envelope is below a fiftieth of its peak."""
+"""Multiple of attack plus decay after which an envelope is below a fiftieth of the peak."""
 
-_SAME: Final = 1e-6  # relative difference of time constants that count as equal
+_SAME: Final = 1e-6  # relative difference of time constants counted as equal
 _EQUAL_ENDS: Final = (
     12.0  # time constants; t e^(1 - t) is 2e-4 there, and unequal constants end sooner
 )
@@ -31,7 +31,7 @@ _EQUAL_ENDS: Final = (
 
 @dataclass(frozen=True)
 class RingingImpact:
-    """Impact that may still be felt."""
+    """Impact, possibly still felt."""
 
     time_s: float
     strength: float  # peak of the envelope, 0..1
@@ -54,7 +54,7 @@ class RingingImpact:
         return self.time_s + peak_s(self.attack_s, self.decay_s)
 
     def rings(self, times_s: F64, before_s: F64) -> Bool:
-        """Mask of times (n,) at which the impact is felt: from its beginning until peak and
+        """Mask of times (n,) at which the impact is felt: from the beginning until peak and
         decay have passed.
 
         ``before_s`` (n,) are the times of the samples before.
@@ -79,8 +79,8 @@ def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
     """Envelope (n,) of an impact of strength 1: 0 before the impact, peak 1.
 
     Without an attack y = exp(-t / decay), which equals the recursion y[n] = exp(-dt / decay)
-    y[n-1] + x[n] at its samples. With an attack another filter smooths the input: exp(-t /
-    decay) - exp(-t / attack), scaled to its peak.
+    y[n-1] + x[n] at the samples. With an attack another filter smooths the input: exp(-t /
+    decay) - exp(-t / attack), scaled to the peak.
     """
     t = np.maximum(since_s, 0.0)
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
@@ -116,7 +116,7 @@ def longest_s(attack_s: float, decay_s: float) -> float:
 
 
 def peak_s(attack_s: float, decay_s: float) -> float:
-    """Time from an impact's beginning to its peak, seconds; 0 without an attack."""
+    """Time from an impact's beginning to the peak, seconds; 0 without an attack."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return 0.0

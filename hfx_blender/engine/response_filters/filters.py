@@ -14,7 +14,7 @@ from .controls import CONTROLS, Filter, Operation
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
-    """Controls (T, F, WIDTH) clamped to their ranges; NaN and infinity become the default."""
+    """Controls (T, F, WIDTH) clamped to the ranges; NaN and infinity become the default."""
     limited = np.array(controls, np.float64)
     for k, filter_ in enumerate(filters):
         for c, control in enumerate(CONTROLS[filter_.kind]):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Codec of a HapticTrack's columns: one stream's samples within one chunk.
+"""Codec of a HapticTrack's columns: a stream's samples within a chunk.
 
 Slowly varying values are stored as changes: a vertex set as entering and leaving ids, a weight as
 the difference from the same vertex's last weight. Bytes of wider numbers are grouped by
@@ -27,13 +27,13 @@ Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 _ENTRY_BYTES: Final = 64  # memory bound of an unpacked (set, vertex) pair
 
 MAX_ENTRIES: Final = 2**25
-"""Largest number of (sample, vertex) pairs of one stream in one chunk."""
+"""Largest number of (sample, vertex) pairs of a stream in a chunk."""
 
 MAX_SET_ENTRIES: Final = int(limits.MEMORY.default) // _ENTRY_BYTES
-"""Largest number of (set, vertex) pairs of all streams in one chunk; a reader's memory bound."""
+"""Largest number of (set, vertex) pairs of all streams in a chunk; a reader's memory bound."""
 
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
-"""Optional channels of vertices and their widths; channel ``k`` is bit ``k`` of the flags."""
+"""Optional channels of vertices and the widths; channel ``k`` is bit ``k`` of the flags."""
 
 FOCUS_COLUMNS: Final = 4
 _FOCUS: Final = 1 << len(CHANNELS)  # flag of the columns of a spot
@@ -45,7 +45,7 @@ _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Samples of one stream within one chunk; equal successive sets are stored once.
+    """Samples of a stream within a chunk; equal successive sets are stored once.
 
     With channels, every sample has its own set.
     """
@@ -279,13 +279,14 @@ def _require(condition: bool, complaint: str) -> None:
 
 
 def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsigned]:
-    """Number of toggled ids (set_count,) and their gaps: ids that enter or leave at each set.
+    """Number of toggled ids (set_count,) and the gaps: ids that enter or leave at each set.
 
-    ``vertices`` and their set numbers ``owners`` are sorted by vertex, then by set. Gaps are
+    ``vertices`` and the set numbers ``owners`` are sorted by vertex, then by set. Gaps are
     differences of ascending ids within a set; the first gap of a set is the id itself.
     """
     # An entry (vertex, set) starts an interval of sets unless the set before has the vertex too,
     # and ends one unless the next set has it; both ends are toggles.
+    # Equal neighbours with successive set numbers continue an interval.
     follows = (np.diff(vertices) == 0) & (np.diff(owners) == 1)
     enters = np.ones(len(vertices), np.bool_)
     enters[1:] = ~follows
@@ -328,7 +329,8 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     enters = rank % 2 == 0
     first, lasts = sets[enters], (until - sets)[enters]
 
-    # Check both totals, exact and small to compute, before allocating arrays of their size.
+    # Check both totals, exact and small to compute, before allocating arrays of the size.
+    # A set with m samples counts m times.
     uses = np.diff(np.flatnonzero(is_new), append=len(is_new))  # samples that share each set
     uses_before = np.concatenate(([0], np.cumsum(uses)))
     entries = int((uses_before[first + lasts] - uses_before[first]).sum())
@@ -384,6 +386,7 @@ def _sums_per_vertex(changes: Unsigned, order: I64, starts: I64) -> Unsigned:
     """Inverse of :func:`_changes_per_vertex`."""
     ordered = changes[order]
     sums = _sums(ordered)
+    # Running sums over all vertices, minus the sum before each vertex, restart at each vertex.
     sums -= np.repeat(sums[starts] - ordered[starts], np.diff(starts, append=len(sums)))
     result = np.zeros_like(sums)
     result[order] = sums

@@ -22,7 +22,7 @@ from .writer import TrackWriter
 
 @dataclass(frozen=True)
 class NamedClip:
-    """Clip of one effect with a unique name."""
+    """Clip of an effect with a unique name."""
 
     name: str  # unique in the track, also without regard to case
     clip: Clip
@@ -30,7 +30,7 @@ class NamedClip:
 
 
 def named_clips(header: TrackHeader) -> list[NamedClip]:
-    """Clips of a track in the order of time, each of one effect.
+    """Clips of a track in the order of time, each with a single effect.
 
     Of clips with equal names the later ones get the effect's name appended, then a number from
     2.
@@ -78,6 +78,7 @@ def write_excerpt(
         raise ValueError(f"clip '{clip.name}' has no sample in the track")
     first, last = rows
     step = time.fps / time.rate_hz  # frames per sample
+    # Whole frame at or before the first sample, so that the new time base starts on a frame.
     start = floor(time.frame(first))
     frames = max(ceil((last - first + 1) * step), 1)
     moved = TimeBase(time.fps, time.rate_hz, start, start, start + frames - 1)
@@ -108,7 +109,7 @@ def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
 def _header_of(
     header: TrackHeader, effect_ids: Collection[str], clip: Clip, time: TimeBase
 ) -> TrackHeader:
-    """Header with some of the effects, and with their models, bodies and streams only."""
+    """Header with some of the effects, and with the models, bodies and streams only."""
     effects = tuple(
         replace(effect, clips=(clip,)) for effect in header.effects if effect.id in effect_ids
     )

@@ -67,7 +67,7 @@ class TrackEffect:
 class TrackHeader:
     """Description of a track without its samples.
 
-    A stream is identified by its index in ``streams``. ``source``, ``settings`` and ``tools``
+    A stream is identified by the index in ``streams``. ``source``, ``settings`` and ``tools``
     hold JSON values.
 
     Raises
@@ -118,7 +118,7 @@ class TrackHeader:
     ) -> TrackHeader:
         """Header of a recording of ``scene``.
 
-        A volume has a stream for each body, every other effect one stream. ``models`` by id
+        A volume has a stream for each body, every other effect a single stream. ``models`` by id
         may hold unused models, which are omitted.
         """
         streams = tuple(

@@ -149,7 +149,7 @@ _BEGIN: Final = _record({"format": Text((FORMAT,)), "version": _WHOLE})
 
 
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
-    """Parse the header and its ``encoding``, as written by :func:`to_json`.
+    """Parse the header and the ``encoding``, as written by :func:`to_json`.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
 
 
 def parse_json(text: bytes, name: str) -> Any:
-    """Parse strict JSON; raises ValueError with a message that begins with ``name``."""
+    """Parse strict JSON; raises ValueError with a message beginning with ``name``."""
     try:
         return parse(text, name, has_file_names=True)
     except InputError as error:

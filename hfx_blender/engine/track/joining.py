@@ -35,7 +35,7 @@ def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> 
 
 
 def _one(runs: list[SampleRun]) -> SampleRun:
-    """Concatenate the runs of one stream."""
+    """Concatenate the runs of a stream."""
     first = runs[0]
     if len(runs) == 1:
         return first
@@ -80,7 +80,7 @@ def _impact(parts: list[Impact]) -> Impact:
 
 
 def _drive(parts: list[Drive], run: SampleRun) -> Drive:
-    """Concatenated drives of one device; raises ValueError for several devices."""
+    """Concatenated drives of a device; raises ValueError for several devices."""
     if len({(part.device_id, part.actuators) for part in parts}) > 1:
         raise ValueError(_differing(run))
     return replace(parts[0], values=np.concatenate([part.values for part in parts]))

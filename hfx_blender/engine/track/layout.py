@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layout of a HapticTrack in its ZIP container: names, limits, and the index."""
+"""Layout of a HapticTrack in the ZIP container: names, limits, and the index."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def chunk_name(chunk: int) -> str:
 
 @dataclass
 class StreamIndex:
-    """Index entry of one stream; sample numbers are those of the time base."""
+    """Index entry of a stream; sample numbers are those of the time base."""
 
     samples: int = 0
     first: int = -1  # sample index; -1 without samples

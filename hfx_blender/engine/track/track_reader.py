@@ -33,7 +33,7 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
 class StreamSummary:
-    """Summary of one stream of a track."""
+    """Summary of a stream of a track."""
 
     stream: Stream
     sample_count: int
@@ -195,6 +195,7 @@ class TrackReader:
         indices = low + section.steps
         rows = slice(*np.searchsorted(indices, (first, stop)))
         sets = np.cumsum(section.is_new)[rows] - 1
+        # Sets of the selected samples only: entries from the first used set to the last.
         used = slice(int(sets[0]), int(sets[-1]) + 1) if len(sets) else slice(0, 0)
         set_starts = np.cumsum(section.sizes) - section.sizes
         start = int(set_starts[used][0]) if len(sets) else 0
@@ -309,7 +310,7 @@ class TrackReader:
 def read_sections(
     cursor: Cursor, header: TrackHeader, samples_per_chunk: int, full_precision: bool
 ) -> Iterator[Section]:
-    """Yield the decoded sections of a chunk up to the end of its bytes.
+    """Yield the decoded sections of a chunk up to the end of the bytes.
 
     Raises
     ------

@@ -150,6 +150,7 @@ class TrackWriter:
         if not self.full_precision:
             weights = encode_weights(weights)
         blocks = run.indices // layout.SAMPLES_PER_CHUNK
+        # Split the run at block borders; each part extends the builder of a block.
         edges = np.flatnonzero(np.diff(blocks, prepend=-1, append=-1))
         for first, last in pairwise(edges.tolist()):
             builders = self._open.setdefault(int(blocks[first]), {})
@@ -208,7 +209,8 @@ class TrackWriter:
             self._end = start + layout.SAMPLES_PER_CHUNK
 
     def _write_sections(self, sections: list[Section], start: int) -> None:
-        """Write sections of one block or chunk, which starts at sample ``start``, as chunks."""
+        """Write sections of a block or chunk, which starts at sample ``start``, as chunks."""
+        # Halve all chunks of the file until the largest one fits a reader.
         while (chunks := self._encoded(sections)) is None:
             self._halve_chunks()
         for number, content in sorted(chunks.items()):
@@ -276,7 +278,7 @@ class TrackWriter:
 
 
 class _SectionBuilder:
-    """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
+    """Collector of a stream's samples of a chunk; equal successive sets are stored once."""
 
     def __init__(self) -> None:
         self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(
@@ -362,7 +364,7 @@ class _SectionBuilder:
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError for optional columns that do not match the effect's kind."""
+    """Raise ValueError for optional columns not matching the effect's kind."""
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:

@@ -29,12 +29,12 @@ _MOST_REPEATS = 1000
 
 
 class NotModelledError(Exception):
-    """Motion that only Blender can evaluate; the message names the cause."""
+    """Motion that needs Blender's own evaluation; the message names the cause."""
 
 
 @dataclass(eq=False)
 class _Curves:
-    """F-curves of one action, grouped for sampling."""
+    """F-curves of an action, grouped for sampling."""
 
     channels: list[Channel] = field(default_factory=list)
     key_frames: set[float] = field(default_factory=set)  # frames of the action
@@ -119,10 +119,10 @@ def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64
 
 @dataclass(eq=False)
 class _Strip:
-    """NLA strip of an action, with copies of its settings."""
+    """NLA strip of an action, with copies of the settings."""
 
     curves: _Curves
-    columns: I64 | slice  # of its values among all columns of the data-block
+    columns: I64 | slice  # of the values among all columns of the data-block
     start: float  # frames of the scene
     end: float
     action_frames: tuple[float, float]  # first and last played frame of the action
@@ -160,9 +160,11 @@ class _Strip:
             raise NotModelledError(f"strip '{self.name}' plays no length of its action")
         into = frames - self.start
         # Blender computes the phase in float32, which decides the side of a repetition's edge.
+        # Frames within one repetition of the action.
         phase = np.fmod(into.astype(np.float32), np.float32(length)).astype(np.float64)
         own = first + phase / self.scale
         if float(self.repeat).is_integer():
+            # After a whole number of repetitions the last frame holds, not the first.
             own = np.where(frames >= self.end, last, own)
         return own
 
@@ -177,7 +179,7 @@ class _Strip:
         return (starts[:, None] + keys).ravel()
 
     def influence(self, frames: F64) -> F64:
-        """Influence 0..1 (T,) of the strip with its blend in and out."""
+        """Influence 0..1 (T,) of the strip with the blend in and out."""
         share = np.ones(len(frames))
         if self.blend_out > 0.0:
             falling = frames >= self.end - self.blend_out
@@ -189,7 +191,7 @@ class _Strip:
 
 
 class AnimatedValues:
-    """Animated values of a data-block from its action and NLA tracks.
+    """Animated values of a data-block from the action and NLA tracks.
 
     Parameters
     ----------
@@ -198,7 +200,7 @@ class AnimatedValues:
     selects : callable
         Predicate on RNA paths: values of interest.
     with_drivers : bool
-        Ignore drivers, which the caller leaves to Blender.
+        Ignore drivers; the caller leaves drivers to Blender.
 
     Raises
     ------
@@ -230,6 +232,8 @@ class AnimatedValues:
         if data.use_nla:
             self._read_tracks(owner.name, data, default)
         if self.columns and action.channels:
+            # With NLA strips below, only a replacing action with full influence hides them
+            # completely.
             plain = data.action_blend_type == "REPLACE" and data.action_extrapolation == "HOLD"
             if not plain or data.action_influence < 1.0:
                 raise NotModelledError(f"the action of '{owner.name}' is blended")
@@ -318,7 +322,7 @@ def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
 
 
 def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.ndarray, F64]]:
-    """Yield (strip, rows, frames) of each playing strip of a track, with frames clamped to its
+    """Yield (strip, rows, frames) of each playing strip of a track, with frames clamped to the
     ends.
 
     Between two strips the earlier one holds its last value, before the first only "HOLD" holds.
@@ -333,6 +337,7 @@ def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.nda
         if kind == "HOLD" and k == 0:
             covered |= frames < strip.start
         rows = np.flatnonzero(covered & free)
+        # The first strip of a track that covers a frame plays; later strips do not.
         free[rows] = False
         if len(rows) and not strip.is_muted:
             yield strip, rows, np.clip(frames[rows], strip.start, strip.end)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sample times of a scene, and the animation frames that Blender evaluates at them.
+"""Sample times of a scene, and the animation frames evaluated by Blender.
 
 Played frames are frames of the timeline, at the scene's frame rate. Keyframes, clips and caches use
 animation frames, which time remapping scales.

@@ -56,11 +56,11 @@ class CurveEffect:
         animated = {p for p in animated if not skin_values.is_drive(p)}
         if effect.hfx.kind == "SPOT":
             known |= {f"hfx.{name}" for name in skin_values.PLACE}
-        other = sorted(path for path in animated - known if path.startswith("hfx."))
+        unsupported = sorted(path for path in animated - known if path.startswith("hfx."))
         if visibility.is_keyed(effect):
             raise NotModelledError(f"'{effect.name}' is shown and hidden")
-        if other:
-            raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
+        if unsupported:
+            raise NotModelledError(f"'{unsupported[0]}' of '{effect.name}' is animated")
         if state.source is ActivationSource.ANIMATED and "hfx.activation" not in animated:
             raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
         if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
@@ -183,7 +183,7 @@ def is_steady(effect: bpy.types.Object) -> bool:
 
 
 def is_rigid(effect: bpy.types.Object) -> bool:
-    """Test for a volume that is no deforming mesh."""
+    """Test for a volume other than a deforming mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
@@ -193,7 +193,7 @@ def is_rigid(effect: bpy.types.Object) -> bool:
 
 
 _DEFORMING = ("ARMATURE", "LATTICE")
-"""Parenting types that deform a mesh like a modifier."""
+"""Parenting types deforming a mesh like a modifier."""
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:

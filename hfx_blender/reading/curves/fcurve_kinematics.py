@@ -82,7 +82,7 @@ class _LastResult:
 
 
 class PlainObject:
-    """Object with a world matrix defined by its own and its parents' F-curves.
+    """Object with a world matrix defined by its own and the parents' F-curves.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class PlainObject:
         mode = self._mode
 
         def of(name: str) -> F64:
-            """Values of one channel."""
+            """Values of a channel."""
             return self._channels(sampled, name)
 
         turned = rotations(of(rotation_channel(mode)), mode)
@@ -180,7 +180,7 @@ class PlainObject:
         )
 
     def _channels(self, sampled: F64, name: str) -> F64:
-        """Values (T, width) of one property; constant components are repeated."""
+        """Values (T, width) of a property; constant components are repeated."""
         still = self._still[name]
         values = np.repeat(still[None], len(sampled), axis=0)
         for index in range(len(still)):
@@ -191,7 +191,7 @@ class PlainObject:
 
 
 class PlainRig:
-    """Armature with bones defined by their parents and F-curves.
+    """Armature with bones defined by the parents and F-curves.
 
     Raises
     ------
@@ -262,6 +262,7 @@ class PlainRig:
         seat[:, 3, 3] = 1.0
         if bone in self._relative:
             return seat
+        # Children hang on the posed bone, at its tail unless the parent uses the head.
         seat = seat @ self.keyed.rest[k]
         seat[:, :3, 3] += seat[:, :3, 1] * along * self._lengths[bone]
         return seat

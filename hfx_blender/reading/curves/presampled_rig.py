@@ -24,7 +24,7 @@ _CHUNK = 128
 
 
 class PresampledRig:
-    """Animated bones of an armature over time, and the copy of the armature that shows them.
+    """Animated bones of an armature over time, and the copy of the armature showing these bones.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class PresampledRig:
         self.sampled: dict[str, F32] = {}
 
     def make_copy(self) -> list[bpy.types.ID]:
-        """Make the copy and return all created data-blocks, which the caller removes.
+        """Make the copy and return all created data-blocks, to be removed by the caller.
 
         References to the rig itself, such as constraint targets, become references to the
         copy.
@@ -74,6 +74,8 @@ class PresampledRig:
         created: list[bpy.types.ID] = [self.copy]
         data = self.copy.animation_data
         for track in data.nla_tracks:
+            # Strips of bones are removed from the copy, because they would overwrite the set
+            # values.
             for strip in list(track.strips):  # Blender evaluates channels of muted strips as well
                 if any(_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)):
                     track.strips.remove(strip)

@@ -2,7 +2,7 @@
 """Activation of effects over time, from the animation data of the property ``activation``.
 
 The stored value alone is not enough: with all strips muted, or with the NLA off, nothing writes the
-property, which keeps its last value. So animation data is checked first.
+property, which keeps the last value. So animation data is checked first.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ SILENCED = Activation(ActivationSource.OFF)
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:
-    """Activation of an effect from its NLA clips, F-curves and drivers."""
+    """Activation of an effect from the NLA clips, F-curves and drivers."""
     data = effect.animation_data
     if data is None:
         return Activation(ActivationSource.ALWAYS_ON)
@@ -75,6 +75,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         if curve.data_path == clips.DATA_PATH and not curve.mute
     ]
     driver = any(d.data_path == clips.DATA_PATH and not d.mute for d in data.drivers)
+    # Only a single F-curve without NLA bounds the frames with values above 0.
     if len(curves) == 1 and not driver and not len(data.nla_tracks):
         return Activation(ActivationSource.ANIMATED, _spans_of(curves[0]), named)
     if curves or driver:
@@ -94,7 +95,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
 def _playing_strips(
     data: bpy.types.AnimData, pairs: Iterable[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]
 ) -> list[bpy.types.NlaStrip]:
-    """Strips, of pairs (track, strip), that the NLA evaluates."""
+    """Evaluated NLA strips among (track, strip) pairs."""
     solo = any(track.is_solo for track in data.nla_tracks)
     return [
         strip
@@ -128,7 +129,7 @@ def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
         return ((-np.inf, np.inf),)
     spans = [(-np.inf, keys[0].co[0])] if keys[0].co[1] > 0.0 else []
     for key, following in pairwise(keys):
-        # A Bezier curve stays within the hull of its keys and handles.
+        # A Bezier curve stays within the hull of the keys and handles.
         values = [key.co[1], following.co[1]]
         if key.interpolation == "BEZIER":
             values += [key.handle_right[1], following.handle_left[1]]

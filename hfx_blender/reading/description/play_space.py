@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Play space: the object that defines the room of tracked devices."""
+"""Play space: the object defining the room of tracked devices."""
 
 from __future__ import annotations
 

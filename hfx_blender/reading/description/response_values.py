@@ -54,7 +54,7 @@ def highest_of(curve: bpy.types.FCurve) -> float:
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
         return float("inf")
-    # A Bezier curve stays within the hull of its keys and handles.
+    # A Bezier curve stays within the hull of the keys and handles.
     values = [v for key in keys for v in (key.co[1], key.handle_left[1], key.handle_right[1])]
     return max(values) if np.isfinite(values).all() else float("inf")
 
@@ -95,6 +95,7 @@ def with_even_phase(
 def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
     """Integral of a curve from frame ``start`` to frames (T,), by the trapezoidal rule."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
+    # A common grid from the scene start makes the phase independent of the block.
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
     at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1])) / _STEPS_A_FRAME])

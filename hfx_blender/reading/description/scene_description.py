@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Constant part of a scene: haptic objects and their settings.
+"""Constant part of a scene: haptic objects with settings.
 
-Faults that prevent an export are raised before any time is evaluated.
+Faults preventing an export are raised before any time is evaluated.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class HapticObjects:
     warnings: tuple[str, ...]  # all warnings so far
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # warnings about faulty effects and bodies
-    notes: tuple[str, ...] = ()  # about keyframes that are NaN or infinite
+    notes: tuple[str, ...] = ()  # about NaN or infinite keyframes
     gone: Mapping[str, str] = field(default_factory=dict)  # excluded effect name -> reason
     # Effects that are off at all read times, also sources of instances, with reasons; no other
     # values of them are read.
@@ -77,12 +77,12 @@ class HapticObjects:
 
     @property
     def active(self) -> list[int]:
-        """Indices of effects that may be felt."""
+        """Indices of possibly felt effects."""
         return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """Objects to read: effects that may be felt, bodies, and avatar meshes that bodies
+        """Objects to read: possibly felt effects, bodies, and avatar meshes that bodies
         follow."""
         bodies = [body for body in self.bodies if body_binding.surface_reason(body) is not None]
         followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
@@ -307,6 +307,7 @@ def describe(
     if not bindings:
         raise InputError(next(iter(unbound.values())))
     if unbound:  # effects on these bodies become invalid too
+        # Effects on these bodies become invalid too, so describe again without the bodies.
         others = replace(
             haptics,
             bodies=list(bindings),
@@ -357,7 +358,7 @@ def _describe_effect(
     haptics: HapticObjects,
     ids: dict[str, str],
 ) -> EffectDescription:
-    """Description of one effect; dormant volumes are described without response and shape."""
+    """Description of an effect; dormant volumes are described without response and shape."""
     hfx = effect.hfx
     area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
     if effect in haptics.dormant and hfx.kind in IN_SCENE:

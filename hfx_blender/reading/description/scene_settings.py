@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
-    """Load the devices that a scene exports to, and reasons by name for unusable devices.
+    """Load the export devices of a scene, and reasons by name for unusable devices.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dic
 
 
 def load_scene_device(item: bpy.types.PropertyGroup) -> DeviceConfig:
-    """Load a device with the rendering scheme that the scene chooses.
+    """Load a device with the rendering scheme chosen in the scene.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def scheme_of(item: bpy.types.PropertyGroup) -> str:
 def formats_without(
     missing: Mapping[str, str], formats: Sequence[str], devices: Sequence[DeviceConfig]
 ) -> tuple[str, ...]:
-    """Formats that can still be written without the missing devices.
+    """Formats still writable without the missing devices.
 
     Raises
     ------

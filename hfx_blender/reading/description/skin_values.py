@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values of spots on the skin and of vector sensations, and their checked areas."""
+"""Values of spots on the skin and of vector sensations, and the checked areas."""
 
 from __future__ import annotations
 

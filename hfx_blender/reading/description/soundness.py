@@ -39,16 +39,16 @@ _LARGEST = np.finfo(np.float32).max
 _FIXED = re.compile(
     r"hfx\.(role|kind|modality|response\[\d+\]\.(kind|operation|about|domain|is_muted))"
 )
-"""Properties that must be constant, because they decide what an effect is."""
+"""Properties required to be constant: the kind of an effect depends on these."""
 
 _STEADY = re.compile(
     r"hfx\.(falloff|falloff_share|temperature_reference|is_muted|is_solo|follow|surface\..*)"
 )
-"""Properties that are read once, at the present frame."""
+"""Properties read once, at the present frame."""
 
 
 def warnings_of(obj: bpy.types.Object) -> list[str]:
-    """Warnings about stored values of an effect or a body that are replaced or ignored.
+    """Warnings about replaced or ignored stored values of an effect or a body.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
 
 
 def titled(obj: bpy.types.Object) -> str:
-    """Object name with its kind, for messages."""
+    """Object name with the kind, for messages."""
     kind = {"EFFECT": "effect", "BODY": "body"}.get(obj.hfx.role, "object")
     return f"{kind} '{obj.name}'"
 
@@ -115,6 +115,7 @@ def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]
 
 def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
     """Yield a note for the first NaN or infinite key of each F-curve of an object."""
+    # All keys in one array: rigs have thousands of curves.
     keys_by_curve = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
     for curve, keys in zip(curves, keys_by_curve, strict=True):
         curve.keyframe_points.foreach_get("co", keys)
@@ -137,7 +138,7 @@ def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:
 
 
 def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """Object and its parents, without cycles."""
+    """Object and the parents, without cycles."""
     ancestors: dict[str, bpy.types.Object] = {}
     while obj is not None and obj.name_full not in ancestors:
         ancestors[obj.name_full] = obj

@@ -32,7 +32,7 @@ _ROUNDING: Final = 1e-4  # frames: strips are single precision
 
 @dataclass(frozen=True)
 class LostClip:
-    """Clip without samples, or with samples for a part of its frames only."""
+    """Clip without samples, or with samples for a part of the frames only."""
 
     effect: str
     clip: Clip
@@ -118,9 +118,9 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
     """One warning for each reason, with the clips."""
     end = float((time.frame_last + 1 - time.scene_start) / time.fps)
     warnings = []
-    for why, (verb, place) in _LOST.items():
+    for why, (verb, span) in _LOST.items():
         same = [clip for clip in lost if clip.why == why]
-        place = place.format(end=end)
+        span = span.format(end=end)
         if len(same) == 1:
             clip = same[0].clip
             start, stop = (
@@ -130,11 +130,11 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
             whole = " and is not felt" if verb == "lie" else ""
             verb = {"lie": "lies", "go": "goes"}[verb]
             title = f"clip {same[0].title} ({start:.2f} to {stop:.2f} s)"
-            warnings.append(f"{title} {verb} {place}{whole}")
+            warnings.append(f"{title} {verb} {span}{whole}")
         elif same:
             whole = " and are not felt" if verb == "lie" else ""
             names = named([clip.title for clip in same])
-            warnings.append(f"{len(same)} clips {verb} {place}{whole}: {names}")
+            warnings.append(f"{len(same)} clips {verb} {span}{whole}: {names}")
     return tuple(warnings)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Changes that Blender's dependency graph does not report: values set by scripts, list items.
+"""Changes not reported by Blender's dependency graph: values set by scripts, list items.
 
-An object whose properties differ from those of its evaluated copy is tagged for an update.
+An object whose properties differ from those of the evaluated copy is tagged for an update.
 """
 
 from __future__ import annotations

@@ -38,11 +38,11 @@ def is_disabled(obj: bpy.types.Object) -> bool:
 def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
     """Objects of enabled collections in a view layer, background scenes included."""
     layers = [layer, *map(scene_info.layer_of, scene_info.backgrounds_of(scene))]
-    return set().union(*(_enabled(each.layer_collection) for each in layers))
+    return set().union(*(_enabled(view.layer_collection) for view in layers))
 
 
 def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of a layer collection and its enabled children."""
+    """Objects of a layer collection and the enabled children."""
     if collection.collection.hide_viewport:
         return set()
     objects = set() if collection.exclude else set(collection.collection.objects)

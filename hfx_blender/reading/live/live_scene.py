@@ -41,7 +41,7 @@ FEWEST = 64
 
 
 class LiveClock:
-    """Clock of the moments of one scene.
+    """Clock of the moments of a scene.
 
     Parameters
     ----------
@@ -71,6 +71,7 @@ class LiveClock:
         else:
             step = clock_s - self._clock_s
             time_s = self._time_s + step
+        # Jumps and long pauses are unrelated moments; a moved frame decides over the clock.
         follows = not self._is_first and 0.0 < step <= LONGEST_STEP_S
         if follows and frame_s != self._frame_s:
             step = (
@@ -259,6 +260,7 @@ class LiveInstances:
             for k, key in enumerate(slots):
                 if key not in own_rows:
                     slots[k] = None
+            # New instances take free slots in the order of the keys.
             new_keys = sorted(set(own_rows) - set(slots))
             for k, key in enumerate(slots):
                 if key is None and new_keys:

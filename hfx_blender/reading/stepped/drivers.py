@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Retry and report drivers that Blender cannot evaluate at a time.
 
-Blender marks a driver as invalid at its first failure and skips the driver from then on. Without a
+Blender marks a driver as invalid at the first failure and skips the driver from then on. Without a
 retry, the driven property would be lost at all later times, and at earlier times if a late time is
 read first.
 """

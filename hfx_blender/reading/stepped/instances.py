@@ -3,11 +3,11 @@
 
 Keys of instances are collected at whole frames of the user's scene, and at all samples if instances
 may exist between two frames only. Values are read at each sample's own time. The id of an instance
-is stable: its instancer (particle system, collection instance, geometry nodes) and its persistent
+is stable: its instancer (particle system, collection instance, geometry nodes) and the persistent
 number.
 
 Blender frees an instance's object with the next step of the loop over instances, so all values are
-copied inside the loop. Sources are identified by their full names, because a library and the file
+copied inside the loop. Sources are identified by the full names, because a library and the file
 may have objects of equal names.
 """
 
@@ -88,6 +88,7 @@ def _shown(
             "" if parent is None else parent.original.name_full,
             number,
         )
+        # Two geometry nodes of an object may count from 0 each: extend the id until unique.
         while key in taken:  # two nodes of an object may both count from 0
             key = (*key[:2], (*key[2], 0))
         taken.add(key)
@@ -96,7 +97,7 @@ def _shown(
 
 @dataclass(frozen=True, eq=False)
 class _Values:
-    """Values shared by the instances of one volume at one time."""
+    """Values shared by the instances of a volume at one time."""
 
     level: float
     parameters: list[float]  # in the modality's order; wind: the speed only
@@ -105,7 +106,7 @@ class _Values:
 
 
 class Sources:
-    """Volumes of a scene with possible instances, and readers of their present instances.
+    """Volumes of a scene with possible instances, and readers of the present instances.
 
     Parameters
     ----------
@@ -216,7 +217,7 @@ class Sources:
         return rows
 
     def _values(self, name: str, evaluated: bpy.types.Object, phase: Phase | None) -> _Values:
-        """Values shared by the instances of a source; the phases of its sines are made
+        """Values shared by the instances of a source; the phases of the sines are made
         continuous."""
         hfx = evaluated.hfx
         parameters = effect_values.parameters(hfx, np.eye(4))
@@ -333,7 +334,7 @@ class Instances:
         return on
 
     def extended(self, block: AnimationBlock, stepper: Stepper) -> AnimationBlock:
-        """Append the effects of all instances to a block, read at its samples."""
+        """Append the effects of all instances to a block, read at the samples."""
         rows = [self._rows(index, stepper) for index in block.indices.tolist()]
         absent = EffectRow()
         more = (

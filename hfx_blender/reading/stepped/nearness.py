@@ -45,7 +45,7 @@ class SkinBoxes:
                 self._add(model, body.binding)
 
     def _add(self, model: PerceptualModel, binding: SkinBinding) -> None:
-        """Extend the rest box and the set of bones by one model, fitted to the body if
+        """Extend the rest box and the set of bones by a model, fitted to the body if
         available."""
         fitted = binding.fitted.get(model.id)
         if fitted is not None:
@@ -60,7 +60,7 @@ class SkinBoxes:
         """Box of the skin over all times of a block; None if unknown, empty (inf, -inf) if
         unread.
 
-        A skinned vertex is a convex combination of its bones' transforms of the rest
+        A skinned vertex is a convex combination of the bones' transforms of the rest
         position, so the union of the rest box under every bone contains the vertex.
         """
         if not pose.valid.any():
@@ -72,7 +72,7 @@ class SkinBoxes:
             return None
         bones = pose.bones[pose.valid][:, sorted(self._bones)]
         middle, half = 0.5 * (self._low + self._high), 0.5 * (self._high - self._low)
-        # Interval arithmetic: a box under a matrix spans |matrix| times its half size around its
+        # Interval arithmetic: a box under a matrix spans |matrix| times its half size around the
         # centre.
         centres = np.einsum("tbij,j->tbi", bones[..., :3], middle) + bones[..., 3]
         reaches = np.einsum("tbij,j->tbi", np.abs(bones[..., :3]), half) + self._bulge_m

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects and bodies at single times, and their assembly into blocks."""
+"""Effects and bodies at single times, and the assembly into blocks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ABSOLUTE = 5e-6
 
 @dataclass(eq=False)
 class EffectRow:
-    """State of one effect at one time; the default is an effect that is off."""
+    """State of an effect at one time; the default is an effect that is off."""
 
     level: float = 0.0  # activation times intensity, 0..1
     parameters: list[float] | None = None  # in the modality's order; None if off
@@ -36,7 +36,7 @@ class EffectRow:
 
 @dataclass(eq=False)
 class PoseRow:
-    """Pose of one body at one time."""
+    """Pose of a body at one time."""
 
     to_world: F64  # (4, 4) armature or avatar to world, metres
     bones: npt.NDArray[np.float32] | None = None  # (B, 3, 4) rest space to armature space
@@ -58,7 +58,7 @@ class VolumePlacements:
 
 @dataclass(eq=False)
 class SceneRow:
-    """Effects and bodies at one sample, by their indices in the scene description."""
+    """Effects and bodies at one sample, by the indices in the scene description."""
 
     index: int
     effects: dict[int, EffectRow] = field(default_factory=dict)

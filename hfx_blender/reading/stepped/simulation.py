@@ -85,7 +85,7 @@ class Simulation:
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
-    """First object by name with physics among objects and their references; None without any."""
+    """First object by name with physics among objects and the references; None without any."""
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
@@ -175,7 +175,7 @@ def _simulates_nodes(obj: bpy.types.Object) -> bool:
 
 
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
-    """Search a node tree and its groups for a simulation zone; ``seen`` is extended in place."""
+    """Search a node tree and the groups for a simulation zone; ``seen`` is extended in place."""
     seen.add(tree.name_full)
     return any(
         node.bl_idname == "GeometryNodeSimulationInput"

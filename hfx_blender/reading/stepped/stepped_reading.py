@@ -77,7 +77,7 @@ class SteppedReading:
     def read(
         self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
     ) -> SceneRow:
-        """Step to a sample, and read effects and bodies by their indices."""
+        """Step to a sample, and read effects and bodies by the indices."""
         stepper.set_frame(self._scene.time.frame(index))
         for failure in stepper.failures:
             soundness.add_fault(self.faults, failure, index)
@@ -174,7 +174,7 @@ class SteppedReading:
     def _moved(
         self, cached: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
-        """Row of an effect with cached settings at its present placement."""
+        """Row of an effect with cached settings at the present placement."""
         row = EffectRow(cached.level, cached.parameters, place=cached.place, drive=cached.drive)
         if cached.scale is None and not cached.is_wind:
             return row

@@ -51,7 +51,7 @@ class SteppedScenes:
     ) -> SteppedScenes:
         """Make scratch scenes of effects and bodies by index until the stack is closed.
 
-        Bodies of ``rigs`` are replaced by their copies.
+        Bodies of ``rigs`` are replaced by the copies.
         """
         objects = objects_of(found, scene, effects, bodies)
         whole = _scratch(found, objects, rigs, stack)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bulk reading of the placements of stepped volumes, and their distance from skin.
+"""Bulk reading of the placements of stepped volumes, and the distance from skin.
 
 Placements and boxes of all volumes are read at once; a volume far from skin needs no other values.
 """
@@ -32,7 +32,7 @@ class FarVolumes:
     Parameters
     ----------
     effects : sequence of int
-        Indices of stepped effects. Effects that are felt independently of their place, or whose
+        Indices of stepped effects. Effects that are felt independently of the place, or whose
         size is unknown, are excluded.
 
     Attributes
@@ -172,7 +172,7 @@ def _boxes(corners: F64) -> F64:
 def _half_size(effect: bpy.types.Object) -> list[float] | None:
     """Half of the largest size of a volume, (3,) Blender units; NaN for a mesh.
 
-    None if the size is unknown, or if the effect is felt independently of its place: no volume,
+    None if the size is unknown, or if the effect is felt independently of the place: no volume,
     or a volume with response filters.
     """
     hfx = effect.hfx
@@ -185,7 +185,7 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
     if largest is None:
         return None
     if hfx.shape == "CUBOID":
-        return [each / 2 for each in largest]
+        return [length / 2 for length in largest]
     radius = largest[0]
     if hfx.shape == "SPHERE":
         return [radius] * 3

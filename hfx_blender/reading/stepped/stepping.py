@@ -167,7 +167,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
     """Objects without influence on haptic objects; empty results are possible.
 
-    With a window only dormant effects and their instancers, unless other objects depend on
+    With a window only dormant effects and the instancers, unless other objects depend on
     them.
     """
     objects = scene_objects(found.scene)
@@ -177,6 +177,8 @@ def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
     named = {(body, mesh) for body in found.bodies for mesh in avatar_meshes.meshes_of(body)}
     idle = set(objects)
     if not bpy.app.background:
+        # In a window hidden objects would flicker, so only instancers of dormant effects are
+        # hidden.
         idle &= set(filter(is_instancer, data_reaching(found.dormant))) - shown | {*found.dormant}
         named = set()
     idle = {obj for obj in idle.difference(found.read) if not _has_part_of_its_own(obj)}
@@ -186,7 +188,7 @@ def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
 
 def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
     """Test for an object that Blender uses without a reference, or that cannot stay hidden."""
-    # The scene uses its camera, a metaball those of its family.
+    # The scene uses its camera, a metaball those of the family.
     is_used = obj.type in ("CAMERA", "META")
     return is_used or visibility.is_keyed(obj) or simulations.takes_part(obj)
 
@@ -245,6 +247,7 @@ def _scratch(
         linked = (member for obj in objects for member in (obj, *_metaball_family(obj, scene)))
         for obj in dict.fromkeys(linked):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
+        # The copies replace the rigs: any dependency on an original means different results.
         for rig in presampled:
             created += rig.make_copy()
             scratch.collection.objects.link(rig.copy)
