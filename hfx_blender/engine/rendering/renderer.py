@@ -182,7 +182,7 @@ class Renderer:
             if (self._values[:rows, part.start] != self._neutral[part.start]).any():
                 late.append(actuator.id)
         text = (
-            f"{name}: effects at the very start come late, or not at all, at actuators with latency"
+            f"{name}: effects at the beginning come late, or not at all, at actuators with latency"
         )
         return tuple(dict.fromkeys([*notes, *counted(late, text)]))
 

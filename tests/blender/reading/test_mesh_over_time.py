@@ -64,7 +64,7 @@ def test_a_hole_that_was_closed_is_told(small: Any, tmp_path: Path) -> None:
     mesh.from_pydata(points, [], faces)
     bpy.ops.hfx.volume_from_mesh(modality="pressure", name="Press")
     report = _exported(small, tmp_path)
-    assert [text for text in report.notes if "a hole was closed" in text]
+    assert [text for text in report.notes if "1 hole was filled" in text]
 
 
 def test_a_mesh_in_edit_mode_is_felt_as_it_is_edited(small: Any, tmp_path: Path) -> None:

@@ -202,4 +202,4 @@ def test_without_the_wheel_all_faces_are_felt_and_it_is_told(
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     fine = dented()
     assert fine.within(0.01) is fine
-    assert fine.note.startswith("'Ball' has 20480 faces, and fast-simplification")
+    assert fine.note.startswith("'Ball' has 20480 faces. Its contacts take longer")

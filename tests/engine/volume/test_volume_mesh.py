@@ -381,7 +381,7 @@ def test_what_was_mended_is_told_together():
     triangles[2] = triangles[2, ::-1]
     told = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
     assert [each.partition(":")[0] for each in told] == [
-        "'Box' has 1 face that faces the other way",
+        "'Box' has 1 face with a flipped normal",
         "'Box' is open at 3 edges",
     ]
 
