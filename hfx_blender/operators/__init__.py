@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: user actions, thin wrappers of plain functions, one file for each topic.
+"""Operators: user actions, thin wrappers of plain functions, a file for each topic.
 
-Registered for each module: its classes, then its function ``register``.
+Registered for each module: classes, then the function ``register``.
 """
 
 from __future__ import annotations

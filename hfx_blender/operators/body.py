@@ -37,8 +37,8 @@ def _people() -> EnumItems:
     from ..engine.retargeting import variants
 
     own = [
-        (each.id, each.folder.name, f"{each.facts.get('height_m', '?')} m tall, {each.id}")
-        for each in variants.people()
+        (person.id, person.folder.name, f"{person.facts.get('height_m', '?')} m tall, {person.id}")
+        for person in variants.people()
     ]
     return [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
 
@@ -201,7 +201,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         every = effects.bodies_of(context.scene)
-        body = next(each for each in every if each.name == self.body)
+        body = next(candidate for candidate in every if candidate.name == self.body)
         if self.which == "ACTIVE":
             active = active_effect(context)
             moved = [active] if active is not None else []
@@ -216,8 +216,8 @@ class HFX_OT_move_to_body(OnBodyOperator):
 
 
 class HFX_OT_fit_body(_FittingOperator):
-    """Fit the active haptic body to its avatar again, using the bone table. Its id and painted
-    areas are kept
+    """Fit the active haptic body to its avatar again, using the bone table. Id and painted areas
+    are kept
     """
 
     bl_idname = "hfx.fit_body"
@@ -245,7 +245,7 @@ class HFX_OT_fit_body(_FittingOperator):
 
 
 class HFX_OT_show_model(HfxOperator):
-    """Show or hide the perceptual model on its avatar, with a colour for each body part"""
+    """Show or hide the perceptual model on the avatar, with a colour for each body part"""
 
     leaves_mode = True
     bl_idname = "hfx.show_model"
@@ -306,6 +306,6 @@ class HFX_OT_add_walk(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
 
-        way = [tuple(place.location) for place in self.places]
+        way = [tuple(corner.location) for corner in self.places]
         bodies.add_walk(context.object, way, self.frame_start, self.frame_end)
         return ""

@@ -136,8 +136,8 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         from ..devices.configurations.device_facts import facts_of
         from ..formats.writing import why_nothing
 
-        exported = [each for each in context.scene.hfx.devices if each.is_exported]
-        facts = [facts_of(each.name).device for each in exported]
+        exported = [entry for entry in context.scene.hfx.devices if entry.is_exported]
+        facts = [facts_of(entry.name).device for entry in exported]
         devices = [device for device in facts if device is not None]
         reasons = {name: why_nothing(name, devices) for name in names}
         column = self.layout.column(align=True)
@@ -193,10 +193,10 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
-        track = next((each for each in report.files if each.suffix == self.filename_ext), None)
+        track = next((file for file in report.files if file.suffix == self.filename_ext), None)
         if track is not None:  # the source of live devices
             context.scene.hfx.live_track = str(track)
-        names = [each.name for each in report.files]
+        names = [file.name for file in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
         listed = swarms.listed_effects(context.scene)

@@ -26,17 +26,17 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
         return area
     if context.screen is None:
         return None
-    viewports = [each for each in context.screen.areas if each.type == "VIEW_3D"]
-    return max(viewports, key=lambda each: each.width * each.height, default=None)
+    viewports = [a for a in context.screen.areas if a.type == "VIEW_3D"]
+    return max(viewports, key=lambda a: a.width * a.height, default=None)
 
 
 def region_at(area: bpy.types.Area, x: float, y: float) -> bpy.types.Region:
-    """Region of a 3D viewport at a window pixel; its view is its ``data``.
+    """Region of a 3D viewport at a window pixel; ``data`` of the region is the view.
 
     Outside of all regions: the last region of quad view, the user perspective.
     """
     candidates = views(area)
-    return next((each for each in candidates if holds(each, x, y)), candidates[-1])
+    return next((region for region in candidates if holds(region, x, y)), candidates[-1])
 
 
 def holds(region: bpy.types.Region, x: float, y: float) -> bool:
@@ -46,11 +46,11 @@ def holds(region: bpy.types.Region, x: float, y: float) -> bool:
 
 def views(area: bpy.types.Area) -> list[bpy.types.Region]:
     """Content regions of an editor: four in quad view."""
-    return [each for each in area.regions if each.type == "WINDOW"]
+    return [region for region in area.regions if region.type == "WINDOW"]
 
 
 def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
-    """Zoom the view to objects, keeping its direction."""
+    """Zoom the view to objects, keeping the direction."""
     area = None if bpy.app.background else viewport(context)
     if area is None:
         return
@@ -85,7 +85,7 @@ def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) 
 
 
 def make_room_for_clips(context: bpy.types.Context) -> None:
-    """Enlarge a timeline too low for its clips, unless an NLA editor is open."""
+    """Enlarge a timeline too low for clips, unless an NLA editor is open."""
     global _joining
     is_busy = _joining is not None and bpy.app.timers.is_registered(_joining)
     if bpy.app.background or is_busy or not compat.CAN_JOIN_AREAS:
@@ -94,14 +94,14 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
     timelines = [area for area in areas if area.ui_type == "TIMELINE"]
     if not timelines or any(area.type == "NLA_EDITOR" for area in areas):
         return
-    area = max(timelines, key=lambda each: each.height)
-    region = next(each for each in area.regions if each.type == "WINDOW")
+    area = max(timelines, key=lambda timeline: timeline.height)
+    region = views(area)[0]
     missing = timeline_clips.wanted_height(context) - region.height
     above = [
-        each
-        for each in areas
-        if (each.x, each.width) == (area.x, area.width)
-        and 0 < each.y - area.y - area.height < _BESIDE
+        other_area
+        for other_area in areas
+        if (other_area.x, other_area.width) == (area.x, area.width)
+        and 0 < other_area.y - area.y - area.height < _BESIDE
     ]
     if missing <= 0.0 or not above or above[0].height < 3.0 * missing:
         return
@@ -114,7 +114,7 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
 
 
 def _join(window: bpy.types.Window, x: int, y: int) -> None:
-    """Join the areas on both sides of an edge; run by a timer, after Blender has updated their
+    """Join the areas on both sides of an edge; run by a timer, after Blender has updated the
     sizes.
     """
     with bpy.context.temp_override(window=window):
@@ -123,8 +123,8 @@ def _join(window: bpy.types.Window, x: int, y: int) -> None:
 
 def state(area: bpy.types.Area) -> list[dict[str, object]]:
     """Views of a 3D viewport, to be restored: several in quad view."""
-    saved = [{name: getattr(each.data, name) for name in _VIEW} for each in views(area)]
-    return [{n: v.copy() if hasattr(v, "copy") else v for n, v in each.items()} for each in saved]
+    saved = [{name: getattr(view.data, name) for name in _VIEW} for view in views(area)]
+    return [{n: v.copy() if hasattr(v, "copy") else v for n, v in view.items()} for view in saved]
 
 
 def restore(area: bpy.types.Area, before: list[dict[str, object]]) -> None:

@@ -53,11 +53,13 @@ class HfxOperator(bpy.types.Operator):
         """Set the tooltip: paragraphs of the docstring joined as sentences, without line breaks."""
         super().__init_subclass__(**options)
         if cls.__doc__ and "bl_description" not in cls.__dict__:
-            paragraphs = (" ".join(each.split()) for each in cls.__doc__.split("\n\n"))
-            cls.bl_description = ". ".join(each.rstrip(".") for each in paragraphs if each)
+            paragraphs = (" ".join(paragraph.split()) for paragraph in cls.__doc__.split("\n\n"))
+            cls.bl_description = ". ".join(
+                paragraph.rstrip(".") for paragraph in paragraphs if paragraph
+            )
 
     def work(self, context: bpy.types.Context) -> str:
-        """Run the operator; returns its report, or "" without a report."""
+        """Run the operator; returns the report, or "" without a report."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -69,12 +71,13 @@ class HfxOperator(bpy.types.Operator):
         return self.work(context)
 
     def reported(self, work: Callable[[], str | None]) -> set[str]:
-        """Call a function and report its result; errors become error reports.
+        """Call a function and report the result; errors become error reports.
 
         Returns the operator's result, ``{"FINISHED"}`` or ``{"CANCELLED"}``.
         """
         source = bpy.data.filepath
         try:
+            # The open .blend file must not be overwritten by a result.
             with inputs_kept([Path(source)] if source else []):
                 message = work()
         except HfxError as error:
@@ -83,6 +86,7 @@ class HfxOperator(bpy.types.Operator):
             if error.filename is None:
                 raise
             fault = str(fault_of_file(error))
+        # Packages missing from the small zip are named; other modules are defects.
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _PACKAGES:
@@ -246,13 +250,11 @@ def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
 
 def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
     """Test for an object that can be selected or hidden: not only in excluded collections."""
-    return any(each == obj for each in context.view_layer.objects)
+    return any(member == obj for member in context.view_layer.objects)
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if it is an effect, or the only volume emitted by the active object; else
-    None.
-    """
+    """Active object if an effect, or the only volume emitted by the active object; else None."""
     obj = context.object
     if obj is None or obj.hfx.role == "EFFECT":
         return obj

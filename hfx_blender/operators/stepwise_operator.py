@@ -41,7 +41,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
     _share = 0.0
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
-        """Check the input and return the generator; it yields progress (0..1) and returns the
+        """Check the input and return the generator, which yields progress (0..1) and returns the
         report.
         """
         raise NotImplementedError
@@ -74,6 +74,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
+        # `reported` returns FINISHED after each piece; `_steps` is None after the last.
         went_on = self.reported(self._go_on)
         if self._steps is not None and went_on == {"FINISHED"}:
             self._show(context)
@@ -105,7 +106,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
         context.workspace.status_text_set(draw)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the work, also before its end: close the generator, remove timer and status text."""
+        """End the work early or late: close the generator, remove timer and status text."""
         self._is_invoked = False  # Blender's redo reuses this operator, without invoke
         if self._steps is not None:
             self._steps.close()

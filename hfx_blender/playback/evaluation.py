@@ -50,7 +50,7 @@ class Evaluation:
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene unless its signature is unchanged; never call this during a depsgraph
+        """Describe the scene unless the signature is unchanged; never call this during a depsgraph
         update.
         """
         from ..reading.description.scene_settings import live_tolerance

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """User interface: menus, panels and gizmos.
 
-Registered for each module: its classes, then its function ``register``. ``bl_order`` sorts the
-panels.
+Registered for each module: classes, then the function ``register``. ``bl_order`` sorts the panels.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def _folder() -> Path | None:
 
 def _ours() -> list[bpy.types.UserAssetLibrary]:
     libraries = bpy.context.preferences.filepaths.asset_libraries
-    return [each for each in libraries if each.name == NAME]
+    return [library for library in libraries if library.name == NAME]
 
 
 def register() -> None:

@@ -214,5 +214,6 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
 def pixel_size(context: bpy.types.Context, point: Vector) -> float:
     """Width of a viewport's pixel at a point of the world."""
     view = context.region_data.perspective_matrix
+    # The homogeneous coordinate of a projected point is the depth; 1 in orthographic views.
     depth = abs((view @ point.to_4d()).w)
     return 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)

@@ -21,12 +21,12 @@ def draw_text(
     layout: bpy.types.UILayout,
     text: str,
     icon: str = "NONE",
-    beside: int = 0,
+    reserved: int = 0,
 ) -> None:
-    """Draw a sentence wrapped to the sidebar's width, less ``beside`` letters."""
+    """Draw a sentence wrapped to the sidebar's width, less ``reserved`` letters."""
     # Background mode has no region and no interface scale.
     width = 0 if context.region is None else context.region.width
-    letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - beside
+    letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - reserved
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)

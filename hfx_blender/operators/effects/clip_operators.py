@@ -153,7 +153,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
 
 def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
-    """Draw the buttons that add a clip and a heartbeat, with a prefix before their labels."""
+    """Draw the buttons that add a clip and a heartbeat, with a prefix before the labels."""
     for operator, icon in ((HFX_OT_add_clip, "NLA"), (HFX_OT_add_heartbeat, "HEART")):
         text = operator.bl_label.replace("Add", prefix) if prefix else operator.bl_label
         layout.operator(operator.bl_idname, text=text, icon=icon)

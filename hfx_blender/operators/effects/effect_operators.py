@@ -83,7 +83,7 @@ class HFX_OT_add_volume(HfxOperator):
         return ""
 
     def _use_metres(self, units_a_metre: float) -> None:
-        """Take default lengths for metres, whatever the scene's unit."""
+        """Convert default lengths, in metres, to the scene's unit."""
         for name in ("radius", "height"):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(self, name) * units_a_metre)

@@ -13,7 +13,7 @@ from ..shared import HfxOperator, active_effect
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if it is a haptic volume; otherwise None."""
+    """Active object if a haptic volume; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 
@@ -45,7 +45,7 @@ class HFX_OT_add_response_filter(_OnVolume):
 
 
 class HFX_OT_remove_response_filter(_OnFilter):
-    """Remove the active filter and its animation"""
+    """Remove the active filter with the filter's animation"""
 
     bl_idname = "hfx.remove_response_filter"
     bl_label = "Remove Filter"

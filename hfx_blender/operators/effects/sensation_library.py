@@ -63,7 +63,7 @@ def _selected(context: bpy.types.Context, title: str) -> Sensation:
 
     selected = context.selected_objects
     selection = {obj for obj in selected if obj.hfx.role == "EFFECT"}
-    selection.update(each for obj in selected for each in swarms.volumes_of(obj))
+    selection.update(volume for obj in selected for volume in swarms.volumes_of(obj))
     chosen = sorted(selection, key=lambda obj: obj.name)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
     body = bodies[0] if bodies else target_body(context)
@@ -86,7 +86,7 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
 
 @kept_items
 def sensation_items() -> EnumItems:
-    """Enum items: built-in sensations, then files in the user's folder, read anew after a
+    """Enum items: built-in sensations, then files in the user's folder, reread after a
     change.
     """
     from ...authoring.effects import effect_exchange

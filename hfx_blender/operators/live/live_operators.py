@@ -59,9 +59,9 @@ def _known() -> EnumItems:
     all_facts = [facts_of(name) for name in list_devices(resources.user_devices())]
     items: EnumItems = []
     for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
-        part = [each for each in all_facts if each.group == group]
+        part = [facts for facts in all_facts if facts.group == group]
         items += [("", group or "Other", "")] if part else []
-        items += [(each.id, each.label, each.fault or each.summary) for each in part]
+        items += [(facts.id, facts.label, facts.fault or facts.summary) for facts in part]
     return items
 
 
@@ -108,7 +108,7 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
 
 
 class HFX_OT_live_remove(HfxOperator):
-    """Disconnect a device and remove it from the scene"""
+    """Disconnect a device and remove the device from the scene"""
 
     bl_idname = "hfx.live_remove"
     bl_label = "Remove Device"
@@ -125,7 +125,7 @@ class HFX_OT_live_remove(HfxOperator):
 
 
 class HFX_OT_live_connect(_OfDevice):
-    """Connect a device and play the effects on it"""
+    """Connect a device and play the effects"""
 
     bl_idname = "hfx.live_connect"
     bl_label = "Connect"
@@ -191,7 +191,7 @@ class HFX_OT_live_connect(_OfDevice):
 
 
 class HFX_OT_live_disconnect(_OfDevice):
-    """Silence a device and close its port"""
+    """Silence a device and close the port"""
 
     bl_idname = "hfx.live_disconnect"
     bl_label = "Disconnect"

@@ -44,10 +44,10 @@ class DeviceSearch:
         self.items = [
             (
                 str(k),
-                f"{title_of(each.device)}  {each.port or each.unit}".rstrip(),
-                each.description,
+                f"{title_of(device.device)}  {device.port or device.unit}".rstrip(),
+                device.description,
             )
-            for k, each in enumerate(self.found)
+            for k, device in enumerate(self.found)
         ]
         return ports
 

@@ -28,10 +28,10 @@ _recorded: list[Path] = []
 
 
 class HFX_OT_record_track(StepwiseExport):
-    """Record the whole timeline for connected devices. They then play the recording in sync with
-    the timeline, without evaluating the scene
+    """Record the whole timeline for connected devices. The devices then play the recording in sync
+    with the timeline, without evaluating the scene
 
-    The track is kept until Blender quits; export it to keep it
+    The track is kept until Blender quits; export to keep a track
     """
 
     bl_idname = "hfx.record_track"
@@ -49,6 +49,7 @@ class HFX_OT_record_track(StepwiseExport):
         devices, _ = scene_devices(context.scene)
         record = ("positions",) if needs_positions(devices) else ()
         settings = ExportSettings(("track",), record=record)
+        # Stepping blocks Blender: devices stop now, instead of by a missing heartbeat.
         live.stop_all("a track is recorded")
         live.tracks.forget()
         while _recorded:
@@ -61,7 +62,7 @@ class HFX_OT_record_track(StepwiseExport):
         from ...engine.track import SUFFIX
 
         hfx = context.scene.hfx
-        hfx.live_track = str(next(each for each in report.files if each.suffix == SUFFIX))
+        hfx.live_track = str(next(file for file in report.files if file.suffix == SUFFIX))
         hfx.live_source = "TRACK"
         return "Recorded: press Play under Live Devices, then play the timeline"
 
@@ -87,7 +88,7 @@ class HFX_OT_hide_meshes(HfxOperator):
 
 
 def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """Bodies and their avatars, effects and their emitters."""
+    """Bodies with avatars, effects with emitters."""
     listed = swarms.listed_effects(scene)
     needed = {obj for effect in listed for obj in swarms.objects_showing(scene, effect)}
     for body in effects.bodies_of(scene):

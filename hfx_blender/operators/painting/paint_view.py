@@ -43,7 +43,7 @@ _before: dict[int, tuple[list[dict[str, object]], float]] = {}
 
 
 def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Hide all visible objects except the painted mesh, and store them in it."""
+    """Hide all visible objects except the painted mesh; the mesh stores the hidden objects."""
     others = [obj for obj in context.view_layer.objects if obj != canvas and obj.visible_get()]
     for obj in others:
         obj.hide_set(True)
@@ -68,7 +68,7 @@ def layers_of(canvas: bpy.types.Object) -> list[bpy.types.ViewLayer]:
 
 def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
     """Show objects hidden during painting, by full name."""
-    for obj in [each for each in bpy.data.objects if each.name_full in hidden]:
+    for obj in [candidate for candidate in bpy.data.objects if candidate.name_full in hidden]:
         for layer in layers:
             with suppress(RuntimeError):  # not in this view layer
                 obj.hide_set(False, view_layer=layer)
@@ -139,7 +139,7 @@ class SceneBrush:
 
 
 def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
-    """Brush for a painted mesh, sized by the distances of its vertices."""
+    """Brush for a painted mesh, sized by the distances of vertices."""
     spacing = painting.spacing(canvas, effect)
     return SceneBrush(painting.brush_radius(canvas, effect), spacing)
 
@@ -147,7 +147,9 @@ def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
 def _pixels_per_unit(
     context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
 ) -> float | None:
-    """Pixels of one Blender unit at the middle of a mesh; None outside of the viewport."""
+    """Pixels of one Blender unit at the middle of a mesh; None without a viewport, or behind the
+    viewer.
+    """
     area = framing.viewport(context)
     if area is None:
         return None
@@ -160,8 +162,8 @@ def _pixels_per_unit(
     across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
     length = max(max(canvas.dimensions), 1e-6) * 0.01
     ends = [
-        location_3d_to_region_2d(region, view, place)
-        for place in (middle, middle + across * length)
+        location_3d_to_region_2d(region, view, point)
+        for point in (middle, middle + across * length)
     ]
     if None in ends:
         return None

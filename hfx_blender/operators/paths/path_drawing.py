@@ -93,11 +93,11 @@ class HFX_OT_draw_path(HfxOperator):
         effect = active_spot(context)
         if not len(self.stroke):
             raise InputError("Draw on the body: no place was given.")
-        places = np.array([each.place for each in self.stroke], np.float64)
+        places = np.array([point.place for point in self.stroke], np.float64)
         if self.mode == "RECORD":
             start = self.frame if self.properties.is_property_set("frame") else None
             frame = float(context.scene.frame_current if start is None else start)
-            times = [each.time for each in self.stroke]
+            times = [point.time for point in self.stroke]
             paths.record(context.scene, effect, places, times, frame)
             message = f"{paths.length_m(effect):.2f} m in {times[-1] - times[0]:.2f} s"
         else:
@@ -181,7 +181,7 @@ class HFX_OT_draw_path(HfxOperator):
 
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Test for a mouse position on the viewport, outside of toolbar and sidebar."""
-        others = [each for each in context.area.regions if each.type != "WINDOW"]
+        others = [part for part in context.area.regions if part.type != "WINDOW"]
         at = event.mouse_x, event.mouse_y
         region = framing.region_at(context.area, *at)
         return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
@@ -215,7 +215,7 @@ class HFX_OT_draw_path(HfxOperator):
     def _show(self, context: bpy.types.Context) -> None:
         import numpy as np
 
-        places = np.array([each.place for each in self.stroke], np.float64).reshape(-1, 3)
+        places = np.array([point.place for point in self.stroke], np.float64).reshape(-1, 3)
         body = active_spot(context).hfx.body if active_spot(context) is not None else None
         path_overlay.show_pending(body, places, self._path_through(places))
         context.area.tag_redraw()

@@ -43,7 +43,7 @@ INTERPOLATIONS = (
 
 
 def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active effect if it is a point on the skin; otherwise None."""
+    """Active effect if a point on the skin; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
@@ -241,7 +241,7 @@ class HFX_OT_load_path(_OfSpot, ImportHelper):
 
 
 class HFX_OT_save_path(PathOperator, ExportHelper):
-    """Save the path and the motion along it to a file"""
+    """Save the path and the motion to a file"""
 
     bl_idname = "hfx.save_path"
     bl_label = "Save Path"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Overlay of paths and their points on the posed avatar."""
+"""Overlay of paths and points on the posed avatar."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _draw() -> None:
     scene = bpy.context.scene
     body, places, path = pending_clicks
     spots = [e for e in effects.effects_of(scene) if e.hfx.kind == "SPOT" and e.visible_get()]
-    spots = [each for each in spots if not effects.needs_body(scene, each)]
+    spots = [spot for spot in spots if not effects.needs_body(scene, spot)]
     if not spots and body is None:
         return
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -31,7 +31,7 @@ _SHORTCUTS = {"G", "S", "I"}
 def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
     """Test for a key of Blender's own operators: objects other than the point are selected."""
     effect = active_spot(context)
-    others = any(other != effect for other in context.selected_objects)
+    others = any(selected != effect for selected in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
 
 
@@ -215,8 +215,8 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
             self._show(context, effect)
 
     def _under_mouse(self, context: bpy.types.Context) -> F64 | None:
-        """Canonical point on the skin under the mouse; outside of the body, the nearest on its
-        outline.
+        """Canonical point on the skin under the mouse; outside of the body, the nearest outline
+        point.
         """
         import numpy as np
 
@@ -267,7 +267,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
-        x, y, z = (100.0 * each for each in self.place)
+        x, y, z = (100.0 * metres for metres in self.place)
         where = f"Along Path: {effect.hfx.path_position:.3f}" if self.along_path else "On the Skin"
         keyed = ""
         if spot_placing.is_auto_keyed(context, effect, paths.POSITION):

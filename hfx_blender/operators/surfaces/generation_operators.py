@@ -69,6 +69,7 @@ def _of_picture(settings: Any, folder: Path) -> dict[str, Any]:
     from ...authoring.surfaces import image_values
 
     path = bpy.path.abspath(settings.picture)
+    # The process has no Blender: pass pixels decoded here, for all of Blender's formats.
     image = image_values.load(path)
     try:
         pixels = folder / "pixels.npy"
@@ -88,7 +89,7 @@ def _of_picture(settings: Any, folder: Path) -> dict[str, Any]:
 
 def _forget(except_folder: str = "") -> None:
     """Remove the folders of earlier results; used results are packed into the .blend file."""
-    for folder in [each for each in _folders if each != except_folder]:
+    for folder in [path for path in _folders if path != except_folder]:
         shutil.rmtree(folder, ignore_errors=True)
         _folders.remove(folder)
 

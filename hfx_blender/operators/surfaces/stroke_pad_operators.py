@@ -30,7 +30,7 @@ last_take: Take | None = None
 
 
 class HFX_OT_stroke_pad(HfxOperator):
-    """Stroke the active surface with the mouse: see, hear and feel its texture"""
+    """Stroke the active surface with the mouse: see, hear and feel the texture"""
 
     bl_idname = "hfx.stroke_pad"
     bl_label = "Stroke Pad"

@@ -61,7 +61,7 @@ class PadPlace:
 def draw(
     pad: StrokePad, image: bpy.types.Image | None, rectangle: PadPlace, region: bpy.types.Region
 ) -> None:
-    """Draw the pad in its region; no effect in other viewports."""
+    """Draw the pad in the pad's region; no effect in other viewports."""
     if bpy.context.region != region:
         return
     gpu.state.blend_set("ALPHA")
@@ -110,7 +110,7 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
     device = pad.texture.device
     end = shown[-1][0] if shown else 0.0
     times = np.array([t - max(end - _SHOWN_S, 0.0) for t, _ in shown]) / _SHOWN_S
-    heights = 1e6 * np.array([felt.height_m for _, felt in shown])
+    heights = 1e6 * np.array([sample.height_m for _, sample in shown])
     middle = float(heights.mean()) if len(heights) else 0.0
     reach = max(float(np.abs(heights - middle).max(initial=0.0)), 1.0)
     full = float(device.amplitude_m_s2(1.0))
@@ -121,12 +121,12 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
         (
             f"amplitude {now.amplitude_m_s2:.2f} m/s² of {full:.1f}",
             times,
-            np.array([felt.amplitude_m_s2 for _, felt in shown]) / full,
+            np.array([sample.amplitude_m_s2 for _, sample in shown]) / full,
         ),
         (
             f"frequency {now.frequency_hz:.0f} Hz of {device.frequency_hz[1]:.0f}",
             times,
-            np.array([felt.frequency_hz for _, felt in shown]) / device.frequency_hz[1],
+            np.array([sample.frequency_hz for _, sample in shown]) / device.frequency_hz[1],
         ),
         (
             f"waveform, {1000 * device.update_s:.0f} ms",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if it has a haptic surface; otherwise None."""
+    """Active object with a haptic surface; otherwise None."""
     return context.object if surfaces.is_surface(context.object) else None
 
 
@@ -41,7 +41,7 @@ class SurfaceOperator(HfxOperator):
 
 
 class HFX_OT_add_surface(HfxOperator):
-    """Add a haptic surface to the active object, and bake its maps"""
+    """Add a haptic surface to the active object, and bake the maps"""
 
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
@@ -70,7 +70,7 @@ class HFX_OT_add_surface(HfxOperator):
 
 
 class HFX_OT_remove_surface(SurfaceOperator):
-    """Remove the haptic surface of the active object, with its maps"""
+    """Remove the haptic surface of the active object, with all maps"""
 
     bl_idname = "hfx.remove_surface"
     bl_label = "Remove Surface"
@@ -169,7 +169,7 @@ class HFX_OT_export_texture(SurfaceFileOperator):
         stem = path.with_name(path.name.removesuffix(texture_map.SUFFIX))
         bits = 8 if self.bits == "8" else 16
         written = texture_map.write(texture, stem, bits, context.object.name)
-        return f"Wrote {', '.join(each.name for each in written.files)}"
+        return f"Wrote {', '.join(file.name for file in written.files)}"
 
 
 class HFX_OT_import_texture(SurfaceFileOperator):

@@ -102,17 +102,17 @@ class Live:
     @property
     def is_armed(self) -> bool:
         """Test for a device in state "armed", which plays samples."""
-        return any(each.is_armed for each in self.states.values())
+        return any(device.is_armed for device in self.states.values())
 
     @property
     def is_frozen(self) -> bool:
         """Test for a device stopped by a missing heartbeat of Blender."""
-        return any(each.state == "frozen" for each in self.states.values())
+        return any(device.state == "frozen" for device in self.states.values())
 
     @property
     def latencies_ms(self) -> set[float]:
         """Compensated latencies of all connected actuators, milliseconds."""
-        return {ms for each in self.connected.values() for ms in each.latencies_ms}
+        return {ms for device in self.connected.values() for ms in device.latencies_ms}
 
     def state(self, name: str) -> DeviceState | None:
         return self.states.get(name) if name in self.connected else None
@@ -136,6 +136,7 @@ class Live:
         from ...devices.live.approval import is_shipped
         from ...devices.live.client import LiveClient
 
+        # A script runs only with an approved fingerprint: the name alone proves nothing.
         try:
             device, script = live_settings.named(named_in_blend(name))
         except live_settings.UnapprovedScriptError:
@@ -145,6 +146,7 @@ class Live:
         self.approved.pop(name, None)
         if script is not None and not is_shipped(script.path):
             self.approved[name] = script.fingerprint
+        # Paths in settings may be relative to the .blend file, which the output process lacks.
         if settings.path:
             settings = replace(settings, path=bpy.path.abspath(settings.path))
         target = live_settings.target_of(device, settings)
@@ -158,6 +160,7 @@ class Live:
             script=None if script is None else script.as_request(),
             offset_ms=settings.offset_ms,
         )
+        # Samples wait for a new description, which has the streams of this device.
         self.connected[name] = Connected(device, script is not None, settings.offset_ms)
         self.described = None
         recorder.is_wanted_by_devices = bool(self.latencies_ms)
@@ -296,12 +299,14 @@ class Live:
         self.client.heartbeat()
         self.slow_frames.sign()
         news = self.client.events()
-        if any(each.event == "armed" for each in news):
+        if any(event.event == "armed" for event in news):
             self.handlers.request_update()  # newly armed devices have no samples
         scene = evaluation.scene
+        # Decaying responses change without an edit or a frame: evaluate at each heartbeat.
         if self.described == self._scene.generation and scene is not None and scene.rings:
             evaluation.invalidate()  # responses decay without motion
             self.update(scene.objects.scene)
+        # A scene without motion would drive actuators for hours: fade after a while.
         if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
             self.fade(self.sent)
             self.sent = None
@@ -334,7 +339,7 @@ class Live:
 
         self._choose_schemes(context.scene)
         evaluation.with_positions = needs_positions(
-            [each.device for each in self.connected.values()]
+            [connected.device for connected in self.connected.values()]
         )
         source = self._source(context.scene)
         source.open(context)
@@ -362,11 +367,12 @@ class Live:
         if source.generation != self.described:
             return  # the new description is sent by a timer
         is_playing = live_handlers.is_playing()
+        # Called also while nothing plays: the direction is inferred from every frame.
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
         with self.slow_frames.own_work():
             frame = source.frame(scene, self._gains(scene), later)
         states = self.states.items()
-        muted = frozenset(name for name, each in states if not frame.gains.get(each.number, 1.0))
+        muted = frozenset(name for name, state in states if not frame.gains.get(state.number, 1.0))
         self.sent = Sent(time.monotonic(), frame.time_s, muted)
         self.client.show(frame)
 

@@ -85,6 +85,7 @@ class LiveHandlers:
         if getattr(bpy.context, "scene", None) is None:  # at this moment
             self._listener.forget()
             return
+        # A description evaluates the scene, which calls `on_update` again.
         self._is_describing = True
         try:
             self._listener.describe(bpy.context)
@@ -105,6 +106,7 @@ class LiveHandlers:
         self._listener.invalidate()  # disarmed devices need fresh samples on Play
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
+        # Frames of an export, a recording or a render are not frames of the user.
         if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
             return
         try:

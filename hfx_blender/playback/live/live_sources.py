@@ -74,7 +74,7 @@ class Source(Protocol):
 
 
 class SceneSource:
-    """The open scene; later samples come from the record of values over the timeline."""
+    """The open scene; samples of later frames come from the record of values over the timeline."""
 
     def __init__(self) -> None:
         self._streams: tuple[Stream, ...] = ()

@@ -124,13 +124,13 @@ class ActuatorGlow:
             if mine:
                 self._on_bodies += mine
                 self._bodies.append(_BodyWithDevices(body, mine))
-        self.notes = notes_of([each.device for each in self._on_bodies])
+        self.notes = notes_of([glow.device for glow in self._on_bodies])
         self._known: tuple[TimelineRecord | None, F32 | None] = None, None
 
     @property
     def fault(self) -> str:
         """Errors of all devices, joined by semicolons; empty without an error."""
-        faults = [*self._faults, *(each.fault for each in self._on_bodies)]
+        faults = [*self._faults, *(glow.fault for glow in self._on_bodies)]
         return "; ".join(dict.fromkeys(filter(None, faults)))
 
     def recorded(self, recorded: TimelineRecord, index: int) -> F32:
@@ -140,7 +140,7 @@ class ActuatorGlow:
         """
         of, shares = self._known
         if of is not recorded or shares is None:
-            parts = [each.recorded(recorded) for each in self._on_bodies]
+            parts = [glow.recorded(recorded) for glow in self._on_bodies]
             shares = np.concatenate([np.zeros((len(recorded.frames), 0), np.float32), *parts], 1)
             self._known = recorded, shares
         row: F32 = shares[index]
@@ -149,7 +149,7 @@ class ActuatorGlow:
     def now(self, runs: Sequence[SampleRun]) -> F32:
         """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
         return np.concatenate(
-            [np.zeros(0, np.float32), *(each.now(runs) for each in self._on_bodies)]
+            [np.zeros(0, np.float32), *(glow.now(runs) for glow in self._on_bodies)]
         )
 
     def discs(
@@ -168,14 +168,14 @@ class ActuatorGlow:
 def _on_body(
     live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str
 ) -> _DeviceOnBody:
-    ranges = [each.type.strength for each in device.actuators]
+    ranges = [actuator.type.strength for actuator in device.actuators]
     return _DeviceOnBody(
         device,
         body_id,
         places_of(body, device),
         device.strength_columns,
-        np.array([each.neutral for each in ranges]),
-        np.array([max(each.reach, 1e-9) for each in ranges]),
+        np.array([strength.neutral for strength in ranges]),
+        np.array([max(strength.reach, 1e-9) for strength in ranges]),
         MomentRenderer(live.description, device, body_id=body_id),
     )
 
@@ -185,7 +185,7 @@ class _BodyWithDevices:
 
     def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
         self._body = body
-        places = [each.places for each in devices]
+        places = [glow.places for glow in devices]
         self._radius_m = np.concatenate([each.radius_m for each in places])
         self._modalities = [a.type.modality for each in devices for a in each.device.actuators]
         mesh = np.concatenate([each.mesh for each in places])

@@ -50,7 +50,7 @@ class ColouredMesh:
     Parameters
     ----------
     spreads : mapping of str to (Spread, int)
-        Model id -> interpolation to the mesh, and the model's number of vertices.
+        Model id -> interpolation to the mesh, and number of model vertices.
     """
 
     def __init__(self, mesh: bpy.types.Object, spreads: Mapping[str, tuple[Spread, int]]) -> None:
@@ -114,7 +114,7 @@ class ColouredMesh:
 
 
 def _sagitta(mesh: bpy.types.Object, triangles: I32) -> float:
-    """Largest height of a curved surface over 99 % of a mesh's flat triangles, from their normals.
+    """Largest height of a curved surface over 98 % of a mesh's flat triangles, from their normals.
 
     An arc of angle t over a chord c has the height c/2 tan(t/4); the middle of a triangle 4/3 of
     it.

@@ -254,7 +254,7 @@ class ChartView:
         area, region, scene = context.area, context.region, context.scene
         if not context.space_data.overlay.show_overlays:
             return
-        if region != next(each for each in area.regions if each.type == "WINDOW"):
+        if region != next(part for part in area.regions if part.type == "WINDOW"):
             return  # quad view: draw one chart only, next to the sidebar
         left, right = free_part(area, region)
         if right - left < 120.0:
@@ -305,6 +305,6 @@ def _write(text: str, x: float, y: float, width: float) -> None:
         size -= 1
         shown = text[:size].rstrip() + "..."
     if blf.dimensions(0, shown)[0] > width:
-        return  # it would lie over what is beside it
+        return  # clipped text would overlap the neighbour
     blf.position(0, x, y, 0)
     blf.draw(0, shown)

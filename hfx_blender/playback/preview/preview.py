@@ -165,10 +165,11 @@ class ViewportPreview:
             self.describe()
 
     def describe(self) -> None:
-        """Describe the scene if its signature changed; invalidate and redraw on a change."""
+        """Describe the scene if the signature changed; invalidate and redraw on a change."""
         content = self.content
         self.is_describing = True
         try:
+            # The key changes with each new description: compare to invalidate only then.
             before, known = content.fault, content.key
             content.describe(bpy.context)
             if content.fault and content.fault != before:
@@ -246,6 +247,7 @@ class ViewportPreview:
 
     def _check_after_drawing(self) -> None:
         """Schedule a check, at most a tenth of the time in scenes with slow checks."""
+        # Checks compare all effects: in large scenes, limit their share of the time.
         rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
         left_s = self._checked_s + rest_s - time.perf_counter()
         if left_s > 0.0:
@@ -290,6 +292,7 @@ class ViewportPreview:
         if is_held(bpy.context):
             return QUIET_S
         begun = time.perf_counter()
+        # Work in short slices, with pauses of twice their duration: the interface stays smooth.
         while time.perf_counter() - begun < _PIECE_S:
             frames = scene.frame_start, scene.frame_end
             if not self.content.prepare(scene.hfx.palette, record, *frames):

@@ -110,7 +110,7 @@ class Preview:
         evaluation.invalidate()
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene unless its signature is unchanged; never call this while Blender
+        """Describe the scene unless the signature is unchanged; never call this while Blender
         draws.
         """
         scene = context.scene
@@ -122,10 +122,11 @@ class Preview:
         self.key, self._scene, self._glow = key, evaluation.scene, None
         self.fault, self.notes = evaluation.fault, []
         self._layers = self._discs = None
+        # Bodies, meshes and models may differ from the last description.
         self._spreads, self._meshes = {}, {}
         self._kept.forget()
         described = () if self._scene is None else self._scene.description.effects
-        self._contact = frozenset(each.id for each in described if each.is_contact)
+        self._contact = frozenset(effect.id for effect in described if effect.is_contact)
         try:
             if self._scene is not None and devices:
                 self._glow = ActuatorGlow(self._scene, scene)
@@ -213,6 +214,7 @@ class Preview:
             shown = self._shown(live, palette, self._runs(live))
         layers = []
         for coloured, part in shown:
+            # Skip meshes edited since the description: their vertices have other numbers.
             skin = self._skins.of(coloured.mesh, live.objects.layer.depsgraph)
             if skin is not None and skin.size == coloured.size:
                 layers.append(coloured.layer(skin, part, live.objects.unit_m))
@@ -248,7 +250,7 @@ class Preview:
         known = self._meshes.get(mesh.name_full)
         if known is not None and known.size != len(mesh.data.vertices):  # the mesh was edited
             known = None
-            self._spreads = {k: each for k, each in self._spreads.items() if k[0] != mesh.name_full}
+            self._spreads = {k: s for k, s in self._spreads.items() if k[0] != mesh.name_full}
         if known is None or not known.models.issuperset(models):
             models |= known.models if known else set()
             spreads = {model: self._spread(body, mesh, model) for model in models}
@@ -279,12 +281,13 @@ def spread_between(points: F64, model: PerceptualModel) -> Spread:
     """
     from mathutils.kdtree import KDTree
 
+    # mathutils' tree needs no scipy, which the small zip of the extension lacks.
     tree = KDTree(len(model))
     for index, vertex in enumerate(model.vertices.tolist()):
         tree.insert(vertex, index)
     tree.balance()
     nearest = [tree.find_n(point, _CLOSEST) for point in points.tolist()]
     return Spread.of_neighbours(
-        np.array([[index for _, index, _ in each] for each in nearest]),
-        np.array([[distance for _, _, distance in each] for each in nearest]),
+        np.array([[index for _, index, _ in neighbours] for neighbours in nearest]),
+        np.array([[distance for _, _, distance in neighbours] for neighbours in nearest]),
     )

@@ -73,18 +73,18 @@ class _Spreading:
 
 
 class SkinColours:
-    """Colours of one mesh of A vertices.
+    """Colours of a mesh of A vertices.
 
     Parameters
     ----------
     vertex_count : int
         A.
     spreads : mapping of str to (Spread, int)
-        Model id -> interpolation to the mesh, and the model's number of vertices.
+        Model id -> interpolation to the mesh, and number of model vertices.
     """
 
     def __init__(self, vertex_count: int, spreads: Mapping[str, tuple[Spread, int]]) -> None:
-        self._spreading = {model: _Spreading(*each) for model, each in spreads.items()}
+        self._spreading = {model: _Spreading(*spread) for model, spread in spreads.items()}
         self._is_shown = np.zeros(vertex_count, np.bool_)
         self._place = np.zeros(vertex_count, np.int64)  # row of a coloured vertex
 
@@ -108,9 +108,10 @@ class SkinColours:
         self._place[shown] = np.arange(len(shown))
         shares = {}
         for name, parts in parts_by_colour.items():
-            vertices, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+            vertices, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
             # Entries of weight 0 may point to any row: nothing is added there.
             share = np.bincount(self._place.take(vertices), values, len(shown))[: len(shown)]
+            # Opacity is the root of the strength, which keeps weak samples visible.
             shares[name] = np.sqrt(np.minimum(share, 1.0))
         return shown, overlay(shares, palette)
 
@@ -178,7 +179,9 @@ class DisplayedSkins:
 
 def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
     modifier_types = {
-        each.type for each in mesh.modifiers if each.show_viewport and each.type != "ARMATURE"
+        modifier.type
+        for modifier in mesh.modifiers
+        if modifier.show_viewport and modifier.type != "ARMATURE"
     }
     return (
         len(evaluated.data.vertices) > len(mesh.data.vertices)

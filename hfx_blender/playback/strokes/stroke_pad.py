@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stroke pad: a surface stroked by the mouse, with its vibration and friction sound.
+"""Stroke pad: a surface stroked by the mouse, with vibration and friction sound.
 
 No drawing and no window here; :mod:`..ui.stroke_pad_view` draws the pad.
 """
@@ -49,7 +49,7 @@ class StrokeState:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """Finished stroke and its signal."""
+    """Finished stroke with the signal."""
 
     name: str  # of the surface
     texture: SurfaceTexture

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips drawn in Blender's timeline, with their envelopes.
+"""Clips with envelopes, drawn in Blender's timeline.
 
-Effects of one group (rain, a sensation) share a row.
+Effects of a group (rain, a sensation) share a row.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _quad(
 
 
 def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
-    """Write an effect's name into its clip if the name fits."""
+    """Write an effect's name into the clip if the name fits."""
     import blf
 
     blf.size(0, 10.0 * scale)

@@ -64,7 +64,7 @@ class EffectRecord:
 
 @dataclass(eq=False)
 class TimelineRecord:
-    """Effects and actuators of a scene at T times, with the haptic samples as far as cached."""
+    """Effects and actuators of a scene at T times, with the cached haptic samples."""
 
     described: SceneDescription
     time: TimeBase
@@ -122,6 +122,7 @@ class TimelineRecord:
         """Samples at one time, as runs of one sample; None if not cached, [] for silence."""
         if index >= self._kept_count:
             return None
+        # The last block that starts at or before the sample; a block has all runs of its times.
         block = bisect_right(self._blocks, index, key=itemgetter(0)) - 1
         present = []
         for run in self._blocks[block][1] if block >= 0 else ():
@@ -134,14 +135,14 @@ class TimelineRecord:
         """Add the samples of the next block of times."""
         runs = [run for run in runs if len(run)]
         for run in runs:
-            effect = next(each for each in self.effects if each.stream == run.stream)
+            effect = next(effect for effect in self.effects if effect.stream == run.stream)
             effect.values[run.indices] = _peaks(run, effect.neutral)
         if not runs or self.is_cut:
             return
         # From the first block above the limit no samples are cached: `kept_range` stays one range.
         first = min(int(run.indices[0]) for run in runs)
-        arrays = [each for run in runs for each in (run.vertices, run.weights, run.positions)]
-        self._bytes += sum(each.nbytes for each in arrays if each is not None)
+        arrays = [array for run in runs for array in (run.vertices, run.weights, run.positions)]
+        self._bytes += sum(array.nbytes for array in arrays if array is not None)
         if self._bytes > MOST_BYTES:
             self._kept_count = first
         else:
@@ -186,20 +187,21 @@ def record(
         raise NeedsSteppingError("Without the compiled part of HFX, this takes minutes.")
     header = TrackHeader.of(
         described,
-        {each.model_id: load_model(each.model_id) for each in described.effects},
+        {effect.model_id: load_model(effect.model_id) for effect in described.effects},
         settings={},
         tools={},
     )
     time = reader.time
-    described_by = {each.id: each for each in described.effects}
+    described_by = {effect.id: effect for effect in described.effects}
     timeline = TimelineRecord(
         described=described,
         time=time,
         frames=float(time.scene_start)
         + time.times_s(np.arange(time.sample_count)) * float(time.fps),
         effects=[_empty(described_by[s.effect_id], s, time.sample_count) for s in header.streams],
-        groups={each.name: effects.group_of(each) for each in swarms.listed_effects(scene)},
+        groups={effect.name: effects.group_of(effect) for effect in swarms.listed_effects(scene)},
     )
+    # Latency is not compensated here: drawn values belong to the drawn frame.
     renderers = _renderers(scene, header, timeline.faults)
     recorded = ("positions",) if with_positions else ()
     engine = Engine(described, record=recorded, tolerance=tolerance)
@@ -266,13 +268,15 @@ def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
     """
     return [
         f"'{id}' is shown without its script, which runs during playback and export"
-        for id in dict.fromkeys(each.id for each in devices if each.script is not None)
+        for id in dict.fromkeys(device.id for device in devices if device.script is not None)
     ]
 
 
 def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecord:
     modality = MODALITIES[effect.modality]
-    unit = next(each.unit for each in modality.parameters if each.name == modality.strength)
+    unit = next(
+        parameter.unit for parameter in modality.parameters if parameter.name == modality.strength
+    )
     is_warmth = modality.name == "temperature"
     neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0
     return EffectRecord(effect.name, stream, unit, neutral, np.zeros(count))

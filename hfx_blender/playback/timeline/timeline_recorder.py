@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records values over time in short pieces while the user neither edits nor plays."""
+"""Records values over time in short pieces between edits and playback."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CHANGES_NOTHING = frozenset(
 
 
 class TimelineRecorder:
-    """Newest record of one scene, and its validity.
+    """Newest record of a scene, with validity.
 
     Attributes
     ----------
@@ -109,6 +109,7 @@ class TimelineRecorder:
         """Record one piece; returns the seconds until the next call. Errors become
         :attr:`fault`.
         """
+        # Each edit restarts the recording: wait for a pause in the user's work.
         quiet_s = time.monotonic() - self._changed_s
         if quiet_s < QUIET_S:
             return QUIET_S - quiet_s + 0.01
@@ -176,6 +177,7 @@ class TimelineRecorder:
 
     def _stop(self) -> None:
         running, self._running = self._running, None
+        # A generator cannot close itself while running.
         if running is not None and not self._is_working:
             running.close()  # type: ignore[attr-defined]
 

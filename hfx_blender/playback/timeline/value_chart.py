@@ -27,7 +27,7 @@ class Label:
     text: str
     left: float
     bottom: float
-    values: F64 | None = None  # (T,) the current value is written beside the row
+    values: F64 | None = None  # (T,) the current value is written next to the row
     unit: str = ""
 
 
@@ -72,7 +72,7 @@ def chart(
     """
     left = min(190.0 * scale, 0.35 * width)
     columns = max(int(width - left), 1)
-    curve, row, gap = (each * scale for each in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
+    curve, row, gap = (pixels * scale for pixels in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
     quads: list[tuple[F64, F64]] = []
     labels: list[Label] = []
     at, hidden = gap, 0
@@ -113,7 +113,8 @@ def chart(
     if len(positions):
         positions[:, 1] = used - positions[:, 1]
     labels = [
-        replace(each, left=6.0 * scale, bottom=used - each.bottom - 10.0 * scale) for each in labels
+        replace(label, left=6.0 * scale, bottom=used - label.bottom - 10.0 * scale)
+        for label in labels
     ]
     time = timeline.time
     span = float(time.frame_first), float(time.frame_last + 1)
@@ -154,9 +155,9 @@ def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> 
 def _triangles(quads: list[tuple[F64, F64]]) -> tuple[F32, F32]:
     if not quads:
         return np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
-    boxes = np.concatenate([each for each, _ in quads])
+    boxes = np.concatenate([quad for quad, _ in quads])
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
-    colours = np.repeat(np.concatenate([each for _, each in quads]), 6, axis=0)
+    colours = np.repeat(np.concatenate([quad for _, quad in quads]), 6, axis=0)
     return corners.astype(np.float32), colours.astype(np.float32)
 
 

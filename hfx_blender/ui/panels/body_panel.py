@@ -112,7 +112,7 @@ class HFX_UL_bones(bpy.types.UIList):
             else region_of(row.name) == region
             for row in getattr(hfx, name)
         ]
-        return [self.bitflag_filter_item if each else 0 for each in shown], []
+        return [self.bitflag_filter_item if is_shown else 0 for is_shown in shown], []
 
 
 def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
@@ -156,9 +156,10 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             layout.operator("hfx.mark_body", icon="ADD")
             return
         elsewhere = [
-            each
-            for each in effects.effects_of(context.scene)
-            if each.hfx.kind in effects.ON_A_BODY and effects.body_in(context.scene, each) != body
+            effect
+            for effect in effects.effects_of(context.scene)
+            if effect.hfx.kind in effects.ON_A_BODY
+            and effects.body_in(context.scene, effect) != body
         ]
         if elsewhere:
             text = f"Take {len(elsewhere)} Effects of Other Bodies"

@@ -33,7 +33,7 @@ def refresh() -> None:
 
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
-    index = next(k for k, each in enumerate(rows) if each == row)
+    index = next(k for k, candidate in enumerate(rows) if candidate == row)
     strips = [] if effect is None else clips.strips_of(effect)
     return strips[index][1] if index < len(strips) else None
 
@@ -67,11 +67,13 @@ def active_group() -> list[bpy.types.Object]:
     effect = active_effect(bpy.context)
     name = "" if effect is None else effects.group_of(effect)
     listed = swarms.listed_effects(bpy.context.scene) if name else []
-    return [each for each in listed if effects.group_of(each) == name]
+    return [member for member in listed if effects.group_of(member) == name]
 
 
 def _start(_manager: object) -> float:
-    starts = [strip.frame_start for each in active_group() for _, strip in clips.strips_of(each)]
+    starts = [
+        strip.frame_start for effect in active_group() for _, strip in clips.strips_of(effect)
+    ]
     return min(starts, default=0.0) / _frames()
 
 

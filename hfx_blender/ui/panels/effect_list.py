@@ -63,8 +63,8 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
         return [own]
     listed = swarms.listed_effects(scene)
     if row.effect:  # effects of a swarm
-        return [each for each in listed if each.name == row.effect]
-    return [each for each in listed if effects.group_of(each) == row.group]
+        return [effect for effect in listed if effect.name == row.effect]
+    return [effect for effect in listed if effects.group_of(effect) == row.group]
 
 
 def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
@@ -73,7 +73,7 @@ def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
-    return lambda row: all(getattr(each.hfx, name) for each in _effects_of_row(row))
+    return lambda row: all(getattr(effect.hfx, name) for effect in _effects_of_row(row))
 
 
 def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
@@ -107,7 +107,7 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     )
     is_muted: BoolProperty(
         name="Mute",
-        description="Neither felt nor exported",
+        description="Silent, also in exports",
         get=_has("is_muted"),
         set=_set("is_muted"),
     )
@@ -138,7 +138,7 @@ class HFX_UL_effects(bpy.types.UIList):
             return
         line = layout.row(align=True)
         title = line.row(align=True)
-        title.alert = any(effects.needs_body(context.scene, each) for each in row_effects) or (
+        title.alert = any(effects.needs_body(context.scene, effect) for effect in row_effects) or (
             bool(row.effect) and _has_clip_outside(context.scene, row_effects[0])
         )
         if row.effect:
@@ -167,7 +167,7 @@ class HFX_UL_effects(bpy.types.UIList):
             else not (row.effect and row.group) or row.is_open
             for row in getattr(manager, name)
         ]
-        return [self.bitflag_filter_item if each else 0 for each in shown], []
+        return [self.bitflag_filter_item if is_shown else 0 for is_shown in shown], []
 
 
 def _active_row(manager: bpy.types.WindowManager) -> int:

@@ -87,7 +87,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             column.scale_y = 2.0
             column.alert = True
             column.operator("hfx.live_stop_all", icon="CANCEL")
-            if not all(each.is_armed for each in live.states.values()):
+            if not all(device.is_armed for device in live.states.values()):
                 layout.operator("hfx.live_play", icon="PLAY")
         if live.is_frozen:
             _draw_advice(context, layout.box())
@@ -127,7 +127,7 @@ def _draw_device(
     row = box.row(align=True)
     icon = "DOWNARROW_HLT" if item.is_expanded else "RIGHTARROW"
     row.prop(item, "is_expanded", text="", icon=icon, emboss=False)
-    draw_text(context, row, facts.title, beside=_BUTTONS)
+    draw_text(context, row, facts.title, reserved=_BUTTONS)
     row.operator("hfx.live_remove", text="", icon="X").name = item.name
     if item.is_expanded:
         _draw_facts(context, box.column(align=True), item, facts)
@@ -184,7 +184,7 @@ def _draw_facts(
 
 
 def _header(self: bpy.types.Header, _context: bpy.types.Context) -> None:
-    """Draw the stop of all devices: visible whatever panel is open."""
+    """Draw the stop of all devices in the header, visible without the sidebar."""
     if live.states:
         row = self.layout.row()
         row.alert = True

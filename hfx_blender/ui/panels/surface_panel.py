@@ -242,7 +242,11 @@ def _icon(record: Any) -> int:
     """Number of the icon of a result's colour picture."""
     path = str(record.with_name(record.name.removesuffix(GENERATED) + ".colour.png"))
     if path not in _previews:
-        for old in [each for each in _previews if not each.startswith(str(record.parent))]:
+        for old in [
+            path_of_icon
+            for path_of_icon in _previews
+            if not path_of_icon.startswith(str(record.parent))
+        ]:
             del _previews[old]
         _previews.load(path, path, "IMAGE")
     return int(_previews[path].icon_id)
