@@ -170,15 +170,10 @@ def with_pose(
 def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
-    """Rows and their preceding rows, with masks.
+    """Rows and their preceding rows (ascending), and masks of requested rows and of followers.
 
-    Returns
-    -------
-    rows : (n,) int64
-        Requested rows, and rows before with the effect on and a known pose; ascending.
-    is_requested : (n,) bool
-    follows : (n,) bool
-        True if the row before is the previous sample, and in ``rows``.
+    Preceding rows have the effect on and a known pose. A follower is one sample after the row
+    before.
     """
     count = len(block.indices)
     # A single row (live) follows none.

@@ -87,14 +87,10 @@ def shipped() -> list[Entry]:
 
 
 def installed() -> tuple[list[Entry], list[str]]:
-    """Entries of the user's sets, sorted by folder, without ids of the shipped set.
+    """Entries of the user's sets, sorted by folder, without ids of the shipped set, and faults.
 
-    Returns
-    -------
-    entries : list of Entry
-        The first entry of each id.
-    faults : list of str
-        One sentence for each unreadable set, and for each id with different content in two places.
+    The first entry of each id is taken. Faults are one sentence for each unreadable set, and for
+    each id with different content in two places.
     """
     first_by_id = {entry.id: entry for entry in shipped()}
     entries: list[Entry] = []

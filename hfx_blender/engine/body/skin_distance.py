@@ -103,15 +103,7 @@ class SkinDistances:
         return SkinPlace(places[best], patch.ids[corner_ids[best]], weights[best])
 
     def around(self, place: SkinPlace, reach_m: float) -> tuple[I64, F64]:
-        """Vertices within a geodesic distance of a place.
-
-        Returns
-        -------
-        vertices : (n,) int64
-            Ascending.
-        distances : (n,) float64
-            Metres, at most ``reach_m``.
-        """
+        """Vertices (n,), ascending, within a geodesic distance of a place, and their distances."""
         patch = self._around(place.point, reach_m)
         source = np.searchsorted(patch.ids, place.corners)
         distances = _distances(patch, place.point, source, reach_m)

@@ -182,33 +182,15 @@ def _product(first: F64, second: F64) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class KeyedRig:
-    """Constant data of bones with keyed channels.
+    """Constant data of bones with keyed channels."""
 
-    Attributes
-    ----------
-    parents : tuple of int
-        (B,) -1 for a root.
-    rest : (B, 4, 4) float64
-        Bone to armature space in rest pose.
-    local_location : tuple of bool
-        (B,) See :class:`BoneHierarchy`.
-    modes : tuple of str
-        (B,) Rotation modes.
-    connected : (n,) int64
-        Bones with location 0, connected to the parent's tail.
-    still : mapping
-        Channel to values (B, width) without keys.
-    places : mapping
-        Channel to (3, n): column of the sampled values, bone, component.
-    """
-
-    parents: tuple[int, ...]
-    rest: F64
-    local_location: tuple[bool, ...]
-    modes: tuple[str, ...]
-    connected: I64
-    still: Mapping[str, F64]
-    places: Mapping[str, I64]
+    parents: tuple[int, ...]  # (B,) -1 for a root
+    rest: F64  # (B, 4, 4) bone to armature space in rest pose
+    local_location: tuple[bool, ...]  # (B,) see BoneHierarchy
+    modes: tuple[str, ...]  # (B,) rotation modes
+    connected: I64  # (n,) bones with location 0, connected to the parent's tail
+    still: Mapping[str, F64]  # channel -> unkeyed values (B, width)
+    places: Mapping[str, I64]  # channel -> (3, n) column of the sampled values, bone, component
 
     @cached_property
     def _rig(self) -> BoneHierarchy:

@@ -99,18 +99,9 @@ def placed(
 ) -> tuple[Skeletons, dict[str, F64]]:
     """Copy of skeletons with knees and elbows at the median of the estimates.
 
-    Hinges without an estimate by weights, or closer than 8 mm to the median, stay.
-
-    Parameters
-    ----------
-    points, triangles : (V, 3) float64, (F, 3) int64
-        Canonical avatar.
-
-    Returns
-    -------
-    bodies : Skeletons
-    estimates_m : dict
-        Hinge to estimates (2 or 3,) along the limb relative to the rig's joint; the first is 0.
+    Hinges without an estimate by weights, or closer than 8 mm to the median, stay. ``points`` (V,
+    3) and ``triangles`` are of the canonical avatar. Also returns the estimates (2 or 3,) of each
+    hinge, metres along the limb relative to the rig's joint; the first is 0.
     """
     joints, estimates = dict(bodies.joints), {}
     skins = (

@@ -151,24 +151,11 @@ def _near_other_piece(
 def _head_pieces(
     surface: TargetSurface, piece: I64, head_triangles: I64, bodies: Skeletons
 ) -> tuple[int, I64]:
-    """Face of a head, and the pieces above or inside the head.
+    """Piece of the face (-1 without a head), and cut triangles above or inside the head.
 
     The face is the piece hit first in most viewing directions from between the eyes. Pieces in the
-    direction of face skin are hats, hair, teeth or eyeballs.
-
-    Parameters
-    ----------
-    piece : (N,) int64
-        Connected piece of each cut triangle.
-    head_triangles : (n,) int64
-        Cut triangles of the head.
-
-    Returns
-    -------
-    face : int
-        Number of the piece; -1 without a head.
-    covering : (m,) int64
-        Cut triangles above or inside the head.
+    direction of face skin are hats, hair, teeth or eyeballs. ``piece`` (N,) is the piece of each
+    cut triangle, ``head_triangles`` (n,) are the cut triangles of the head.
     """
     from scipy.spatial import cKDTree
 

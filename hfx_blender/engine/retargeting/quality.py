@@ -145,24 +145,11 @@ def judge(
 ) -> FitQuality:
     """Measure the fit of a model's projected vertices; parts mostly absent are left out.
 
-    Parameters
-    ----------
-    places : SurfacePlaces
-        Projected vertices in normalised space.
-    target_shares : (V, R) float64
-        Skin weights by region of the avatar at the places.
-    distance_m : (V,) float64
-        Distances of the projection.
-    feet_forward : float
-        Fraction of feet pointing forward.
-    joints_m : mapping of joint to float
-        Distance of the model's skin from each joint.
-    is_there : (V,) bool
-        True if the avatar has skin of the vertex's region; other vertices are ignored.
-    absent : sequence of str
-        Regions without skin on the avatar.
-    uncertain_m : mapping of place to float
-        See :func:`.uncertainty.uncertain_m`.
+    ``places`` are in normalised space; ``target_shares`` (V, R) are skin weights by region of the
+    avatar there, ``distance_m`` (V,) the distances of the projection. ``is_there`` (V,) is True if
+    the avatar has skin of the vertex's region; other vertices are ignored. ``joints_m`` is the
+    distance of the model's skin from each joint, ``absent`` has the regions without skin,
+    ``uncertain_m`` is that of :func:`.uncertainty.uncertain_m`.
     """
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
     present = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}

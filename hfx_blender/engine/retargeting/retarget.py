@@ -123,14 +123,9 @@ def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
-    """Fit a perceptual model to a target.
+    """Fit a perceptual model to a target, in the target's own space and unit.
 
-    Returns
-    -------
-    fitted : FittedModel
-        In the target's own space and unit.
-    quality : FitQuality
-        Quality by body part, measured at canonical size.
+    The quality is measured at canonical size.
     """
     places, unprojected, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
@@ -221,16 +216,10 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
 def _project(
     model: PerceptualModel, warped: Warp
 ) -> tuple[SurfacePlaces, F64, npt.NDArray[np.bool_]]:
-    """Project a model's vertices onto the target.
+    """Project a model's vertices onto the target: places, points (V, 3) before, skin flags (V,).
 
-    Returns
-    -------
-    places : SurfacePlaces
-        ``found`` is False for vertices without skin of their region in reach.
-    points : (V, 3) float64
-        Vertices before the projection.
-    has_skin : (V,) bool
-        True if the target has skin of the vertex's region.
+    ``found`` of a place is False for vertices without skin of their region in reach; the flag is
+    True if the target has skin of the vertex's region at all.
     """
     points, normals = carried(model, warped.vertices, warped.normals)
     weights = model.avatar_weights.astype(np.float64)

@@ -66,21 +66,11 @@ def shape(
     surface: TargetSurface,
     limbs: Limbs,
 ) -> Generator[float, None, F64]:
-    """Generator: fit shape fields to a target's skin; yields progress, returns vertices.
+    """Generator: fit shape fields to a target's skin; yields progress, returns vertices (V, 3).
 
     Regularised Gauss-Newton on distances to tangent planes, with normally distributed amounts and
-    new nearest places in each round. Joints of the rig restrain slides along limbs.
-
-    Parameters
-    ----------
-    matrices : (V, 3, 4) float64
-        Pose matrix of each vertex.
-    posed : (V, 3) float64
-        Posed vertices, normalised space.
-
-    Returns
-    -------
-    (V, 3) float64
+    new nearest places in each round. Joints of the rig restrain slides along limbs. ``matrices``
+    (V, 3, 4) posed each vertex, ``posed`` (V, 3) are posed vertices in normalised space.
     """
     moves = np.einsum("vij,kvj->kvi", matrices[..., :3], fields.fields)
     areas = np.bincount(

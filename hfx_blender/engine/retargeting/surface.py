@@ -124,20 +124,10 @@ class TargetSurface:
 
 
 def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
-    """Halve triangles at the longest edge until all edges are short (or above 300,000 pieces).
+    """Halve triangles (F, 3, 3) at the longest edge until all are short, or above 300,000 pieces.
 
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-
-    Returns
-    -------
-    pieces : (N, 3, 3)
-        Corners of the cut triangles.
-    parent : (N,)
-        Original triangle of each piece.
-    places : (N, 3, 3)
-        Barycentric weights of each piece's corners in the original triangle.
+    Returns the corners (N, 3, 3) of the pieces, the original triangle (N,) of each, and the
+    barycentric weights (N, 3, 3) of the corners in the original triangle.
     """
     parent = np.arange(len(corners))
     places = np.broadcast_to(np.eye(3), (len(corners), 3, 3)).copy()
@@ -179,23 +169,12 @@ _STEEPEST: Final = 0.5
 def pull(
     points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSurface
 ) -> Generator[float, None, F64]:
-    """Generator: pull a posed body smoothly onto a surface; yields progress 0..1.
+    """Generator: pull a posed body (V, 3) smoothly onto a surface; yields progress, returns (V, 3).
 
     Each round moves vertices towards the tangent planes of the nearest places, so the skin can
     slide. Displacements differ little between neighbours (membrane), with decreasing stiffness.
-
-    Parameters
-    ----------
-    points : (V, 3) float64
-    triangles : (F, 3) int64
-    shares : (V, R) float64
-        Skin weights by region.
-    axes : (V, 3) float64
-        Directions without displacement (along limbs); 0 outside of limbs.
-
-    Returns
-    -------
-    (V, 3) float64
+    ``shares`` (V, R) are skin weights by region; ``axes`` (V, 3) are directions without
+    displacement (along limbs), 0 outside of limbs.
     """
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu

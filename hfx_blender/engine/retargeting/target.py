@@ -69,17 +69,10 @@ class TargetAvatar:
 
 
 def check(target: TargetAvatar, name: str) -> str | None:
-    """Check the mesh of an avatar.
+    """Fault of a mesh without a continuous surface (many pieces, non-manifold edges), or None.
 
-    Returns
-    -------
-    str or None
-        Fault of a mesh without a continuous surface (many pieces, non-manifold edges), or None.
-
-    Raises
-    ------
-    InputError
-        The mesh has no faces, no size, non-finite coordinates, or mostly unweighted vertices.
+    Raises InputError: the mesh has no faces, no size, non-finite coordinates, or mostly unweighted
+    vertices.
     """
     if not len(target.triangles):
         raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")

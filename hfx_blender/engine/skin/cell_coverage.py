@@ -157,13 +157,7 @@ class SkinCoverage:
 class BodySkin:
     """Skin of a perceptual model on one body.
 
-    Parameters
-    ----------
-    skin : SkinCoverage
-    binding : SkinBinding or SurfaceBinding
-        Binding of the body.
-    bind : callable
-        Returns a model bound to the body, given the model and its clusters.
+    ``bind`` returns a model bound to the body, given the model and its clusters.
     """
 
     def __init__(

@@ -50,15 +50,10 @@ class SurfaceJoints:
         self._spread = np.maximum(spread, 1e-9)
 
     def matrices(self, pose: PoseBlock, rows: I64) -> tuple[F32, F64]:
-        """Motion of the joints at rows of a pose, and the error of the blended skin.
+        """Motion (T, J, 3, 4) of the joints, rest to the avatar's local space, and errors (2,).
 
-        Returns
-        -------
-        (T, J, 3, 4) float32
-            Rest space to the avatar's local space.
-        (2,) float64
-            Distance between blended and true positions, 99th percentile and maximum over vertices,
-            each at its worst row, in units of the avatar.
+        The errors are the 99th percentile and the maximum over vertices of the distance between
+        blended and true positions, each at its worst row, in units of the avatar.
         """
         joint_matrices = np.empty((len(rows), len(self.names), 3, 4), np.float32)
         errors = np.zeros(2)

@@ -46,13 +46,7 @@ _MAIN: Final = frozenset(
 
 
 def assigned_by_name(rig: Rig) -> dict[str, str]:
-    """Counterparts of canonical bones by bone names.
-
-    Returns
-    -------
-    dict
-        Canonical bone to avatar bone; empty if no name is recognised.
-    """
+    """Canonical bone to avatar bone by bone names; empty if no name is recognised."""
     exact, parsed = _canonical_names(rig.bones), _Assignment(rig).found
     if {"upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R", "spine01"} <= exact.keys():
         # MakeHuman's default rig, unless only remnants of that rig are in another rig.
