@@ -307,7 +307,11 @@ def _place(rows: I64, columns: I64 | slice) -> Any:
 
 
 def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
-    """Raise NotModelledError for strips other than plain clips."""
+    """Raise NotModelledError for strips other than plain clips.
+
+    A plain clip replaces values, runs forwards at a positive scale, and has no F-modifiers and no
+    animated influence or time.
+    """
     plain = (
         strip.type == "CLIP"
         and strip.blend_type == "REPLACE"

@@ -124,7 +124,10 @@ class PlainObject:
             self._read_parent(obj, parents or Parents())
 
     def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
-        """Set the parent object or bone; raises NotModelledError for other parenting."""
+        """Set the parent object or bone.
+
+        Raises NotModelledError for other parenting, and for a missing bone.
+        """
         if obj.parent_type == "OBJECT":
             self._parent = parents.object(obj.parent)
         elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":

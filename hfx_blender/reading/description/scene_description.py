@@ -95,7 +95,10 @@ class HapticObjects:
 
 
 def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
-    """Collect the haptic objects of a scene.
+    """Collect the enabled bodies and effects of a scene, and warnings about excluded ones.
+
+    Updates the view layer, and tags objects with unreported changes. Muted effects are included
+    as silenced.
 
     Raises
     ------
@@ -434,7 +437,7 @@ def _painted_area(
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:
-    """Origin of a description: scene, versions, file name and hash."""
+    """Origin of a description: scene and versions; name and hash of a saved file only."""
     source = {
         "scene": scene.name,
         "blender": bpy.app.version_string,

@@ -48,7 +48,7 @@ _STEADY = re.compile(
 
 
 def warnings_of(obj: bpy.types.Object) -> list[str]:
-    """Warnings about replaced or ignored stored values of an effect or a body.
+    """Warnings about replaced or ignored values of an effect or a body, keyed values included.
 
     Raises
     ------

@@ -177,7 +177,10 @@ class LiveScene:
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
-        """Block of the present moment, and of the last moment where responses need history."""
+        """Block of the present moment, and of the last moment where responses need history.
+
+        Advances the clock; an unrelated moment clears the memories of responses.
+        """
         rows, posed = [[effect] for effect in effects], [poses]
         now_s, step_s = self.clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None

@@ -334,7 +334,10 @@ class Instances:
         return on
 
     def extended(self, block: AnimationBlock, stepper: Stepper) -> AnimationBlock:
-        """Append the effects of all instances to a block, read at the samples."""
+        """Copy of a block with the effects of all instances appended, read at the block's samples.
+
+        The level of an instance is 0 at samples without the instance.
+        """
         rows = [self._rows(index, stepper) for index in block.indices.tolist()]
         absent = EffectRow()
         more = (
