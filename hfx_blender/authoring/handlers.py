@@ -51,6 +51,9 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
             is_named = not (update.is_updated_transform or update.is_updated_geometry)
             if is_named and changed.hfx.role == "BODY":
                 effects.store_body_names(e for e in _effects() if stored_at(e, "body") == changed)
+            elif changed.hfx.role == "EFFECT":
+                # A copied effect has the stored name of its original's body.
+                effects.store_body_names([changed])
 
 
 def _effects() -> Iterator[bpy.types.Object]:

@@ -27,8 +27,30 @@ def fps_of(scene: bpy.types.Scene) -> float:
 
 
 def frames_per_shown_unit(scene: bpy.types.Scene) -> float:
-    """Frames per displayed unit of time: 1 for frames, or the frame rate for seconds."""
-    return 1.0 if scene.hfx.time_unit == "FRAMES" else fps_of(scene)
+    """Frames of the animation per displayed unit of time: 1, or those of a second of playback."""
+    return 1.0 if scene.hfx.time_unit == "FRAMES" else fps_of(scene) * _remapped(scene)
+
+
+def shown_time(scene: bpy.types.Scene, frame: float) -> float:
+    """Displayed time of a frame of the animation: the frame, or seconds of playback since the
+    scene's first frame, which is time zero of tracks, reports and scripts.
+    """
+    return (frame - _zero_frame(scene)) / frames_per_shown_unit(scene)
+
+
+def frame_at(scene: bpy.types.Scene, time: float) -> float:
+    """Frame of the animation at a displayed time; inverse of :func:`shown_time`."""
+    return time * frames_per_shown_unit(scene) + _zero_frame(scene)
+
+
+def _zero_frame(scene: bpy.types.Scene) -> float:
+    """Frame of the animation at displayed time 0."""
+    return 0.0 if scene.hfx.time_unit == "FRAMES" else scene.frame_start * _remapped(scene)
+
+
+def _remapped(scene: bpy.types.Scene) -> float:
+    """Frames of the animation per played frame; 1 without time remapping."""
+    return float(scene.render.frame_map_old / scene.render.frame_map_new)
 
 
 def backgrounds_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:

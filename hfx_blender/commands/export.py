@@ -82,7 +82,8 @@ def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
             return SOME_FAILED
         # A named result that could not be written is no success, though all else is complete.
         return SOME_FAILED if is_named and any(each.get("left_out") for each in results) else 0
-    return SOME_FAILED if len(results) > 1 else int(failed[0]["exit_code"])
+    codes = {int(result["exit_code"]) for result in failed}
+    return codes.pop() if len(failed) == len(results) and len(codes) == 1 else SOME_FAILED
 
 
 def _stage_folder(options: argparse.Namespace) -> Path:

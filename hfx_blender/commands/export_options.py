@@ -167,17 +167,20 @@ def check(options: argparse.Namespace) -> None:
 
 def _refuse_same_names(stems: Sequence[str]) -> None:
     """Refuse scenes whose results a file system may take for the same files."""
-    known: dict[str, str] = {}
+    groups: dict[str, list[str]] = {}
     for stem in stems:
-        key = name_key(stem)
-        if known.get(key) == stem:
-            raise UsageError(f"several scenes are named '{stem}': their results would collide")
-        if key in known:
-            raise UsageError(
-                f"scenes '{known[key]}' and '{stem}' have names that are one where case or "
-                "accents do not count: their results would collide; rename one of them"
-            )
-        known[key] = stem
+        groups.setdefault(name_key(stem), []).append(stem)
+    colliding = [list(dict.fromkeys(group)) for group in groups.values() if len(group) > 1]
+    texts = [
+        f"several scenes are named '{names[0]}'"
+        if len(names) == 1
+        else f"scenes {' and '.join(map(repr, names))} have names that are one where case or "
+        "accents do not count"
+        for names in colliding
+    ]
+    if texts:
+        cure = "; rename one of them" if any(len(names) > 1 for names in colliding) else ""
+        raise UsageError(f"{'; '.join(texts)}: their results would collide{cure}")
 
 
 def _refuse_result(options: argparse.Namespace) -> None:

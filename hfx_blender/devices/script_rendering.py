@@ -120,7 +120,7 @@ def _answers(
     script_input = renderer.script_input()
     answers = np.zeros_like(script_input)
     row = 0
-    times_s = _scene_times_s(track.header)
+    times_s = _script_times_s(track.header)
     try:
         with _ScriptRun(script, device, answers) as run:
             batch: list[bytes] = []
@@ -172,14 +172,16 @@ def _nothing_for(device: DeviceConfig, script: approval.DeviceScript, reason: st
 
 def _when(header: TrackHeader, row: int) -> str:
     """Time and frame of a row, to end a sentence with; the time is that of the script."""
-    frame = float(header.time.frame(min(row, header.time.sample_count - 1)))
-    return f" at {frame / float(header.time.fps):.3f} s (frame {frame:g})"
+    row = min(row, header.time.sample_count - 1)
+    (time_s,) = header.time.times_s(np.array([row]))
+    return f" at {time_s:.3f} s (frame {float(header.time.frame(row)):g})"
 
 
-def _scene_times_s(header: TrackHeader) -> list[float]:
-    """Scene time of each row, seconds, as in live playback: frame 0 is at 0 s."""
-    fps = float(header.time.fps)
-    return [float(header.time.frame(row)) / fps for row in range(header.time.sample_count)]
+def _script_times_s(header: TrackHeader) -> list[float]:
+    """Time of each row in seconds, 0 at the scene's first frame, rounded as in live playback."""
+    time, fps = header.time, float(header.time.fps)
+    rows = range(time.sample_count)
+    return [(float(time.frame(row)) - time.scene_start) / fps for row in rows]
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:

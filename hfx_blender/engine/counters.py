@@ -91,6 +91,7 @@ class Unfelt:
 
     reason: str
     is_expected: bool = False  # requested by the user, so no warning
+    is_warned: bool = False  # named by another warning, so no second one
 
 
 def powerless_reason(modality: str, is_contact: bool) -> str:

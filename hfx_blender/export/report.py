@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.areas.felt_times import FeltTimes
+from ..engine.contact.contacts import FLATTENED
 from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
@@ -161,14 +162,17 @@ def told_effects(
         known = unfelt.get(effect.name)
         if known is None and spans is None:
             is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
-            if effect.id in powerless:
+            reason = _driver_fault(warnings, effect.name)
+            if reason is None and effect.id in powerless:
                 reason = powerless_reason(effect.modality, effect.is_contact)
-            else:
+            elif reason is None:
                 has_response = effect.id in answering
                 reason = _why_missed(effect, times, has_response, effect.id in seen_on)
-            known = Unfelt(reason, is_part or is_one_of_many)
-            is_told = any(f"'{effect.name}'" in text for text in warnings)
-            if not known.is_expected and not is_told:
+                if reason == _NO_TOUCH and _is_flat(warnings, effect.name):
+                    reason = FLATTENED
+            is_warned = any(f"'{effect.name}'" in text for text in warnings)
+            known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
+            if not (known.is_expected or known.is_warned):
                 missed.append((effect.name, known.reason))
         told.append(line | _felt_or_not(spans, known))
     names = {effect.name for effect in track.header.effects}
@@ -192,6 +196,20 @@ _SEVERAL = {
     _NO_TOUCH: "effects that touch no body are not felt",
     _NEVER_ON: "effects that are never on are not felt",
 }
+
+
+def _is_flat(warnings: Sequence[str], name: str) -> bool:
+    """Test for a volume that could not be evaluated, at any sample."""
+    return any(text.startswith(f"effect '{name}' {FLATTENED}:") for text in warnings)
+
+
+def _driver_fault(warnings: Sequence[str], name: str) -> str | None:
+    """Reason why an effect is not felt, if one of its drivers failed; None otherwise."""
+    for text in warnings:
+        driver, failed, _ = text.partition(f" of object '{name}' cannot be evaluated")
+        if failed and driver.startswith("the driver of "):
+            return f"has a driver that cannot be evaluated, that of {driver[14:]}"
+    return None
 
 
 def _why_missed(

@@ -279,7 +279,6 @@ class SceneExport:
         stem = track.with_name(track.name.removesuffix(SUFFIX))
         tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         with TrackReader(track) as whole:
-            felt = felt_effects(whole, recorded.times)
             effects, missed = told_effects(
                 whole,
                 self.reader.unfelt,
@@ -289,6 +288,12 @@ class SceneExport:
                 times=recorded.times,
                 answering=self._answering(),
                 seen_on=recorded.reading.get("on", {}),
+            )
+            unfelt = {line["effect"] for line in effects if not line["felt"]}
+            felt = tuple(
+                line
+                for line in felt_effects(whole, recorded.times)
+                if line["effect"] not in unfelt or line["mean_vertices"]  # samples without strength
             )
             if settings.per_clip:
                 written, rendered = write_clips(

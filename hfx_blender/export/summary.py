@@ -56,11 +56,16 @@ def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
     return shortened(texts, most)
 
 
-def unfelt_lines(report: ExportReport, most: int | None = None) -> tuple[str, ...]:
-    """Effects that no body feels, and why: one line for each reason, with ``most`` names."""
+def unfelt_lines(
+    report: ExportReport, most: int | None = None, *, is_expected: bool = False
+) -> tuple[str, ...]:
+    """Effects that no body feels, and why: one line for each reason, with ``most`` names.
+
+    ``is_expected``: without those that a warning names already.
+    """
     reasons: dict[str, list[str]] = {}
     for each in report.effects:
-        if not each["felt"]:
+        if not each["felt"] and (each.get("expected") or not is_expected):
             title = f"{each['effect']} ({each['modality']})" if "modality" in each else None
             reasons.setdefault(each["reason"], []).append(title or each["effect"])
     return tuple(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,10 @@ from urllib.parse import quote
 
 from ..files.atomic import atomic_file
 from ..files.strict_json import clean, encoded
-from ..text import named
+from ..text import UNSAFE, named
 
 _LONGEST: Final = 100
+_NOT_ALLOWED: Final = re.compile(rf'[%<>:"/\\|?*]|{UNSAFE.pattern}')
 
 
 @dataclass(frozen=True)
@@ -48,14 +50,16 @@ def part_path(stem: Path, part: str, suffix: str) -> Path:
 
 
 def name_part(part: str) -> str:
-    """Convert any text to a safe part of a file name, 1 to 100 characters.
+    """Convert any text to a part of a file name on any system, 1 to 100 bytes of UTF-8.
 
-    Unsafe characters are percent-encoded; a longer text ends with 8 digits of the SHA-256.
+    Characters that a file system or a terminal does not allow are percent-encoded, and ``%``; a
+    longer text ends with 8 digits of the SHA-256.
     """
-    safe = quote(clean(part), safe="!,-_+()=@ ") or "_"
-    if len(safe) > _LONGEST:
+    safe = _NOT_ALLOWED.sub(lambda found: quote(found[0], safe=""), clean(part)) or "_"
+    if len(safe.encode()) > _LONGEST:
         digest = hashlib.sha256(safe.encode()).hexdigest()[:8]
-        safe = f"{safe[: _LONGEST - 9].rstrip('%')}-{digest}"
+        start = safe.encode()[: _LONGEST - 9].decode(errors="ignore").rstrip("%")
+        safe = f"{start}-{digest}"
     return safe
 
 

@@ -16,7 +16,7 @@ from ..engine.modality import MODALITIES
 from ..engine.stepwise import within
 from ..errors import InputError
 from ..properties.objects import FELT_LAYERS
-from ..text import printable
+from ..text import named, printable
 from . import framing
 from .shared import (
     EnumItems,
@@ -162,13 +162,14 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
-    """Assign effects of deleted bodies to the only body of the scene; no effect with several
-    bodies.
+    """Assign effects of deleted bodies to the only body of the scene; end of a sentence that names
+    these effects. No effect and empty with several bodies.
     """
-    if effects.bodies_of(context.scene) != [body]:
+    bodiless = effects.effects_without_body(context.scene)
+    if effects.bodies_of(context.scene) != [body] or not bodiless:
         return ""
-    taken = effects.move_to_body(effects.effects_without_body(context.scene), body)
-    return f"; took {taken} effects along" if taken else ""
+    effects.move_to_body(bodiless, body)
+    return f"; it now feels the effects of deleted bodies: {named([e.name for e in bodiless])}"
 
 
 def _quoted(meshes: list[bpy.types.Object]) -> str:

@@ -206,7 +206,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             len(names),
             folder,
             report.warnings,
-            (*unfelt_lines(report, _NAMED), *felt_lines(report, _EFFECTS)),
+            (*unfelt_lines(report, _NAMED, is_expected=True), *felt_lines(report, _EFFECTS)),
             any(clips.outside_scene(context.scene, strip) is not None for strip in strips),
         )
         last_written[:] = [written]

@@ -49,7 +49,7 @@ LIVE_TOLERANCES = (
 )
 TIME_UNITS = (
     ("FRAMES", "Frames", "Times of clips in frames, as in the timeline"),
-    ("SECONDS", "Seconds", "Times of clips in seconds. Frame 0 is at 0 s, as in the timeline"),
+    ("SECONDS", "Seconds", "Times of clips in seconds. The scene's first frame is at 0 s"),
 )
 
 PALETTES = (

@@ -154,7 +154,7 @@ class SceneReader:
             *(
                 f"effect '{name}' {reason.reason}: it is not felt"
                 for name, reason in new.items()
-                if not reason.is_expected
+                if not (reason.is_expected or reason.is_warned)
             ),
             *unfelt.instanced(haptics.scene, layer),
         )

@@ -188,3 +188,16 @@ def test_a_current_folder_that_is_gone_is_told(
     gone.rmdir()
     assert cli.run(["export", "x.blend", "-o", "out"]) == 3
     assert capsys.readouterr().err.startswith("hfx: the current folder cannot be used (")
+
+
+def test_all_names_that_would_collide_are_told(capsys):
+    names = ["x/a.blend", "y/a.blend", "x/B.blend", "y/b.blend", "z/c.blend"]
+    assert cli.run(["export", *names]) == 2
+    message = capsys.readouterr().err
+    assert "several scenes are named 'a'" in message and "scenes 'B' and 'b' have" in message
+    assert "'c'" not in message
+
+
+def test_several_scenes_that_all_fail_alike_end_with_their_code(tmp_path, capsys):
+    names = [str(tmp_path / name) for name in ("a.blend", "b.blend")]
+    assert cli.run(["export", *names, "-o", str(tmp_path / "out")]) == 3

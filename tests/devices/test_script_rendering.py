@@ -40,6 +40,7 @@ from hfx_blender.files import resources
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = {"vibration": "hfx-vibration-1", "temperature": "hfx-temperature-1"}
 FPS, RATE_HZ, FIRST = 24, 48, 36
+START = 8  # first frame of the scene: time zero
 ROWS = 300  # more than two chunks of a track
 BUZZ, WARM = (20, 200), (100, 160)  # rows
 BAND = "my_band_left"
@@ -85,7 +86,8 @@ def scripted(folder: Path, source: str, name: str = BAND, *, is_approved: bool =
 
 
 def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
-    time = TimeBase(Fraction(FPS), Fraction(RATE_HZ), 0, FIRST, FIRST + ROWS * FPS // RATE_HZ - 1)
+    last = FIRST + ROWS * FPS // RATE_HZ - 1
+    time = TimeBase(Fraction(FPS), Fraction(RATE_HZ), START, FIRST, last)
     models = {modality: load_model(id) for modality, id in MODELS.items()}
     return TrackHeader(
         time=time,
@@ -183,7 +185,7 @@ def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
             later = {late_ms: at_zero(moments[row + late])} if late else {}
             now = at_zero(moments[row])
             values, _ = live.ahead(now, later)
-            time_s = (FIRST + row * FPS / RATE_HZ) / FPS
+            time_s = (FIRST + row * FPS / RATE_HZ - START) / FPS
             found.append(encode_haptics(time_s, live.felt(now), values))
     return found
 
@@ -323,7 +325,7 @@ def test_a_changed_byte_asks_again(folder: Path, path: Path) -> None:
 
 
 LATER = "n = 0\ndef render(haptics):\n    global n\n    n += 1\n    if n > 150: {}\n    return {}\n"
-WHEN = f"at {(FIRST + 150 / 2) / FPS:.3f} s (frame {FIRST + 75})"
+WHEN = f"at {(FIRST + 150 / 2 - START) / FPS:.3f} s (frame {FIRST + 75})"
 FAULTS = {
     "raises": (LATER.format("1 / 0", "haptics.values"), "division by zero (my_band.py, line 5)"),
     "exits": (LATER.format("raise SystemExit(3)", "haptics.values"), "SystemExit"),

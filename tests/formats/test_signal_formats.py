@@ -11,11 +11,15 @@ from format_cases import RANGE, signal, signals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats import files
+from hfx_blender.formats import files, registry
 from hfx_blender.formats.device_files import ahap, ahap_rules, haptic, he, he_rules, openxr
+from hfx_blender.formats.files import read_signals, validate
+from hfx_blender.formats.rasters.signal_raster import raster_of
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
+from hfx_blender.formats.writing import write, write_signals
 
 FORMATS = {
     "ahap": (ahap.document, ahap_rules.validate, ahap.decode, 0.0),
@@ -448,3 +452,41 @@ def test_any_bytes_are_read_or_refused(content):
     for decode in (ahap.decode, haptic.decode, he.decode, openxr.decode):
         with pytest.raises(InputError):
             decode(content, "x")
+
+
+def _two_ticks():
+    """Half strength for a second at 150 Hz, with ticks at 0.2 and 0.7 s."""
+    kinds = (Transient(0.2, 0.8, 50.0), Transient(0.7, 0.4, 250.0))
+    return signal([0.5] * 100 + [0.0], [150.0] * 101, transients=kinds)
+
+
+def test_the_ticks_of_an_envelope_are_a_pattern_of_their_own(tmp_path):
+    """50 to 250 Hz are sharpness 0 to 1, so 150 Hz is 0.5."""
+    written = write_signals(registry.FORMATS["ahap"], [_two_ticks()], RANGE, tmp_path / "x", 0.01)
+    assert [path.name for path in written.files] == ["x.r1c1.ahap", "x.r1c1.transients.ahap"]
+    envelope, ticks = (json.loads(path.read_text())["Pattern"] for path in written.files)
+    assert not any("HapticTransient" in str(each) for each in envelope)
+    events = [each["Event"] for each in ticks]
+    assert [each["EventType"] for each in events[:2]] == ["HapticTransient"] * 2
+    values = [
+        (each["Time"], *(one["ParameterValue"] for one in each["EventParameters"]))
+        for each in events[:2]
+    ]
+    assert values == [pytest.approx((0.2, 0.8, 0.0)), pytest.approx((0.7, 0.4, 1.0))]
+    for path in written.files:
+        assert [each for each in validate(path)[1] if each.severity == "error"] == []
+    (read,), _ = read_signals(written.files[0])
+    assert [each.time_s for each in read.transients] == pytest.approx([0.2, 0.7])
+    assert read.amplitude.at(np.array([0.5])) == pytest.approx([0.5], abs=0.01)
+
+
+def test_ticks_are_in_the_strengths_of_a_tact_file(tmp_path):
+    """Strengths stand every 20 ms: the ticks rise above the envelope in theirs alone."""
+    device = load_device("bhaptics_tactsuit_x40")
+    raster, _, _ = raster_of([_two_ticks()], device, "x")  # on every motor
+    written = write("tact", raster, device, tmp_path / "x")
+    (path,) = written.files
+    assert [each for each in validate(path)[1] if each.severity == "error"] == []
+    (read, *_), _ = read_signals(path)
+    at = read.amplitude.at(np.array([0.1, 0.21, 0.5, 0.71, 0.9]))
+    assert at == pytest.approx([0.5, 0.8, 0.5, 0.5, 0.5], abs=0.06)

@@ -83,6 +83,9 @@ def missing_body_reason(effect: bpy.types.Object) -> str:
     name = effect.hfx.body_name if effect.hfx.body is None else effect.hfx.body.name
     if not name:
         return "belongs to no body, and the scene has not exactly one"
+    other = bpy.data.objects.get(name)
+    if effect.hfx.body is None and other is not None and other.hfx.role == "BODY":
+        return "belongs to a body that was deleted"  # a copy, which had another name
     return f"belongs to body '{name}', which is not in the scene"
 
 

@@ -25,6 +25,9 @@ from ..volume.placing_matrix import inverse_placement, world_bounds
 from . import compiled_contacts
 from .contact_query import ContactQuery, Contacts, DetailArrays
 
+FLATTENED: Final = "is flattened, infinite or not a number"
+"""End of the warning about a volume that cannot be evaluated, after its name."""
+
 _BULGE: Final = 0.1
 """Bound of the distance of skin from its triangle, as a share of the diagonal of the triangle's
 box: three edges bulge by at most a quarter of its size, each by a ninth of that in the middle."""
@@ -55,7 +58,7 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
     if usable.all():
         return query
     query.counters.warn(
-        f"{query.title} is flattened, infinite or not a number: it is not felt",
+        f"{query.title} {FLATTENED}: it is not felt",
         int(np.count_nonzero(~usable & query.reported)),
     )
     follows = query.follows.copy()

@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring import clips, drawn_fades
 from ...authoring.effects import swarms
-from ...blender.scene_info import fps_of, frames_per_shown_unit
+from ...blender.scene_info import fps_of, frame_at, frames_per_shown_unit, shown_time
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator, active_effect
@@ -21,8 +21,8 @@ class _OfEffect(HfxOperator):
 
 
 TIMES = {
-    "start": "Time at which the clip starts",
-    "end": "Time at which the clip ends",
+    "start": "Time at which the clip starts; seconds count from the scene's first frame",
+    "end": "Time at which the clip ends; seconds count from the scene's first frame",
     "duration": "How long the effect is on",
     "fade_in": "Time to reach full strength",
     "fade_out": "Time to fall from full strength to nothing",
@@ -47,18 +47,20 @@ def _seconds(time: str, default: float, least: float) -> FloatProperty:
 
 
 def _shown(time: str, **limits: float) -> FloatProperty:
-    """Property that converts a frame property to the scene's time unit, frames or seconds."""
-
-    def frames() -> float:
-        scene = bpy.context.scene
-        stored = 1.0 if time == "start" else fps_of(scene)
-        return stored / frames_per_shown_unit(scene)
+    """Property that converts a start frame or a length in seconds to the scene's time unit."""
 
     def shown(operator: bpy.types.Operator) -> float:
-        return float(getattr(operator, time)) * frames()
+        scene, value = bpy.context.scene, float(getattr(operator, time))
+        if time == "start":
+            return shown_time(scene, value)
+        return value * fps_of(scene) / frames_per_shown_unit(scene)
 
     def store(operator: bpy.types.Operator, value: float) -> None:
-        setattr(operator, time, value / frames())
+        scene = bpy.context.scene
+        if time == "start":
+            setattr(operator, time, frame_at(scene, value))
+        else:
+            setattr(operator, time, value * frames_per_shown_unit(scene) / fps_of(scene))
 
     return FloatProperty(
         name=label_of(time),

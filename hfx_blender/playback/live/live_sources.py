@@ -113,7 +113,7 @@ class SceneSource:
         assert evaluation.scene is not None
         objects = evaluation.scene.objects
         return LiveFrame(
-            scene.frame_current_final / fps_of(scene),
+            (scene.frame_current_final - scene.frame_start) / fps_of(scene),
             evaluation.runs(),
             gains,
             pose_now(scene, objects.layer, objects.unit_m) if evaluation.with_positions else None,

@@ -6,7 +6,8 @@ Faults preventing an export are raised before any time is evaluated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from ...engine.scene import (
 )
 from ...errors import InputError
 from ...files.hashes import sha256_of
+from ...text import MOST_LINES, shortened
 from ...version import __version__
 from ..curves.animation_time import animation_frames, played_frame
 from ..curves.curve_reading import is_steady
@@ -123,7 +125,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     warnings += _of_bodiless(bodiless, effects.muted_effects(shown))
     if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
-        raise InputError(next(iter(faults.values()), None) or next(of_bodiless))
+        raise _refusal((*faults.values(), *of_bodiless))
     left_out += soundness.left_out(faults)
     silent = effects.muted_effects(sound)
     activations = [
@@ -142,6 +144,11 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         notes=soundness.non_finite_keyframes([*bodies, *sound]),
         gone={**gone, **_names_of(faults)},
     )
+
+
+def _refusal(faults: Collection[str]) -> InputError:
+    """Error that names all faults of a scene in which nothing is left to be felt."""
+    return InputError(" ".join(shortened(faults, MOST_LINES)))
 
 
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
@@ -194,7 +201,7 @@ def _find_bodies(
 
     sound, faults = soundness.without_faulty(bodies, check)
     if not sound:
-        raise InputError(next(iter(faults.values())))
+        raise _refusal(faults.values())
     warnings = tuple(text for texts in sound.values() for text in texts)
     return list(sound), warnings, soundness.left_out(faults)
 
@@ -293,7 +300,7 @@ def describe(
     described, faults = soundness.without_faulty(haptics.effects, work)
     if not described and not more:
         none = f"Scene '{haptics.scene.name}' has no haptic effects to export."
-        raise InputError(next(iter(faults.values()), none))
+        raise _refusal(faults.values() or [none])
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(haptics.scene, frames)
     posed = {
@@ -308,7 +315,7 @@ def describe(
         haptics.bodies, lambda body: body_binding.binding_of(body, posed)
     )
     if not bindings:
-        raise InputError(next(iter(unbound.values())))
+        raise _refusal(unbound.values())
     if unbound:  # effects on these bodies become invalid too
         # Effects on these bodies become invalid too, so describe again without the bodies.
         others = replace(
@@ -345,7 +352,13 @@ def describe(
 
 def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
     """Reasons by effect name, as predicates."""
-    return {obj.name: f"has a fault: {why.removesuffix('.')}" for obj, why in faults.items()}
+    return {obj.name: _predicate(obj.name, why.removesuffix(".")) for obj, why in faults.items()}
+
+
+def _predicate(name: str, fault: str) -> str:
+    """Predicate of a sentence about an effect, from a fault that may begin with the effect."""
+    rest = re.sub(rf"^[Ee]ffect '{re.escape(name)}'", "", fault)
+    return rest.strip() if rest.startswith(" ") else f"has a fault: {rest.lstrip(' :')}"
 
 
 def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

@@ -139,15 +139,15 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
 
 
 def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
-    """Reason for an effect without any felt clip; expected, because the clips are reported.
+    """Reason for an effect without any felt clip; a warning names the clips.
 
     None if a clip may be felt.
     """
     if not lost or len(lost) < len(state.playing) or not all(clip.is_whole for clip in lost):
         return None
     if all(clip.why == "between" for clip in lost):
-        return Unfelt("has no clip that reaches a sample", is_expected=True)
-    return Unfelt("has no clip within the frames of the scene", is_expected=True)
+        return Unfelt("has no clip that reaches a sample", is_warned=True)
+    return Unfelt("has no clip within the frames of the scene", is_warned=True)
 
 
 def of_dormant(why: str, is_part: bool) -> Unfelt:

@@ -13,7 +13,7 @@ from bpy.props import CollectionProperty, FloatProperty
 from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
-from ...blender.scene_info import frames_per_shown_unit
+from ...blender.scene_info import frame_at, frames_per_shown_unit, shown_time
 from ...operators.effects.clip_operators import TIMES, label_of
 from ...operators.shared import active_effect
 from ...playback.preview.preview import preview
@@ -40,15 +40,20 @@ def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
 
 def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
     """Property that reads and sets a time of the row's NLA strip."""
+    is_length = time.startswith("fade")
 
     def get(row: HfxClipRow) -> float:
         strip = _strip(row)
-        return 0.0 if strip is None else getattr(strip, of_strip) / _frames()
+        if strip is None:
+            return 0.0
+        frame = getattr(strip, of_strip)
+        return frame / _frames() if is_length else shown_time(bpy.context.scene, frame)
 
     def set_time(row: HfxClipRow, value: float) -> None:
         strip = _strip(row)
         if strip is not None:
-            setattr(strip, of_strip, value * _frames())
+            frame = value * _frames() if is_length else frame_at(bpy.context.scene, value)
+            setattr(strip, of_strip, frame)
             preview.schedule_check()
             push_undo_soon()
 
@@ -74,7 +79,7 @@ def _start(_manager: object) -> float:
     starts = [
         strip.frame_start for effect in active_group() for _, strip in clips.strips_of(effect)
     ]
-    return min(starts, default=0.0) / _frames()
+    return shown_time(bpy.context.scene, min(starts)) if starts else 0.0
 
 
 def _set_start(manager: object, value: float) -> None:

@@ -137,3 +137,34 @@ def test_an_appended_effect_is_not_felt_on_a_stranger(anna: Any, tmp_path: Path)
         bpy.context.scene.collection.objects.link(wanted.objects[0])
         assert effects.effects_without_body(bpy.context.scene) == wanted.objects[:]
         assert "'Anna'" in effects.missing_body_reason(wanted.objects[0])
+
+
+def test_an_effect_of_a_deleted_copy_names_no_other_body(anna: Any) -> None:
+    bpy.ops.scene.new(type="FULL_COPY")
+    (touch,) = (e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch.001")
+    assert touch.hfx.body.name == "Anna.001"
+    bpy.data.objects.remove(touch.hfx.body)
+    assert effects.missing_body_reason(touch) == "belongs to a body that was deleted"
+    assert effects.effects_without_body(bpy.context.scene) == [touch]
+
+
+def test_a_new_avatar_names_the_effects_that_it_takes(
+    anna: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("Anna", "Ben"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    bpy.ops.hfx.add_avatar()
+    assert "feels the effects of deleted bodies: Touch" in capfd.readouterr().out
+
+
+def test_all_orphaned_effects_are_named(
+    anna: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects.duplicate(bpy.data.objects["Touch"]).name = "Second"
+    for name in ("Anna", "Ball"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    path = hfx_scenes.save(tmp_path / "scene.blend")
+    assert cli.run(["export", str(path), "-o", str(tmp_path / "out")]) == 3
+    message = capsys.readouterr().err
+    assert "'Touch' belongs to body 'Anna'" in message
+    assert "'Second' belongs to body 'Anna'" in message

@@ -297,7 +297,8 @@ def test_a_flat_volume_is_felt_by_nobody(
     _objects()["Ball"].scale = scale
     _objects()["Ball"].location.x = 0.0123  # off the midline, on which vertices lie exactly
     assert export(hfx_scenes.save(tmp_path / "flat.blend"), tmp_path / "out") == 0
-    assert "Ball (vibration) was not felt: it touches no body" in capsys.readouterr().out
+    reason = "touches no body" if all(scale) else "is flattened, infinite or not a number"
+    assert f"Ball (vibration) was not felt: it {reason}" in capsys.readouterr().out
 
 
 # Devices

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,6 +12,7 @@ import pytest
 from hfx_blender.authoring import clips, drawn_fades
 from hfx_blender.engine.counters import Unfelt
 from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.reading.description import activation
 from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
@@ -119,8 +121,35 @@ def test_times_of_clips_are_in_the_unit_of_the_scene(effect: Any) -> None:
     clip_rows.refresh()
     (row,) = bpy.context.window_manager.hfx_clips
     assert (row.start, row.end, row.fade_in) == (12.0, 60.0, 6.0)
-    bpy.context.scene.hfx.time_unit = "SECONDS"
+    scene = bpy.context.scene
+    scene.hfx.time_unit = "SECONDS"
+    scene.frame_start = 0
     assert (row.start, row.end, row.fade_in) == (0.5, 2.5, 0.25)
     row.fade_out = 0.5
     ((_, strip),) = clips.strips_of(effect)
     assert strip.blend_out == 12.0
+
+
+def test_seconds_count_from_the_first_frame_as_in_the_track(effect: Any, tmp_path: Path) -> None:
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 25, 120  # 24 frames a second
+    bpy.context.view_layer.objects.active = effect
+    clips.add_clip(effect, 61, 85)
+    clip_rows.refresh()
+    (row,) = bpy.context.window_manager.hfx_clips
+    scene.hfx.time_unit = "SECONDS"
+    assert (row.start, row.end) == (1.5, 2.5)
+    manager = bpy.context.window_manager
+    effect.hfx.group = "all"
+    assert manager.hfx_group_start == 1.5
+    (line,) = export_scene(scene, tmp_path, "a", ExportSettings()).effects
+    assert line["from_s"] == pytest.approx(row.start, abs=0.011)
+    row.start = 2.0
+    ((_, strip),) = clips.strips_of(effect)
+    assert strip.frame_start == 73.0
+    manager.hfx_group_start = 0.0
+    assert strip.frame_start == 25.0
+    # Every frame of the animation is played as two: 0.5 s are 6 frames of the animation.
+    scene.render.frame_map_old, scene.render.frame_map_new = 100, 200
+    strip.frame_start_ui = 12.5 + 6.0
+    assert row.start == pytest.approx(0.5)

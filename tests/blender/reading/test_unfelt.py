@@ -91,6 +91,8 @@ def test_a_clip_outside_the_scene_is_a_warning(
             if "between" in where
             else "has no clip within the frames of the scene"
         )
+        assert line["expected"] is False, "a warning names its clip"
+        assert [each["effect"] for each in report["felt"]] == ["Ball"]
     assert _line(report, "Ball")["felt"]
 
 
@@ -333,7 +335,34 @@ def test_a_single_key_of_the_neutral_temperature(touch: Any, told: Any) -> None:
 def test_a_failing_driver_of_an_amplitude(touch: Any, told: Any) -> None:
     _drive(_volume("vibration"), "hfx.amplitude", "sqrt(-1 - frame)")
     report = told()
-    assert not _line(report, "Still")["felt"] and report["strict"] == 3
+    line = _line(report, "Still")
+    assert not line["felt"] and report["strict"] == 3
+    assert line["reason"] == "has a driver that cannot be evaluated, that of 'hfx.amplitude'"
+
+
+@pytest.mark.parametrize("path", ["hfx.activation", "hfx.intensity"])
+def test_a_driver_that_divides_by_zero_is_the_reason(touch: Any, told: Any, path: str) -> None:
+    _drive(touch, path, "1/0")
+    report = told()
+    line = _line(report)
+    assert line["reason"] == f"has a driver that cannot be evaluated, that of '{path}'"
+    assert (line["expected"], report["strict"], len(report["warnings"])) == (False, 3, 1)
+
+
+def test_a_scale_of_zero_is_the_reason(touch: Any, told: Any) -> None:
+    bpy.data.objects["Ball"].scale = (0.0, 0.0, 0.0)
+    report = told()
+    assert _line(report, "Ball")["reason"].startswith("is flattened")
+    assert report["strict"] == 3
+
+
+def test_an_effect_without_an_area_is_named_once(
+    touch: Any, told: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects.set_area(touch, [], [])
+    report = told()
+    assert _line(report)["reason"] == "is painted nowhere. Paint it, or delete it"
+    assert "Touch was not felt: it is painted nowhere" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", [(), ("--split", "10")])
@@ -385,7 +414,10 @@ def _begin_after_the_last_sample(effect: Any) -> None:
 def test_a_volume_that_is_never_on(touch: Any, told: Any, change: Callable[[Any], None]) -> None:
     change(_volume("pressure"))
     report = told()
-    assert _line(report, "Still")["reason"] == "is never on" and report["strict"] == 3
+    fails = change is _fail_intensity
+    reason = "has a driver that cannot be evaluated, that of 'hfx.intensity'"
+    assert _line(report, "Still")["reason"] == (reason if fails else "is never on")
+    assert report["strict"] == 3
 
 
 @pytest.mark.parametrize(
@@ -552,7 +584,6 @@ def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
     assert [line[:30] for line in lines] == [
         "ERROR Clip 'Beat' of 'Touch' (",
         "hfx.extend_scene",
-        "DOT Touch (pressure) was not f",
         "DOT Ball (vibration) felt by A",
         "FILE_TICK Wrote scene.hfxtrack",
         "wm.path_open",

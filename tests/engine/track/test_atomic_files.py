@@ -22,6 +22,7 @@ from hfx_blender.files.atomic import (
 )
 from hfx_blender.files.locks import LOCKED_BYTE, take_lock
 from hfx_blender.files.staging import place
+from hfx_blender.formats.written import name_part
 
 
 def names(folder):
@@ -361,7 +362,22 @@ def test_names_of_folders_are_distinct_and_stay_inside():
     parts = list(result_files.body_parts(bodies).values())
     assert len({part.casefold() for part in parts}) == len(names)
     for part in parts:
-        assert Path(part).name == part and part[-1] not in ". " and len(part) <= 110
+        assert Path(part).name == part and part[-1] not in ". " and len(part.encode()) <= 110
         stem = Path("out/x")
         assert result_files.device_stem(stem, stem, part, "vest").parents[2] == stem
     assert set(result_files.body_parts(bodies[:1]).values()) == {""}
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("Zoë 手", "Zoë 手"),
+        ("Ärger, l'œuvre #2 & [b]; $c", "Ärger, l'œuvre #2 & [b]; $c"),
+        ('a/b\\c:d*e?f"g<h>i|j', "a%2Fb%5Cc%3Ad%2Ae%3Ff%22g%3Ch%3Ei%7Cj"),
+        ("50%", "50%25"),
+        ("a\tb\u202ec", "a%09b%E2%80%AEc"),
+        ("", "_"),
+    ],
+)
+def test_only_what_file_systems_do_not_allow_is_escaped(name: str, part: str) -> None:
+    assert name_part(name) == part
