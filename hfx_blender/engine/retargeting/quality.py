@@ -15,7 +15,7 @@ from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
 from . import uncertainty
 from .bone_regions import REGIONS, words_of
-from .surface import SurfacePlaces
+from .surface import NearestSkin
 from .target import vertex_areas
 
 FARTHEST_MM: Final = 15.0
@@ -134,7 +134,7 @@ def joint_faults(qualities: Sequence[FitQuality]) -> list[str]:
 
 def judge(
     model: PerceptualModel,
-    places: SurfacePlaces,
+    places: NearestSkin,
     target_shares: F64,
     distance_m: F64,
     feet_forward: float,

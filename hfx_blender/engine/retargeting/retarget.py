@@ -26,7 +26,7 @@ from .layers import Layer, leaving_out
 from .limbs import Limbs
 from .quality import FitQuality, judge
 from .shape_fields import fields_for, shape
-from .surface import SurfacePlaces, TargetSurface, pull, vertex_normals
+from .surface import NearestSkin, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
 
 # Largest distance of projection onto the skin, metres at canonical size (1.8 m)
@@ -215,7 +215,7 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
 
 def _project(
     model: PerceptualModel, warped: Warp
-) -> tuple[SurfacePlaces, F64, npt.NDArray[np.bool_]]:
+) -> tuple[NearestSkin, F64, npt.NDArray[np.bool_]]:
     """Project a model's vertices onto the target: places, points (V, 3) before, skin flags (V,).
 
     ``found`` of a place is False for vertices without skin of their region in reach; the flag is

@@ -23,7 +23,7 @@ _FACING: Final = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePlaces:
+class NearestSkin:
     """Nearest places on a target's surface, one row per query point."""
 
     found: npt.NDArray[np.bool_]  # (P,) False without a place; other fields then are 0
@@ -71,7 +71,7 @@ class TargetSurface:
 
     def nearest(
         self, points: F64, normals: F64, shares: F64, reach_m: float, facing: float = _FACING
-    ) -> SurfacePlaces:
+    ) -> NearestSkin:
         """Nearest place for each point (P, 3) in a common region, with a similar normal.
 
         ``shares`` (P, R) are skin weights by region, ``facing`` is the smallest cosine between the
@@ -109,12 +109,12 @@ class TargetSurface:
             triangle[won], weights[won] = self.parent[piece[row]], inside[row]
             positions[won], normals_out[won] = at[row], normal[row]
         normals_out /= np.maximum(np.linalg.norm(normals_out, axis=1, keepdims=True), 1e-12)
-        return SurfacePlaces(np.isfinite(smallest), triangle, weights, positions, normals_out)
+        return NearestSkin(np.isfinite(smallest), triangle, weights, positions, normals_out)
 
     def around(
         self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]
     ) -> F64:
-        """SurfacePlaces (N, 3) of a slab of the skin about a point, across an axis."""
+        """NearestSkin (N, 3) of a slab of the skin about a point, across an axis."""
         members = np.unique(np.concatenate([self._members[region] for region in regions]))
         centres = self.centres[members]
         offset = centres - point
