@@ -237,7 +237,10 @@ def to_object_mode(context: bpy.types.Context) -> None:
 
 
 def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
-    """Deselect all objects, then select those in the view layer; the first becomes active."""
+    """Deselect all objects, then select the given ones in the view layer; the first becomes active.
+
+    In a local view, the objects are added to the view.
+    """
     for selected in context.selected_objects:
         selected.select_set(False)
     visible = [obj for obj in objects if is_in_view_layer(context, obj)]

@@ -54,6 +54,7 @@ class OscOutput:
 
     def __init__(self, device: DeviceConfig, how: OscEncoder, host: str, port: int) -> None:
         self._how = how
+        self._name = f"{host}:{port}"
         self._channels = Channels(device)
         self._addresses = osc_addresses(device, how)
         try:
@@ -64,7 +65,7 @@ class OscOutput:
             self._socket.setblocking(False)
             self._socket.connect(target)
         except OSError as error:
-            raise OutputLostError(f"{host}:{port} cannot be reached ({error}).") from None
+            raise OutputLostError(f"{self._name} cannot be reached ({error}).") from None
 
     def send(self, values: F64) -> None:
         """Send values (columns,)."""
@@ -91,4 +92,6 @@ class OscOutput:
                 # an earlier datagram: the receiver may be started later.
                 continue
             except OSError as error:
-                raise OutputLostError(f"datagrams cannot be sent ({error}).") from None
+                raise OutputLostError(
+                    f"{self._name}: a datagram cannot be sent ({error})."
+                ) from None

@@ -86,9 +86,7 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
 
 @kept_items
 def sensation_items() -> EnumItems:
-    """Enum items: built-in sensations, then files in the user's folder, reread after a
-    change.
-    """
+    """Enum items: built-in sensations, then files in the user's folder, reread after a change."""
     from ...authoring.effects import effect_exchange
 
     sensations = {**effect_exchange.library(), **effect_exchange.own_library()}

@@ -105,8 +105,7 @@ class SceneBrush:
     """Brush with a constant radius on the skin.
 
     Weight Paint measures brushes in pixels. A radius changed by the user is converted to a new
-    radius
-    on the skin.
+    radius on the skin.
 
     Parameters
     ----------

@@ -219,8 +219,7 @@ class Live:
         """Play a vibration on all vibration actuators, scaled by the gain of each device.
 
         Used by the stroke pad; no body is involved. Devices with a script are skipped. With
-        ``drive``, the
-        amplitude follows the surface calibration of each device.
+        ``drive``, the amplitude follows the surface calibration of each device.
         """
         if self.client is None or not self.is_armed:
             return
@@ -327,8 +326,7 @@ class Live:
 
     def describe(self, context: bpy.types.Context) -> None:
         """Send the description of the selected source if it changed; never call this during a
-        depsgraph
-        update.
+        depsgraph update.
 
         Raises
         ------

@@ -285,7 +285,12 @@ class ViewportPreview:
         return None
 
     def _prepare(self) -> float | None:
-        """Timer: compute preview colours of recorded frames; returns the pause, None at the end."""
+        """Timer: compute preview colours of recorded frames for some milliseconds.
+
+        Returns the pause until the next call, seconds; None when all frames are cached, without a
+        valid
+        record, and while the preview is off.
+        """
         record, scene = recorder.valid, bpy.context.scene
         if record is None or not bpy.context.window_manager.hfx_preview:
             return None

@@ -25,7 +25,7 @@ _DIRECTION_RAD = np.radians(20.0)  # along the threads nothing would change
 
 @cache
 def fabric(name: str) -> HeightField:
-    """Sample of reference fabric 0, 1 or 2, smooth to rough."""
+    """Height field of a reference fabric, given by its name (a key of ``reference_fabrics()``)."""
     return woven(reference_fabrics()[name], _SIZE_M, _TEXELS)
 
 

@@ -124,12 +124,15 @@ class TimelineRecorder:
         return 0.02 + 2.0 * (time.perf_counter() - begin)
 
     def update_now(self, scene: bpy.types.Scene) -> None:
-        """Record the whole scene at once, stepping frames if needed.
+        """Record the whole scene at once, stepping frames if needed; :attr:`valid` is the record
+        then.
+
+        The scene's frame is restored. Blender is blocked during the recording.
 
         Raises
         ------
         HfxError
-            The scene has no body or effect, or is too long.
+            The scene has no body or effect, or is too long; the last record is kept.
         """
         from .timeline_record import record
 

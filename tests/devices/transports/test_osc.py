@@ -127,11 +127,12 @@ def test_a_large_device_goes_in_datagrams_that_pass_a_network(listener):
 
 def test_nobody_listening_is_no_fault_and_a_closed_socket_is_lost(listener):
     output = opened(listener, OscEncoder(("/{actuator}",), True, True), heat())
+    port = listener.getsockname()[1]
     listener.close()
     for _ in range(5):
         output.send(np.array([29.0]))
     output.close()
-    with pytest.raises(OutputLostError):
+    with pytest.raises(OutputLostError, match=f"127.0.0.1:{port}: a datagram cannot be sent"):
         output.send(np.array([29.0]))
     output.stop()
 
