@@ -178,7 +178,6 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
         Original, times strictly ascending.
     tolerance : float
         In the unit of the values.
-    ticks_per_s : int
 
     Returns
     -------
