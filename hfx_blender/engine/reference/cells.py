@@ -226,7 +226,7 @@ def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> 
     to the mean, weighted by l, of the projections onto the planes at the corners. Its height
     above the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``, with
     ``m_i`` the corner's normal times its cosine to the triangle's normal. Half of it equals the
-    sagitta of a circle and of a sphere, to second order.
+    sagitta of a circle and of a sphere, to second order. Clipped at creases; 0 for NaN.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         upright = [normal * (_dot(normal, cross) / doubled) for normal in normals]

@@ -39,7 +39,7 @@ class Body:
     cells: I64 | None = None  # only cells that may be in contact; None: all
 
     def samples(self) -> Iterator[Samples]:
-        """Yield all samples of the skin in blocks with whole cells."""
+        """Yield the samples of ``cells``, or of all cells, in blocks with whole cells."""
         if self.fineness is None:
             yield vertex_samples(self.skin.model)
         else:

@@ -59,7 +59,7 @@ def rise(shape: Shape, points: F64) -> F64:
 def gauge(shape: Shape, points: F64) -> F64:
     """Minkowski functional (N,) of a convex shape: below 1 inside, 1 on the boundary.
 
-    For a capsule the distance from the segment.
+    For a capsule the distance from the segment of its axis. Meshes have none.
     """
     if isinstance(shape, Cuboid):
         return np.asarray(np.abs(points).max(axis=0))

@@ -100,7 +100,7 @@ def _at(is_inside: Bool, time: float) -> Interval:
 
 
 def _in_slabs(start: F64, way: F64, half: float) -> Interval:
-    """Times with all coordinates between -half and half."""
+    """Time interval with all coordinates between -half and half, unclamped; may be infinite."""
     to_low, to_high = (-half - start) / way, (half - start) / way
     # A point at rest along an axis is inside the slab always or never.
     rests = np.where(np.abs(start) <= half, -np.inf, np.inf)
@@ -110,7 +110,7 @@ def _in_slabs(start: F64, way: F64, half: float) -> Interval:
 
 
 def _in_ball(start: F64, way: F64) -> Interval:
-    """Times with a norm of at most 1: half a chord before and after the nearest moment."""
+    """Time interval with a norm of at most 1: half a chord around the nearest moment, unclamped."""
     squared = (way * way).sum(axis=0)
     rests = np.where((start * start).sum(axis=0) <= 1.0, -np.inf, np.inf)
     nearest = -(start * way).sum(axis=0) / squared

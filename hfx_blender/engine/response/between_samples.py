@@ -296,7 +296,10 @@ def _closer_shares(steps: _Steps, new: I64, strong: I64, slow: F64) -> tuple[I64
 
 
 def _with_between(touches: Touches, parts: list[_Sets]) -> Touches:
-    """Touches with moments between samples, sorted by time."""
+    """Touches with moments between samples, sorted by row, then time, and with the moments' sets.
+
+    Of successive moments with equal sets only the first and the last are kept.
+    """
     if not parts:
         return touches
     counts = np.cumsum([len(touches.offsets) - 1, *(len(part.offsets) - 1 for part in parts)])

@@ -125,7 +125,10 @@ class _Ringing:
 
 
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
-    """Samples of touches that follow a memory, and the memory after them."""
+    """Samples of touches that follow a memory, and the memory after these touches.
+
+    Evaluates impacts and the stack of filters; None without any felt sample.
+    """
     filters = touches.filters
     line = _Timeline.of(touches, memory)
     begins = _begins(touches, memory)
@@ -178,7 +181,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
 
 
 def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) -> _Ringing:
-    """Evaluate all impacts over a timeline."""
+    """Add the impacts of samples ``begins`` (n,), and evaluate all impacts over a timeline."""
     impacts = _with_new_impacts(touches, memory, begins)
     times, before = line.times_s, line.before_s
     rings = np.zeros(len(times), np.bool_)
@@ -247,7 +250,9 @@ def _onset_s(touches: Touches, k: int) -> float:
 
 
 def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
-    """Values (n, F): ringing samples keep the speed of the last touch, others untouched get 0.
+    """Values (n, F) with those of speed filters extended: ringing samples keep the last touch's.
+
+    Untouched samples without an impact get 0.
 
     Only ringing samples may look back, so the memory ends with the last impact.
     """

@@ -35,7 +35,7 @@ def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> 
 
 
 def _one(runs: list[SampleRun]) -> SampleRun:
-    """Concatenate the runs of a stream."""
+    """Concatenate the runs of a stream; a single run is returned unchanged."""
     first = runs[0]
     if len(runs) == 1:
         return first
@@ -61,7 +61,7 @@ def _one(runs: list[SampleRun]) -> SampleRun:
 
 
 def _column(runs: list[SampleRun], name: str) -> npt.NDArray[Any] | None:
-    """Concatenated column; None if no run has the column."""
+    """Concatenated column; None if no run has the column, ValueError if only some have."""
     parts = [getattr(run, name) for run in runs]
     if all(part is None for part in parts):
         return None

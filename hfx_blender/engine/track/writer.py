@@ -364,7 +364,10 @@ class _SectionBuilder:
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError for optional columns not matching the effect's kind."""
+    """Raise ValueError unless spots only have a focus, and actuator effects only a drive.
+
+    Shapes, ranges and the names of device and actuators are checked, too.
+    """
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
@@ -399,7 +402,7 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
 
 
 def _check_sets(run: SampleRun) -> None:
-    """Check column lengths and set numbers."""
+    """Raise ValueError for unequal column lengths, or set numbers that do not rise by 0 or 1."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (
@@ -420,7 +423,7 @@ def _check_sets(run: SampleRun) -> None:
 
 
 def _check_times(run: SampleRun, header: TrackHeader) -> None:
-    """Check indices, times, levels and parameters."""
+    """Raise ValueError unless indices ascend, and times, levels and parameters are valid."""
     if (np.diff(run.indices) <= 0).any() or not 0 <= run.indices[0]:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
@@ -435,7 +438,7 @@ def _check_times(run: SampleRun, header: TrackHeader) -> None:
 
 
 def _check_vertices(run: SampleRun, vertex_count: int) -> None:
-    """Check weights, and the order and range of vertices."""
+    """Raise ValueError unless weights are in (0, 1], and vertices ascend within each set."""
     total = len(run.vertices)
     if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
         raise ValueError("weights: expected one in (0, 1] for each vertex")
