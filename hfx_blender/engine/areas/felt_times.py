@@ -42,7 +42,7 @@ class FeltTimes:
                 continue
             parameters = animated.parameters[block.own]
             is_finite = ~is_off & np.isfinite(levels) & np.isfinite(parameters).all(axis=1)
-            # A volume without a finite placement is silent, whatever its level.
+            # A volume without a finite placement is silent at any level.
             is_placed = is_finite.copy()
             if animated.matrices is not None:
                 is_placed &= np.isfinite(animated.matrices[block.own]).all(axis=(1, 2))

@@ -121,7 +121,7 @@ def placed(
             ]
             share = own.lengths[0] / own.lengths.sum()
             # Relative to the rig's joint: the rig's own (0), by bone lengths, by skin weights. The
-            # canonical crossing is subtracted, because weights cross beside the joint there too.
+            # canonical crossing is subtracted, because weights cross off the joint there too.
             positions = [0.0, share * float(target.lengths.sum()) - float(target.lengths[0])]
             if crossings[0] is not None and crossings[1] is not None:
                 positions.append(crossings[1] - crossings[0])

@@ -126,7 +126,7 @@ class _Assignment(Digits):
         thigh, shin = self._take("thigh", side), self._take("shin", side)
         foot = self._take("foot", side)
         below = self._either(shin, leg)
-        if not thigh and not hip and shin:  # "leg" beside "knee" is the thigh
+        if not thigh and not hip and shin:  # with a "knee", "leg" is the thigh
             thigh, below = leg, shin
         elif not thigh and not shin and len(leg) > 1:  # "Leg1", "Leg2", perhaps "Leg3"
             chain = self._hanging(leg)
