@@ -116,7 +116,7 @@ def _pairs(
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
         height = np.sign(depth_m) * height
-        # Layers of the same skin: above each other within reach, with similar normals and near regions.
+        # Layers of the same skin: close above each other, of similar normals and near regions.
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
         is_over &= np.einsum("ni,ni->n", normals[row], normals[hit]) > _ALIKE
         is_over &= _NEIGHBOURS[region[candidates[row]], region[candidates[hit]]]
