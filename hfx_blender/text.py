@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text of strangers (names of scenes, effects, files) made safe to show on a terminal."""
+"""Escapes and shortens text of other programs (names of scenes, effects, files) for display."""
 
 from __future__ import annotations
 
@@ -16,30 +16,19 @@ UNSAFE: Final = re.compile(
 
 
 def printable(text: str) -> str:
-    """Escape characters that would steer a terminal, or end the line, as ``\\x1b``.
-
-    Parameters
-    ----------
-    text : str
-        One line.
-
-    Returns
-    -------
-    str
-        The same when it is applied again.
-    """
+    """Escape control, direction and line-end characters of one line as ``\\x1b``; idempotent."""
     return UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def printable_lines(text: str) -> str:
-    """Escape each line of a text; its line ends stay."""
+    """Escape each line of a text as :func:`printable`; line ends stay."""
     return "\n".join(map(printable, text.split("\n")))
 
 
 def name_key(name: str) -> str:
-    """Key that is the same for names that a file system may take for one.
+    """Key of a file name, equal for names that a file system may not distinguish.
 
-    Case does not count on Windows and macOS, nor on macOS how a letter with an accent is encoded.
+    Windows and macOS ignore case; macOS ignores the encoding of accents (NFC, NFD).
     """
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
@@ -48,26 +37,26 @@ _SHOWN: Final = 6
 
 
 def named(names: Sequence[str], most: int = _SHOWN) -> str:
-    """The first of some names, at most ``most``, and how many more there are."""
+    """Join at most ``most`` names with commas, followed by the number of omitted names."""
     more = len(names) - most
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def counted(names: Sequence[str], sentence: str) -> tuple[str, ...]:
-    """A sentence about some effects or actuators, how many and which; none about nobody."""
+    """Sentence with the number and the first names of its subjects; empty tuple without names."""
     return (f"{sentence}: {len(names)} ({named(names)})",) if names else ()
 
 
 MOST_LINES: Final = 40
-"""Warnings, and notes, that are shown; the report's file has more."""
+"""Largest number of warnings, and of notes, in a terminal or popup."""
 
 
 MOST_KEPT: Final = 1000
-"""Warnings that a report's file and a track keep."""
+"""Largest number of warnings in a report file and in a track."""
 
 
 def shortened(texts: Iterable[str], most: int = MOST_KEPT) -> tuple[str, ...]:
-    """Distinct texts, at most ``most``, and a count of the others."""
-    found = tuple(dict.fromkeys(texts))
-    left = len(found) - most
-    return found if left <= 0 else (*found[:most], f"... and {left} more")
+    """Unique texts in order, at most ``most``, then "... and N more" for omitted texts."""
+    unique = tuple(dict.fromkeys(texts))
+    omitted = len(unique) - most
+    return unique if omitted <= 0 else (*unique[:most], f"... and {omitted} more")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of each named clip by itself, instead of the whole timeline."""
+"""Exports each named clip as separate files instead of the whole timeline."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def write_clips(
     stem: Path,
     tolerance: float,
 ) -> tuple[Written, Rendered]:
-    """Write each named clip of a track as files of its own, from time 0.
+    """Write separate files for each named clip of a track, each starting at time 0.
 
-    Scripts begin anew with each clip; a device whose script fails in one of them is left out
-    of all, and is silent in what is returned.
+    Device scripts restart with each clip. A device whose script fails in any clip is left out of
+    all clips, and is among ``silent`` of the returned rendering. Raises InputError without clips.
     """
-    found = named_clips(whole.header)
-    if not found:
+    clips = named_clips(whole.header)
+    if not clips:
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
     written = Written()
     of_clips: list[str] = []
-    names = result_files.distinct(named.name for named in found)
-    for named, name in zip(found, names, strict=True):
+    names = result_files.distinct(clip.name for clip in clips)
+    for named, name in zip(clips, names, strict=True):
         part = stem.with_name(f"{stem.name}.{name}")
         path = part.with_name(part.name + SUFFIX)
         try:
@@ -50,7 +50,7 @@ def write_clips(
         with TrackReader(path) as track:
             if "track" in formats:
                 written += Written((path,))
-            played_by = [each for each in devices if each.id not in rendered.silent]
+            played_by = [device for device in devices if device.id not in rendered.silent]
             of_clip = finish(rendering(track, renderers_of_track(track, played_by)))
             if of_clip.silent:
                 reasons = {
@@ -60,8 +60,8 @@ def write_clips(
                 left = rendered.without(reasons)
                 return write_clips(whole, formats, devices, left, stem, tolerance)
             written += Written(notes=of_clip.notes)
-            of_clips += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
+            of_clips += [f"clip '{named.name}': {warning}" for warning in of_clip.warnings]
             played = result_files.placed(whole.header, of_clip.played, stem, part)
-            made = writing.write_all(formats, played, track, devices, part, tolerance)
-            written += replace(made, left_out=made.prefixed(f"clip '{named.name}'").left_out)
+            files = writing.write_all(formats, played, track, devices, part, tolerance)
+            written += replace(files, left_out=files.prefixed(f"clip '{named.name}'").left_out)
     return written, replace(rendered, warnings=(*rendered.warnings, *of_clips))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recorders of a scene's animation for the formats that hold more of it than samples."""
+"""Recorders of the animation of volumes and bodies, for formats beyond samples (glb, clip)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..engine.scene import AnimationBlock, SceneDescription
 from ..formats.clip.spatial_recorder import SpatialRecorder
 from ..formats.glb.glb_scene import VolumeRecorder
 
-_SPATIAL = "clip."  # before the names of its arrays
+_SPATIAL = "clip."  # prefix of array names
 
 
 class SceneRecorders:
-    """Recorders that some formats ask for.
+    """Recorders that the chosen formats need.
 
     Attributes
     ----------
@@ -34,43 +34,43 @@ class SceneRecorders:
 
     @property
     def is_any(self) -> bool:
-        """Test that a format asks for anything."""
+        """True if any format needs a recorder."""
         return self.volumes is not None or self.spatial is not None
 
     def add(self, block: AnimationBlock) -> None:
-        """Take the next block, in the order of time."""
-        for each in (self.volumes, self.spatial):
-            if each is not None:
-                each.add(block)
+        """Record the next block, in order of time."""
+        for recorder in (self.volumes, self.spatial):
+            if recorder is not None:
+                recorder.add(block)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded values as arrays that one process can hand on to another."""
-        found = {} if self.volumes is None else self.volumes.arrays()
+        """Recorded arrays by name, to be stored for :meth:`join`; empty without recorders."""
+        arrays = {} if self.volumes is None else self.volumes.arrays()
         if self.spatial is not None:
-            found |= {_SPATIAL + name: each for name, each in self.spatial.arrays().items()}
-        return found
+            arrays |= {_SPATIAL + name: array for name, array in self.spatial.arrays().items()}
+        return arrays
 
     def join(
         self,
         files: Sequence[Path],
         block_at: Callable[[int], Iterable[AnimationBlock]],
     ) -> None:
-        """Join what others recorded, files of :meth:`arrays` in the order of time.
+        """Replace the recordings by the files of :meth:`arrays` of all parts, in order of time.
 
-        ``block_at`` reads the block of a sample, where the shape of a volume is taken from.
+        ``block_at`` reads the block of a sample, for the shapes of volumes.
         """
-        kept: list[Mapping[str, npt.NDArray[Any]]] = []
+        parts: list[Mapping[str, npt.NDArray[Any]]] = []
         for file in files:
             with np.load(file, allow_pickle=False) as arrays:
-                kept.append(dict(arrays))
+                parts.append(dict(arrays))
         if self.volumes is not None:
-            for first in self.volumes.first_samples(kept):
+            for first in self.volumes.first_samples(parts):
                 for block in block_at(first):
                     self.volumes.add(block)
-            self.volumes.replace(kept)
+            self.volumes.replace(parts)
         if self.spatial is not None:
             own = [
-                {k.removeprefix(_SPATIAL): v for k, v in each.items() if k.startswith(_SPATIAL)}
-                for each in kept
+                {k.removeprefix(_SPATIAL): v for k, v in part.items() if k.startswith(_SPATIAL)}
+                for part in parts
             ]
             self.spatial.replace(own)

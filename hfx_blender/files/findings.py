@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Findings about files of strangers: faults with their place, and stable codes."""
+"""Validation findings: faults of a file with place, message and a stable code."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class Finding:
 
 @dataclass
 class Report:
-    """Findings about one file, about ``MAX_FINDINGS`` at most.
+    """Collector of the findings about one file, at most about ``MAX_FINDINGS``.
 
-    The first one of each kind is always kept: a fault is not to hide behind a thousand others
-    that a reader copes with.
+    The first finding of each code and severity is always stored, so that an error is not lost
+    behind a thousand warnings.
     """
 
     prefix: str
     findings: list[Finding] = field(default_factory=list)
     has_errors: bool = False
-    count: int = 0  # of all findings, kept or not
+    count: int = 0  # of all findings, stored or not
     _kinds: set[tuple[str, Severity]] = field(default_factory=set)
 
     def error(self, code: str, place: Place, message: str) -> None:
@@ -48,7 +48,7 @@ class Report:
         self.has_errors = True
 
     def warn(self, code: str, place: Place, message: str) -> None:
-        """Report something unusual, with which readers cope."""
+        """Report an unusual value that readers accept."""
         self._add(code, place, message, "warning")
 
     def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
@@ -62,7 +62,7 @@ class Report:
 def decoding_findings(
     format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
 ) -> list[Finding]:
-    """Faults of a file whose decoding reveals all of them."""
+    """Decode a file; the decoding error is its only finding, without an error the list is empty."""
     report = Report(format_name)
     try:
         decode(content, name)
@@ -74,29 +74,23 @@ def decoding_findings(
 def json_validator(
     findings: Callable[[Any], list[Finding]], read: Callable[[bytes, str], Any] = parse
 ) -> Callable[[bytes, str], list[Finding]]:
-    """Function of the faults of a file, given that of the faults of a parsed document.
+    """Make a validator of file content from a validator of parsed documents.
 
-    It raises ``InputError`` for a file that is no JSON document.
+    The validator raises InputError for content that is no JSON.
     """
     return lambda content, name: findings(read(content, name))
 
 
 def refuse_errors(findings: list[Finding], name: str) -> None:
-    """Raise the first error among findings.
-
-    Raises
-    ------
-    InputError
-        There is one; how many more there are is told.
-    """
-    errors = [each for each in findings if each.severity == "error"]
+    """Raise InputError for the first error, with the number of further errors; ignore warnings."""
+    errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
         more = f" (and {len(errors) - 1} more faults)" if len(errors) > 1 else ""
         raise InputError(f"{name}: {sentence(errors[0])} [{errors[0].code}]{more}.")
 
 
 def sentence(finding: Finding) -> str:
-    """Place and message: ``side is "up", allowed is ...``, ``the document: 'id' is missing``."""
+    """Place and message of a finding: ``side is "up", allowed is ...``."""
     if finding.message.startswith("is "):
         return f"{finding.place or 'the document'} {finding.message}"
     return f"{finding.place}: {finding.message}" if finding.place else finding.message

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Content hashes of files, folders and numbered rows of files."""
+"""Content hashes of files, folders and numbered file sequences."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from typing import Final
 from ..errors import InputError
 
 FRAMES: Final = "<FRAMES>"
-"""Stands for the number of a frame in the name of a row of files."""
+"""Placeholder of the frame number in the name of a file sequence."""
 
 MOST_FILES: Final = 100_000
-"""Largest number of files in one folder: a .blend may name any folder there is."""
+"""Largest number of files in one folder: a .blend may name any folder."""
 
 FOLDER: Final = "a folder"
-"""State of a folder that stands where a file should be; what is in it does not matter."""
+"""State of a folder in the place of a file, regardless of its content."""
 
 TOO_MANY: Final = "too many files"
-"""State of a folder of more than :data:`MOST_FILES`; it never equals a later one."""
+"""State of a folder of more than :data:`MOST_FILES`; counts as changed in every comparison."""
 
 NOT_READ: Final = "not read"
-"""State of a file of no kind of :data:`KINDS`, or on another machine; never that of a later one."""
+"""State of a file with a suffix outside :data:`KINDS`, or on another machine; counts as changed."""
 
 KINDS: Final = frozenset(
     (
@@ -44,7 +44,7 @@ KINDS: Final = frozenset(
         ".hfxtrack"
     ).split()
 )
-"""Suffixes of the files that a .blend may be made of: others are not opened, whoever names them."""
+"""Suffixes of possible input files of a .blend; files with any other suffix are not opened."""
 
 _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 
@@ -52,10 +52,7 @@ _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file of any size, in hexadecimal digits.
 
-    Raises
-    ------
-    OSError
-        It cannot be read, or is no file with an end (a device, a pipe).
+    Raises OSError for an unreadable file, a folder, a device or a pipe.
     """
     if not path.is_file():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
@@ -64,14 +61,14 @@ def sha256_of(path: Path) -> str:
 
 
 def is_of_a_kind(path: Path) -> bool:
-    """Test the suffix of a path for one of :data:`KINDS`; backups such as .blend1 count."""
+    """Test for a suffix in :data:`KINDS`, in any case; numbered backups such as .blend1 count."""
     return path.suffix.lower().rstrip("0123456789") in KINDS or path.suffix.lower() in KINDS
 
 
 def is_elsewhere(path: Path, beside: Path | None) -> bool:
-    """Test for a path on a machine of the network that is not the one of ``beside``.
+    """Test for a network path on another machine than ``beside`` (None: on any machine).
 
-    Opening it would tell that machine who we are.
+    Opening such a path would send the user's credentials to that machine.
     """
     host = _host_of(path)
     return bool(host) and (beside is None or host != _host_of(beside))
@@ -86,72 +83,76 @@ def _host_of(path: Path) -> str:
 
 
 def state_of(path: Path, beside: Path | None = None) -> str | None:
-    """SHA-256 of a file, of all of a folder, or of a numbered row of files.
+    """SHA-256 of a file, a folder with its subfolders, or a numbered file sequence.
 
-    Files of no kind of :data:`KINDS` are not opened.
+    Names and contents count, times do not. Files with suffixes outside :data:`KINDS` are not
+    opened.
 
     Parameters
     ----------
     path : Path
-        Its name may hold :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>``: all files of such names.
+        The name may contain :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>`` for all matching files.
     beside : Path, optional
-        The .blend: a path of another machine is read only where this is on the same one.
+        The .blend; a network path is read only if the .blend is on the same machine.
 
     Returns
     -------
     str or None
-        None: there is nothing. Names and contents count, not the times of files.
+        None for a missing file, an empty folder or an empty sequence; :data:`NOT_READ` for a
+        file that was not opened.
 
     Raises
     ------
     InputError
         A folder holds more than :data:`MOST_FILES`.
     OSError
-        Something is there and cannot be read.
+        A file cannot be read.
     """
     if is_elsewhere(path, beside):
         return NOT_READ
     if path.is_file():
         return sha256_of(path) if is_of_a_kind(path) else NOT_READ
-    found = sorted(_files_in(path) if path.is_dir() else _row_of(path))
-    if not found:
+    files = sorted(_files_in(path) if path.is_dir() else _row_of(path))
+    if not files:
         return None
     sums = hashlib.sha256()
-    for each in found:
-        name = each.relative_to(path if path.is_dir() else path.parent).as_posix()
-        sums.update(f"{sha256_of(each)} {name}\n".encode(errors="surrogateescape"))
+    for file in files:
+        name = file.relative_to(path if path.is_dir() else path.parent).as_posix()
+        sums.update(f"{sha256_of(file)} {name}\n".encode(errors="surrogateescape"))
     return sums.hexdigest()
 
 
 def holds_too_many(folder: Path) -> bool:
-    """Test a path for a folder of more than :data:`MOST_FILES`."""
+    """Test for a folder of more than :data:`MOST_FILES`; False for missing folders and files."""
     try:
-        _files_in(folder)  # none, where it is no folder
+        _files_in(folder)
     except InputError:
         return True
     return False
 
 
 def _files_in(folder: Path) -> list[Path]:
-    found: list[Path] = []
+    """Files of a folder and its subfolders with suffixes in :data:`KINDS`; empty for no folder."""
+    files: list[Path] = []
     count = 0
     for place, _, names in os.walk(folder):
-        files = (Path(place, name) for name in names)
-        found += (file for file in files if is_of_a_kind(file) and file.is_file())
+        paths = (Path(place, name) for name in names)
+        files += (path for path in paths if is_of_a_kind(path) and path.is_file())
         count += len(names)
         if count > MOST_FILES:
             raise InputError(f"{folder}: it holds more than {MOST_FILES} files.")
-    return found
+    return files
 
 
 def _row_of(path: Path) -> Iterator[Path]:
+    """Yield files that match the placeholders in a file name; nothing without placeholders."""
     pattern = re.escape(path.name)
     for token, digits in _NUMBERS.items():
         pattern = pattern.replace(re.escape(token), digits, 1)
     if pattern != re.escape(path.name) and path.parent.is_dir():
         names = re.compile(pattern)
         yield from (
-            each
-            for each in path.parent.iterdir()
-            if names.fullmatch(each.name) and is_of_a_kind(each) and each.is_file()
+            file
+            for file in path.parent.iterdir()
+            if names.fullmatch(file.name) and is_of_a_kind(file) and file.is_file()
         )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits on the memory that one file may ask for, checked before any is taken.
+"""Limits on the memory and time that one file may require, checked before any allocation.
 
-A few bytes can ask for days of values. Every reader and converter asks here first;
-``hfx ... --largest N``, or :func:`raised` in Python, allows N times as much.
+A few bytes can require days of values. Every reader and converter checks these limits;
+``hfx ... --largest N``, or :func:`raised` in Python, multiplies the limits by N.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
 
 
 class TooLargeError(InputError):
-    """Raised for a file that may be valid but asks for more than is allowed."""
+    """Error of a possibly valid file that exceeds a limit."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit on one kind of quantity that a file may ask for."""
+    """Limit on one quantity that a file requires."""
 
     default: float
-    unit: str  # as a message says it, behind the number
+    unit: str  # after the number in messages
 
     @property
     def allowed(self) -> float:
@@ -40,22 +40,18 @@ class Limit:
         return self.default * (_times.get() or 1.0)
 
     def check(self, asked: float, name: str, asks: str) -> None:
-        """Reject more than is allowed.
+        """Raise TooLargeError for an amount above the limit, or NaN.
 
         Parameters
         ----------
         asked : float
-            How much it is, in the limit's unit.
+            Amount, in the limit's unit.
         name : str
-            The file, for the message.
+            Name of the file, for the message.
         asks : str
-            What would be so large: ``its envelope lasts``, ``values would take``.
-
-        Raises
-        ------
-        TooLargeError
+            Subject and verb of the message: ``its envelope lasts``, ``values would take``.
         """
-        if not asked <= self.allowed:  # not a number is too much as well
+        if not asked <= self.allowed:  # also true for NaN
             times = asked / self.default if asked < _COUNTLESS else math.inf
             way = ""
             if not times <= MOST_TIMES:
@@ -92,22 +88,16 @@ PACKING: Final = 200.0
 
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:
-    """Reject a small file, of ``size`` bytes, that unfolds to a huge one.
-
-    Raises
-    ------
-    TooLargeError
+    """Raise TooLargeError for a file of ``size`` bytes that expands more than :data:`PACKING`
+    times and above :data:`UNPACKED`.
     """
     if unfolded > PACKING * size * (_times.get() or 1.0):
         UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
 
 
 def check_unpacked(unpacked: float, packed: float, name: str) -> None:
-    """Reject a small packed file that unpacks to a huge one, and any that is too large.
-
-    Raises
-    ------
-    TooLargeError
+    """Raise TooLargeError by :func:`check_unfolded`, and for more than :data:`MEMORY`; sizes in
+    bytes.
     """
     check_unfolded(unpacked, packed, name)
     MEMORY.check(unpacked, name, "its arrays would take")
@@ -139,6 +129,6 @@ def _shown(amount: float) -> str:
 
 
 def _up(times: float) -> str:
-    """Two digits that are not below it."""
+    """Factor rounded up to two digits, as text."""
     step = 10.0 ** (math.floor(math.log10(times)) - 1) if times >= 1.0 else 0.1
     return f"{math.ceil(times / step) * step:.10g}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Locks on files and folders, which the system gives back when their owner ends."""
+"""Advisory locks on files and folders; the system releases the locks of a process that ends."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ NEW_S: Final = 60.0
 """Age up to which unfinished files without a lock may still be in the making, seconds."""
 
 LOCKED_BYTE: Final = 4096
-"""Byte of an owner's lock, behind its text: what is locked cannot be read on Windows."""
+"""Offset of the locked byte, behind the text: a locked byte cannot be read on Windows."""
 
 
 def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
-    """Test that no process has locked an unfinished file of ours, nor will.
+    """Test for an unfinished file that no process has locked or is about to lock.
 
-    Before it has its lock, a new file has no content ``ready``, and is not older than
-    :data:`NEW_S`.
+    A file younger than :data:`NEW_S` counts as owned until its content is ``ready`` (None: always).
+    False for links, missing files and anything but regular files.
     """
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -56,14 +56,10 @@ def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file: other processes and threads that lock it wait outside the ``with`` block.
+    """Context with an exclusive lock, between processes and threads, for a file.
 
-    The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
-
-    Raises
-    ------
-    OutputError
-        Somebody else keeps it for longer than :data:`PATIENCE_S`, or there is no writing there.
+    The lock file ``path`` + ``.lock`` is made with its folder, and stays. Raises OutputError for an
+    unwritable folder, and for a lock that is held for longer than :data:`PATIENCE_S`.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -75,15 +71,15 @@ def locked(path: Path) -> Iterator[None]:
             raise OutputError(f"{path}: another process is writing it; try again.")
         yield
     finally:
-        os.close(descriptor)  # which gives it back
+        os.close(descriptor)  # releases the lock
 
 
 @contextmanager
 def folder_locked(folder: Path) -> Iterator[None]:
-    """Context in which no other process moves files into a folder: sets of files do not mix.
+    """Context with an exclusive lock on a folder, so that sets of moved files do not mix.
 
-    Nobody waits longer than :data:`PATIENCE_S`, nor where there are no locks: what is finished is
-    not lost for it.
+    Entered without the lock after :data:`PATIENCE_S`, and on file systems without locks: finished
+    results are moved in any case.
     """
     descriptor = None
     with suppress(OSError):
@@ -103,7 +99,7 @@ def folder_locked(folder: Path) -> Iterator[None]:
 
 
 def _is_taken_in_time(descriptor: int) -> bool:
-    """Lock a file, unless somebody else has it for longer than :data:`PATIENCE_S`."""
+    """Lock a file within :data:`PATIENCE_S`; False if another process holds the lock for longer."""
     until = time.monotonic() + PATIENCE_S
     while not (is_taken := _is_taken(descriptor)) and time.monotonic() <= until:
         time.sleep(_RETRY_S)
@@ -119,12 +115,9 @@ def _is_taken(descriptor: int) -> bool:
 
 
 def take_lock(descriptor: int, place: int = 0) -> None:
-    """Lock a file until it is closed; Windows locks the byte at a place.
+    """Lock a file until it is closed; on Windows the byte at offset ``place``.
 
-    Raises
-    ------
-    OSError
-        Somebody else has it, or there are no locks.
+    Raises OSError for a lock held by another process, and on file systems without locks.
     """
     if sys.platform == "win32":
         import msvcrt

@@ -36,14 +36,14 @@ _LONGEST_NAME: Final = 255  # bytes, of file systems in use
 
 
 @dataclass
-class _State:
+class _OpenFile:
     opened: tuple[str, int, int] | None = None  # file, time of change, size
 
     def clear(self) -> None:
         self.opened = None
 
 
-_state = _State()
+_state = _OpenFile()
 
 
 def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
