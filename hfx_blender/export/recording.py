@@ -20,10 +20,9 @@ from ..engine.overlapping import overlapped, sequentially
 from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import renderers_of
 from ..engine.rendering.renderer import Renderer
-from ..engine.samples import SampleRun
+from ..engine.samples import SampleRun, joined_runs
 from ..engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from ..engine.track import TrackHeader, TrackWriter
-from ..engine.track.joining import joined
 from ..engine.track.layout import SAMPLES_PER_CHUNK
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..version import __version__
@@ -165,7 +164,7 @@ def record_track(
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
                 for some in _chunks(_without_warm_up(found, first, engine.counters)):
-                    felt = joined((felt for _, felt in some), header.streams)
+                    felt = joined_runs((felt for _, felt in some), header.streams)
                     runs = writer.append(felt)
                     for _, renderer in renderers:
                         renderer.add(runs)

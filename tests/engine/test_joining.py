@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.engine.samples import Drive, Impact, SampleRun, Stream
-from hfx_blender.engine.track.joining import joined
+from hfx_blender.engine.samples import Drive, Impact, SampleRun, Stream, joined_runs
 
 ONE, TWO = (Stream(name, "body", "pressure", "m") for name in ("one", "two"))
 ORDER = (ONE, TWO)
@@ -66,21 +65,21 @@ def _samples(runs: list[SampleRun]) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("full", [False, True])
 def test_the_same_samples_come_out(full: bool) -> None:
     parts = [_run(ONE, first, full=full) for first in (0, 3, 9)]
-    (whole,) = joined([[part] for part in parts], ORDER)
+    (whole,) = joined_runs([[part] for part in parts], ORDER)
     assert _samples([whole]) == _samples(parts)
     assert (whole.sets is None) and len(whole) == 9
 
 
 def test_sets_that_are_shared_stay_so() -> None:
     parts = [_run(ONE, 0, shared=True), _run(ONE, 3), _run(ONE, 6, shared=True)]
-    (whole,) = joined([[part] for part in parts], ORDER)
+    (whole,) = joined_runs([[part] for part in parts], ORDER)
     assert _samples([whole]) == _samples(parts)
     assert whole.set_of.tolist() == [0, 0, 1, 2, 3, 4, 5, 5, 6]
 
 
 def test_streams_are_apart_and_in_order_whichever_came_first() -> None:
     blocks = [[_run(TWO, 0)], [_run(ONE, 3), _run(TWO, 3)], [_run(ONE, 6)]]
-    found = joined(blocks, ORDER)
+    found = joined_runs(blocks, ORDER)
     assert [(run.stream, run.indices.tolist()) for run in found] == [
         (ONE, [3, 4, 5, 6, 7, 8]),
         (TWO, [0, 1, 2, 3, 4, 5]),
@@ -88,11 +87,11 @@ def test_streams_are_apart_and_in_order_whichever_came_first() -> None:
 
 
 def test_nothing_is_nothing() -> None:
-    assert joined([], ORDER) == [] and joined([[], []], ORDER) == []
+    assert joined_runs([], ORDER) == [] and joined_runs([[], []], ORDER) == []
 
 
 @pytest.mark.parametrize("name", ["depth_m", "impact", "drive"])
 def test_what_changes_within_a_stream_is_refused(name: str) -> None:
     one, two = _run(ONE, 0, full=True), _run(ONE, 3, full=True)
     with pytest.raises(ValueError, match="what its samples carry changes"):
-        joined([[one], [replace(two, **{name: None})]], ORDER)
+        joined_runs([[one], [replace(two, **{name: None})]], ORDER)
