@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records a scene's track, whole or in parts that others record at the same time."""
+"""Records the track of a scene, as a whole or as one of several parts."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ BlockSamples = tuple[AnimationBlock, list[SampleRun]]
 
 @dataclass(frozen=True)
 class Recorded:
-    """Facts of a recording besides the samples; plain data, so that processes can hand it on."""
+    """Counters, faults, notes and felt times of a recording, as plain data for other processes."""
 
-    engine: dict[str, Any]  # the engine's counters
-    reading: dict[str, Any]  # the reader's
-    faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
+    engine: dict[str, Any]  # fields of Counters
+    reading: dict[str, Any]  # fields of ReadingCounters
+    faults: dict[str, list[int]]  # reading faults, with their samples
     notes: tuple[str, ...]
     stepping: str
     felt_times: dict[str, Any] | None = None  # fields of FeltTimes; None: by an earlier version
 
     @classmethod
     def of(cls, reader: SceneReader, engine: Engine, times: FeltTimes) -> Self:
-        """Collect the facts of a recording that has just ended."""
+        """Collect the facts after the last block of a recording."""
         return cls(
             engine.counters.as_dict(),
             reader.counters.as_dict(),
@@ -86,12 +86,12 @@ class Recorded:
 
     @property
     def times(self) -> FeltTimes | None:
-        """Samples at which effects are on and felt; None if they were not counted."""
+        """Samples at which effects are on and felt; None in recordings of earlier versions."""
         return None if self.felt_times is None else FeltTimes(**self.felt_times)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings while samples were read and evaluated, with their counts."""
+        """Warnings of reading and evaluation, each with its number of samples."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
         return tuple(f"{text.rstrip('.')} ({count} times)" for text, count in counts.items())
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bakes a contact response: its value at each frame becomes a key of a property."""
+"""Bakes the contact response of a volume into keyframes of a property."""
 
 from __future__ import annotations
 
@@ -25,14 +25,11 @@ TARGETS = (
 
 
 def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELOPE") -> int:
-    """Write the values of a volume's response at each frame as keys; returns their number.
+    """Write the strongest response of each frame as keyframes of a target; return their number.
 
-    Of several bodies the one that feels it most counts. Keys where nothing changes are left out.
-
-    Raises
-    ------
-    InputError
-        There is no body, the volume touches nobody, or there is nothing to write to.
+    ``target`` is an id of :data:`TARGETS`. The strongest level of all bodies counts. Keyframes
+    equal to both neighbours are left out. "INTENSITY" mutes the filters. Raises InputError for a
+    scene without bodies, a volume without contact, and a volume without speakers.
     """
     import numpy as np
 
@@ -48,8 +45,8 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
     levels = np.zeros(reader.time.sample_count)
     base = np.ones(reader.time.sample_count)
     for block in reader.blocks():
-        for each, animated in zip(reader.description.effects, block.effects, strict=True):
-            if each.id == ids[0]:
+        for described, animated in zip(reader.description.effects, block.effects, strict=True):
+            if described.id == ids[0]:
                 base[block.own_indices] = animated.levels[block.own]
         for run in engine.evaluate(block):
             if run.stream.effect_id == ids[0]:
@@ -65,7 +62,7 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
     )
     pairs = list(zip(at[:-1].tolist(), at[1:].tolist(), strict=True))
     if target == "INTENSITY":
-        # Activation still counts on top of it; a clip is not baked twice.
+        # Activation multiplies the baked intensity, so clips are divided out.
         shares = np.divide(levels, base, out=np.zeros_like(levels), where=base > 0.0)
         intensity = effect.hfx.intensity if not _is_animated(effect, "hfx.intensity") else 1.0
         values = [float(shares[a : max(b, a + 1)].max()) * intensity for a, b in pairs]
@@ -76,13 +73,14 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
     for owner, path in _owners(effect, target):
         compat.set_keys(compat.own_fcurve(owner, path, "Response"), keys)
     if target == "INTENSITY":
-        for each in effect.hfx.response:
-            each.is_muted = True
+        for response_filter in effect.hfx.response:
+            response_filter.is_muted = True
     effect.update_tag()
     return len(keys)
 
 
 def _owners(effect: bpy.types.Object, target: str) -> list[tuple[bpy.types.ID, str]]:
+    """Owners and data paths of the baked property; InputError for a volume without speakers."""
     if target == "SPEAKER":
         speakers = [child.data for child in effect.children if child.type == "SPEAKER"]
         if not speakers:

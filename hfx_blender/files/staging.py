@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Results come into their folder together and complete, or not at all.
+"""Moves all results of a command into their folder at once, or none.
 
-Unfinished ones lie in hidden folders beside it; those of killed runs are removed. Such a folder
-belongs to the process that holds the lock of its file ``owner``. The system lets go of the lock
-when that process ends, however it does. A lock may be unknown to other machines that share the
-folder, so the name of a folder tells the machine, and only folders with such a name of this machine
-are ever removed.
+Unfinished files are in hidden staging folders. A staging folder belongs to the process that locks
+its file ``owner``; the system releases the lock at any end of that process. Staging folders of
+ended processes are removed. Locks may not reach other machines that share the folder, so a folder's
+name contains the machine, and only folders of this machine are removed.
 """
 
 from __future__ import annotations
@@ -30,28 +29,17 @@ _PAUSE_S: Final = 0.01
 
 
 def with_final_names(text: str, stage: Path, folder: Path) -> str:
-    """A message as its reader knows the files: by the names that they get in ``folder``."""
+    """Replace paths in a staging folder by the final paths in ``folder`` in a message."""
     beside = "" if folder == Path() else f"{folder}{os.sep}"
     return text.replace(f"{stage}{os.sep}", beside).replace(str(stage), str(folder))
 
 
 @contextmanager
 def stage_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Context with a hidden folder; removes those of killed runs first.
+    """Context with a hidden folder in an existing ``parent``; removes abandoned folders first.
 
-    Parameters
-    ----------
-    parent : Path
-        Is there.
-    name : str
-        Becomes part of its name, shortened.
-
-    Raises
-    ------
-    OSError
-        It cannot be made.
-    ValueError
-        A name has a zero in it.
+    ``name``, shortened, becomes part of the folder's name. Raises OSError if the folder cannot be
+    made, and ValueError for a name with a NUL character.
     """
     remove_abandoned(parent)
     stage = parent / temporary_name(name)
@@ -73,16 +61,14 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(prefix: str = "hfx-") -> Iterator[Path]:
-    """Context with a folder of the system's temporary folder; removed as well where a signal ends
-    the process.
-    """
+    """Context with a new folder in the system's temporary folder; also removed by signals."""
     with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
         with unfinished(Path(name), remove_tree):
             yield Path(name)
 
 
 def remove_tree(folder: Path) -> None:
-    """Remove a folder of this process into which other threads may still be writing."""
+    """Remove a folder of this process, with retries while other threads write into the folder."""
     for _ in range(_TRIES):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():
@@ -91,7 +77,7 @@ def remove_tree(folder: Path) -> None:
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove the folders of :func:`stage_folder` whose owners have gone."""
+    """Remove folders of :func:`stage_folder` of ended processes of this machine."""
     with suppress(OSError):
         for stage in parent.glob(temporary_pattern()):
             with suppress(OSError):
@@ -104,13 +90,7 @@ def remove_abandoned(parent: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of the results, and its parents.
-
-    Raises
-    ------
-    OutputError
-        It cannot be made.
-    """
+    """Make a folder with its parents, unless it exists; raises OutputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -119,15 +99,11 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
-    """Context with a folder beside the results that is removed afterwards in any case.
+    """Context with a staging folder in ``folder``, or in ``within`` on the same file system.
 
-    ``folder`` and its parents are made; those that are new and into which nothing came are gone
-    as well. The new one is in it, or in ``within``, a folder of the same file system.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be written to, or something within the block could not be written.
+    The staging folder is always removed. ``folder`` and its parents are made, and removed if they
+    are new and empty afterwards. Messages of InputError and OutputError within the block get final
+    paths; an OSError becomes an OutputError. Raises OutputError for an unwritable folder.
     """
     made = ExitStack()
     new: list[Path] = []
@@ -158,25 +134,22 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
 
 
 def _missing(folder: Path) -> list[Path]:
-    """A folder and its parents that are not there, the outermost first."""
+    """Missing folders among a folder and its parents, outermost first."""
     return [each for each in (folder, *folder.parents) if not each.exists()][::-1]
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
-    """Remove folders, the last first, but those that hold something."""
+    """Remove the empty folders, in reverse order."""
     for folder in reversed(folders):
         with suppress(OSError):
             folder.rmdir()
 
 
 def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into their folder, in this order; see :func:`.atomic.move`.
+    """Move finished files into a folder, all or none, in order; see :func:`.atomic.move`.
 
-    Raises
-    ------
-    OutputError
-        One of the names is that of a folder, a device or a pipe, a folder cannot be made, or a
-        file cannot be moved; none was, and no folder is new.
+    Returns the final paths. Raises OutputError for the name of a folder, a device or a pipe, and
+    for a failed move; new folders are removed in this case.
     """
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     for target in targets:

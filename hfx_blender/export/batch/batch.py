@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scheduler of a batch: ready units go to workers, long scenes to several."""
+"""Scheduler of a batch: assigns scenes, and parts of long scenes, to workers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from . import journal, pieces
 from .local_workers import Workers
 from .units import Outcome, Unit
 
-_LOOK_S: Final = 0.2  # Windows tells a waiting thread nothing of Ctrl-C
+_LOOK_S: Final = 0.2  # a waiting thread cannot receive Ctrl-C on Windows
 
 Progress = Callable[[float], None]
 Tell = Callable[[Unit, Outcome], None]
@@ -44,20 +44,20 @@ def run(
     progress: Progress = lambda share: None,
     tell: Tell = lambda unit, outcome: None,
 ) -> list[Outcome]:
-    """Process a batch of scenes; one that fails does not stop the others.
+    """Process a batch of scenes; a failed scene does not stop the batch.
 
     Parameters
     ----------
     units : sequence of Unit
         Of the kinds ``scene``, ``piece`` and ``join``.
     workers : Workers
-        Is not closed.
+        Not closed by this function.
     resume : bool
-        Leave out what was exported before and has not changed since.
+        Take unchanged results of an earlier run instead of a new export.
     progress : callable
-        Is given the share of the whole batch that is done.
+        Called with the finished share of the batch, 0..1.
     tell : callable
-        Is given each scene and its outcome as soon as there is one.
+        Called with each unit and its outcome, in order of completion.
 
     Returns
     -------
@@ -83,10 +83,10 @@ class _Batch:
         self._running: dict[Future[Outcome], tuple[_Scene, int, Unit]] = {}
 
     def leave_out_finished(self) -> None:
-        """Take the outcomes of the units that the journal lists as complete."""
-        with ThreadPoolExecutor() as pool:  # hashing takes time, and no Python
-            found = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
-        for scene, outcome in zip(self._scenes, found, strict=True):
+        """Finish scenes with unchanged earlier results, by the journal."""
+        with ThreadPoolExecutor() as pool:  # hashing releases Python's lock
+            outcomes = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
+        for scene, outcome in zip(self._scenes, outcomes, strict=True):
             if outcome is not None:
                 self._finish(scene, outcome)
         self._waiting = deque(scene for scene in self._scenes if scene.outcome is None)
@@ -103,13 +103,13 @@ class _Batch:
         return [scene.outcome for scene in self._scenes if scene.outcome is not None]
 
     def _fill(self) -> None:
-        """Give work to idle workers."""
+        """Assign units to idle workers."""
         while len(self._running) < self._workers.slots and (self._ready or self._waiting):
             if self._ready:
                 scene, number, unit = self._ready.popleft()
             else:
                 scene, number = self._waiting.popleft(), 0
-                # Only where nothing else waits do parts keep more workers busy.
+                # Parts are useful only for workers without another scene.
                 parts = 1 if self._waiting else self._workers.slots
                 unit = replace(scene.unit, parts=parts)
 
@@ -120,8 +120,8 @@ class _Batch:
             self._running[self._workers.submit(unit, report_progress)] = scene, number, unit
 
     def _take(self, scene: _Scene, number: int, unit: Unit, outcome: Outcome) -> None:
-        """Go on after a unit has ended."""
-        if scene.outcome is not None:  # another part of it has failed
+        """Handle the outcome of a unit: queue parts or the merge of all parts, or finish."""
+        if scene.outcome is not None:  # another part of the scene has failed
             return
         if "split" in outcome:
             cut = outcome["split"]
@@ -136,7 +136,7 @@ class _Batch:
                 ordered = tuple(scene.parts[k] for k in sorted(scene.parts))
                 self._ready.appendleft((scene, 0, replace(unit, kind="merge", done=ordered)))
         else:
-            self._ready = deque(each for each in self._ready if each[0] is not scene)
+            self._ready = deque(entry for entry in self._ready if entry[0] is not scene)
             self._finish(scene, outcome)
 
     def _finish(self, scene: _Scene, outcome: Outcome) -> None:
@@ -149,9 +149,9 @@ class _Batch:
 
 
 def _finished(unit: Unit) -> Outcome | None:
-    """The outcome of an earlier run, if nothing has changed since."""
+    """Outcome of an earlier run with unchanged inputs and results; None otherwise."""
     report = journal.finished(unit)
-    if report is not None:  # then its pieces, too, were
+    if report is not None:  # a finished scene includes its pieces
         return {"input": unit.title, "report": report, "unchanged": True}
     record = pieces.finished(unit) if unit.kind == "piece" else None
     if record is not None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Units of work: a scene, a part of its samples, or the parts to be put together, with options.
+"""Units of work of an export: scenes, parts of scenes, pieces, and merges, with options.
 
-Parts are what one command hands to its workers. Pieces are the same for a farm: each is a command
-of its own, and what it recorded lies beside the results until a last one puts them together.
+Workers of one command share the *parts* of a scene. The jobs of a render farm share *pieces*: each
+is recorded by a separate command and stored in the output folder until a last command joins them.
 
-A unit and its outcome are JSON, so that a worker can be another process.
+Units and outcomes are JSON, as workers are other processes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ...formats.clip import DETAIL
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export; None stands for the scene's own setting."""
+    """Options of an export; None for the setting of the scene. Raises ValueError for bad text."""
 
     formats: tuple[str, ...] | None = None
     devices: tuple[str, ...] | None = None  # names or files
@@ -56,8 +56,8 @@ class ExportOptions:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
-        """Options from :meth:`as_json` data."""
-        unknown = set(data) - {each.name for each in fields(cls)}
+        """Options from :meth:`as_json` data; raises ValueError for unknown names."""
+        unknown = set(data) - {option.name for option in fields(cls)}
         if unknown:
             raise ValueError(f"unknown options: {', '.join(sorted(unknown))}")
         values: dict[str, Any] = {
@@ -76,21 +76,21 @@ class Unit:
     """Unit of work; a scene is exported to ``folder/stem.*``."""
 
     kind: Literal["scene", "part", "merge", "piece", "join"]
-    input: str | None  # a .blend; None: the file that is open in this process
+    input: str | None  # path of a .blend; None: the file open in this process
     folder: str
     stem: str
-    stage: str  # a folder for unfinished files; its creator removes it
+    stage: str  # folder of unfinished files, removed by its creator
     options: ExportOptions
     parts: int = 1  # of a scene: largest number of parts, if it is long
     part_frames: int | None = None  # of a scene: approximate frames of a part
-    part: tuple[int, int] | None = None  # of a part: first sample, and the first beyond it
+    part: tuple[int, int] | None = None  # of a part: samples first <= index < stop
     done: tuple[dict[str, Any], ...] = ()  # of a merge: the outcomes of all parts
-    cores: int = 1  # of the worker; the result does not depend on it
-    piece: tuple[int, int] | None = None  # of a piece: its number, from 1, and the number of pieces
+    cores: int = 1  # of the worker, without effect on results
+    piece: tuple[int, int] | None = None  # of a piece: number from 1, and count of pieces
 
     @property
     def title(self) -> str:
-        """Name of the unit for the user."""
+        """Name of the scene's file in messages."""
         return "the open file" if self.input is None else Path(self.input).name
 
     def in_stage(self, stage: Path) -> Unit:
@@ -115,35 +115,35 @@ class Unit:
 
 
 def failure(unit: Unit, error: str, exit_code: int, **more: Any) -> Outcome:
-    """Outcome of a unit that failed."""
+    """Outcome of a failed unit."""
     return {"input": unit.title, "error": error, "exit_code": exit_code, **more}
 
 
 SHORTEST = 8 * SAMPLES_PER_CHUNK
-"""Samples at which something may be felt in a part that is cut off to keep workers busy: with
-fewer, opening the scene once more costs more than it saves."""
+"""Smallest number of active samples of an automatic part; shorter parts save less time than a
+second opening of the scene costs."""
 
 
 def even_parts(
     samples: npt.NDArray[np.int64], count: int, parts: int, shortest: int = SHORTEST
 ) -> list[tuple[int, int]]:
-    """Cut so that each part has about as many samples to work on.
+    """Cut a scene into parts with about equal numbers of active samples.
 
     Parameters
     ----------
     samples : (n,) int64
-        At which something may be felt, ascending.
+        Active samples (an effect may be felt), ascending.
     count : int
-        Of all samples; the parts cover them.
+        Number of all samples, which the parts cover.
     parts : int
-        At most so many.
+        Largest number of parts.
     shortest : int
-        Least samples to work on in a part, about.
+        Approximate smallest number of active samples per part.
 
     Returns
     -------
     list of (first, stop)
-        Whole chunks of a track, but for the last.
+        Ascending, at multiples of ``SAMPLES_PER_CHUNK`` except for the end.
     """
     parts = max(min(parts, len(samples) // max(shortest, 1)), 1)
     cuts = [int(samples[len(samples) * k // parts]) for k in range(1, parts)]
@@ -151,7 +151,7 @@ def even_parts(
 
 
 def parts_of(size: int, count: int) -> list[tuple[int, int]]:
-    """Cut into parts of ``size`` samples, rounded up to whole chunks of a track."""
+    """Cut ``count`` samples into (first, stop) of ``size``, rounded up to whole chunks."""
     whole = -(-max(size, 1) // SAMPLES_PER_CHUNK) * SAMPLES_PER_CHUNK
     return _between(list(range(whole, count, whole)), count)
 
