@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names and folders of an export's files.
+"""Names and folders of the files of an export.
 
-All begin with ``folder/scene``. Where a scene has several bodies, what their devices play has
-folders: ``folder/scene/Anna/insoles/scene.Anna.insoles.csv``.
+All names begin with ``folder/scene``. With several bodies, the output of devices is in folders by
+body and device: ``folder/scene/Anna/insoles/scene.Anna.insoles.csv``.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ if TYPE_CHECKING:
 
 
 _LONGEST_PART: Final = 255
-"""Bytes of a file's or folder's name on Linux; a system call with a longer name is an error."""
+"""Largest length of a file or folder name on Linux, bytes; longer names are system errors."""
 
 _LONGEST_NAME: Final = 1020
-"""Bytes of a listed name with its folders; a result has at most three folders."""
+"""Largest length of a listed name with its folders, at most three, bytes."""
 
 
 def distinct(names: Iterable[str]) -> list[str]:
-    """Parts of files' names, a different one for each name, on any file system.
+    """Unique parts of file names for names, in the same order, for any file system.
 
-    Characters of names may be left out, and case may not count.
+    Unique without regard to case and to the encoding of accents; repeated names get a number.
     """
     taken: set[str] = set()
-    found = []
+    parts = []
     for name in names:
         part, number = name_part(name), 1
         while name_key(part) in taken:
             number += 1
             part = name_part(f"{name} {number}")
         taken.add(name_key(part))
-        found.append(part)
-    return found
+        parts.append(part)
+    return parts
 
 
 def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
-    """Part of the names of each body's files, by its id; empty for an only body."""
+    """Name part of the files of each body, by body id; empty for a single body."""
     if len(bodies) < 2:
         return dict.fromkeys((body.id for body in bodies), "")
     parts = map(_as_folder, distinct(body.name or body.id for body in bodies))

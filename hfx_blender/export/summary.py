@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An export's report in words."""
+"""Text of an export's report, for the terminal and the popup."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ..text import MOST_LINES, named, printable, shortened
 from .report import REPORT_SUFFIX, ExportReport
 
 _FILES = 12
-"""Files that get lines of their own."""
+"""Largest number of files that are listed line by line."""
 
 
 def describe(report: ExportReport) -> str:
@@ -31,8 +31,8 @@ def _written_lines(report: ExportReport) -> list[str]:
     """A line for each file; of many, their number, and where they are listed."""
     sizes = [path.stat().st_size for path in report.files]
     if len(sizes) <= _FILES:
-        found = zip(report.files, sizes, strict=True)
-        return [f"wrote {path} ({_size(size)})" for path, size in found]
+        pairs = zip(report.files, sizes, strict=True)
+        return [f"wrote {path} ({_size(size)})" for path, size in pairs]
     lists = (path for path in report.files if path.name.endswith(REPORT_SUFFIX))
     where = "".join(f", listed in {path}" for path in lists)
     return [f"wrote {len(sizes)} files ({_size(sum(sizes))}) to {report.folder}{where}"]

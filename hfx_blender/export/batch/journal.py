@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Journal of earlier exports: each scene's own report is its entry.
+"""Journal of earlier exports: the report of each scene is its entry.
 
-A report gets its name after all files that it lists, and says with sizes and hashes what was
-written and what it was made from: files, options, versions. So an interrupted batch needs no
-repair: what has a report that still holds is complete, whichever machine made it.
+A report gets its final name after all listed files, and contains sizes and hashes of results and
+inputs, options and versions. A scene with a report that still matches is therefore complete,
+whichever machine exported it, and an interrupted batch needs no repair.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
         from ...blender.linked_files import linked_files  # which needs Blender
 
-        for name, each in linked_files().items():
-            # None is a state, too: a missing file may come back.
-            files[name] = _state(each, Path(unit.input))
+        for name, linked in linked_files().items():
+            # None counts as a state, because a missing file may come back.
+            files[name] = _state(linked, Path(unit.input))
     return {
         "files": files,
         "devices": {name: device_hash(name) for name in devices},
@@ -72,7 +72,7 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
 
 
 def is_still(recorded: Any, unit: Unit) -> bool:
-    """Test that the recorded inputs of an export are those that ``unit`` has now."""
+    """Test that recorded inputs equal the present inputs of ``unit``; False for invalid records."""
     if unit.input is None or not isinstance(recorded, dict):
         return False
     source = Path(unit.input)
@@ -93,6 +93,7 @@ def is_still(recorded: Any, unit: Unit) -> bool:
 
 
 def _state(linked: LinkedFile, source: Path) -> str | None:
+    """Hash of a linked file or folder, or a constant of :mod:`.hashes`; None for a missing file."""
     if is_elsewhere(linked.path, source):
         return NOT_READ
     if linked.must_be and linked.path.is_dir():
@@ -104,7 +105,7 @@ def _state(linked: LinkedFile, source: Path) -> str | None:
 
 
 def _has_state(name: str, source: Path, known: str | None) -> bool:
-    """Test the state of a file that is named as in a .blend; ``//`` is the .blend's own folder."""
+    """Compare the state of a file; a name that begins with ``//`` is relative to the .blend."""
     path = source.parent / name.removeprefix("//") if name.startswith("//") else Path(name)
     if known in (TOO_MANY, NOT_READ) or is_elsewhere(path, source):
         return False
@@ -112,7 +113,10 @@ def _has_state(name: str, source: Path, known: str | None) -> bool:
 
 
 def device_hash(name: str) -> str:
-    """Hash of a device's configuration; with a script, of both, and of the script's approval."""
+    """Hash of a device's configuration, and of its script with the state of the approval.
+
+    Raises FileNotFoundError for an unknown device.
+    """
     path = find_file(name)
     if path is None:
         raise FileNotFoundError(name)
@@ -123,10 +127,9 @@ def device_hash(name: str) -> str:
 
 
 def finished(unit: Unit) -> dict[str, Any] | None:
-    """The report of an earlier export of ``unit``, if nothing has changed since.
+    """Report of an earlier export of ``unit`` with equal inputs, options, versions and results.
 
-    None if there is none, an input, an option or a version is another one, one of the files is
-    missing or is not what was written, or a device was left out as its script did not run.
+    None without one, and if a device was left out because its script did not run.
     """
     folder = Path(unit.folder)
     report = read(folder / (unit.stem + REPORT_SUFFIX))
@@ -138,13 +141,13 @@ def finished(unit: Unit) -> dict[str, Any] | None:
 
 
 def has_files(report: dict[str, Any], folder: Path) -> bool:
-    """Test that all files that a report lists are present and unchanged."""
+    """Test that all files of a report exist unchanged; False for an invalid report."""
     try:
         return all(
-            (path := listed(folder, each["name"])) is not None
-            and path.stat().st_size == each["bytes"]
-            and sha256_of(path) == each["sha256"]
-            for each in report["files"]
+            (path := listed(folder, file["name"])) is not None
+            and path.stat().st_size == file["bytes"]
+            and sha256_of(path) == file["sha256"]
+            for file in report["files"]
         )
     except (KeyError, TypeError, ValueError, OSError):
         return False

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of a scene that a farm records one by one, in any order, and then merges.
+"""Pieces of a scene, recorded by jobs of a render farm in any order and then merged.
 
-Piece 2 of 8 of ``out/scene`` lies in ``out/scene.pieces``: a track, where volumes were, and last
-its record, which says with sizes and hashes what was written and what it was made from.
+Piece 2 of 8 of ``out/scene`` is in ``out/scene.pieces``: a track, the places of volumes, and last
+the record, with sizes and hashes of these files and the inputs of the recording.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def folder_of(unit: Unit) -> Path:
 
 
 def path_of(folder: Path, piece: tuple[int, int], suffix: str) -> Path:
-    """A file of a piece (number from 1, count)."""
+    """Path of a file of a piece (number from 1, count)."""
     return folder / f"{piece[0]}-of-{piece[1]}{suffix}"
 
 
@@ -57,30 +57,25 @@ def keep(
     made_from: Mapping[str, Any],
     files: tuple[Path, ...] = (),
 ) -> dict[str, Any]:
-    """Put a finished piece into its folder.
+    """Move a finished piece into the folder of pieces; return its record.
 
     Parameters
     ----------
     unit : Unit
         Of the kind ``piece``.
     part : (first, stop) or None
-        Its samples; None: the scene is too short for so many pieces, and this one is empty.
+        Samples of the piece; None for an empty piece of a short scene.
     recorded : mapping or None
-        What recording told besides.
+        Fields of :class:`.Recorded`; None for an empty piece.
     made_from : mapping
         See :func:`.journal.made_from`.
     files : tuple of Path
-        Its finished files, on the same disk; they are moved.
-
-    Returns
-    -------
-    dict
-        Its record.
+        Finished files on the same file system, which are moved.
 
     Raises
     ------
     OutputError
-        It cannot be written.
+        A file cannot be written.
     """
     assert unit.piece is not None
     folder = folder_of(unit)
@@ -108,19 +103,17 @@ def keep(
 
 
 def finished(unit: Unit) -> dict[str, Any] | None:
-    """Record of a piece that was recorded before, if nothing has changed since."""
+    """Record of an earlier recording of a piece with unchanged inputs and files; None otherwise."""
     assert unit.piece is not None
     record = _record(folder_of(unit), unit.piece)
     return record if record and journal.is_still(record["made_from"], unit) else None
 
 
 def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list[dict[str, Any]]:
-    """The records of all pieces of a scene that are not empty, in the order of time.
+    """Records of all nonempty pieces of a scene, in order of time.
 
-    Raises
-    ------
-    InputError
-        Some are missing, damaged, or made from something else than the scene as it is now.
+    Raises InputError for missing or damaged pieces, and for pieces with other inputs than
+    ``made_from``.
     """
     folder = folder_of(unit)
     count = _count(folder, unit)
@@ -150,15 +143,15 @@ def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list
 
 
 def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
-    """The files of a piece, by their suffixes."""
-    paths = [folder_of(unit) / each["name"] for each in record["files"]]
+    """Files of a piece, by suffix."""
+    paths = [folder_of(unit) / file["name"] for file in record["files"]]
     return {path.suffix: path for path in paths}
 
 
 def remove(unit: Unit) -> None:
-    """Remove the pieces after they were merged, of all divisions.
+    """Remove the merged pieces of all counts (8 pieces, 16 pieces ...).
 
-    What no record lists, or has changed since, stays; :func:`remove_folder` removes the folder.
+    Files without a record, and changed files, stay; :func:`remove_folder` removes the folder.
     """
     folder = folder_of(unit)
     with suppress(OSError):
@@ -166,34 +159,35 @@ def remove(unit: Unit) -> None:
             match = _RECORD.fullmatch(path.name)
             record = match and _record(folder, (int(match[1]), int(match[2])))
             if record:
-                for each in (*files_of(unit, record).values(), path):
-                    if each.name.startswith(f"{path.stem}."):
-                        each.unlink()
+                for file in (*files_of(unit, record).values(), path):
+                    if file.name.startswith(f"{path.stem}."):
+                        file.unlink()
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove a folder of pieces, if nothing is left in it but what killed jobs have left."""
+    """Remove a folder of pieces that holds nothing but unfinished files of killed jobs."""
     remove_abandoned(folder)
     with suppress(OSError):
         folder.rmdir()
 
 
 def _count(folder: Path, unit: Unit) -> int:
-    """Number of pieces of a scene; of several divisions, the most complete one."""
-    found: dict[int, int] = {}
+    """Number of pieces of a scene, of several the most complete; InputError without pieces."""
+    finished_of: dict[int, int] = {}
     with suppress(OSError):
         for path in folder.iterdir():
             if match := _RECORD.fullmatch(path.name):
-                found[int(match[2])] = found.get(int(match[2]), 0) + 1
-    if not found:
+                count = int(match[2])
+                finished_of[count] = finished_of.get(count, 0) + 1
+    if not finished_of:
         raise InputError(
             f"{folder}: has no pieces of {unit.title}; export them with --piece 1/N to N/N."
         )
-    return max(found, key=lambda count: (found[count] / count, count))
+    return max(finished_of, key=lambda count: (finished_of[count] / count, count))
 
 
 def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
-    """Record of a piece, if its files are unchanged."""
+    """Record of a piece with unchanged files; None without one, or with an invalid one."""
     record = report.read(path_of(folder, piece, ".json"))
     if record is None or not journal.has_files(record, folder):
         return None
@@ -208,7 +202,7 @@ def _are_samples(samples: object, record: Mapping[str, Any]) -> bool:
     return (
         isinstance(samples, list)
         and len(samples) == 2
-        and all(isinstance(each, int) for each in samples)
+        and all(isinstance(edge, int) for edge in samples)
         and isinstance(record.get("recorded"), dict)
     )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doing one unit of work, in a process that has Blender."""
+"""Executes one unit of work in a process with Blender."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _LONGEST_NAME: Final = 255  # bytes, of file systems in use
 
 @dataclass
 class _OpenFile:
-    opened: tuple[str, int, int] | None = None  # file, time of change, size
+    """File that is open in this process."""
+
+    opened: tuple[str, int, int] | None = None  # path, modification time, size
 
     def clear(self) -> None:
         self.opened = None
@@ -47,19 +49,19 @@ _state = _OpenFile()
 
 
 def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Do a unit; any fault, even one of ours, becomes its outcome, so that other units go on."""
+    """Execute a unit; every error except BrokenPipeError becomes its outcome."""
     try:
         return done(unit, progress)
     except HfxError as error:
         return failure(unit, str(error), error.exit_code)
-    except BrokenPipeError:  # the master has gone; that ends a worker
+    except BrokenPipeError:  # the parent process has ended
         raise
     except OSError as error:
         _state.clear()
         if error.filename is None:
             return _defect(unit, error)
-        found = fault_of_file(error)
-        return failure(unit, str(found), found.exit_code)
+        fault = fault_of_file(error)
+        return failure(unit, str(fault), fault.exit_code)
     except MemoryError:
         _state.clear()
         return failure(unit, "not enough memory for this scene", 1, retire=True)
@@ -74,13 +76,7 @@ def _defect(unit: Unit, error: Exception) -> Outcome:
 
 
 def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Do a unit of work.
-
-    Raises
-    ------
-    HfxError
-        The scene cannot be exported, or results cannot be written.
-    """
+    """Execute a unit; raises HfxError for a scene that cannot be exported or written."""
     _check_name(unit)
     blender_session.start()
     _open(unit)
