@@ -26,30 +26,30 @@ def _first_words(text: str) -> list[str]:
 
 
 def test_docstrings_begin_with_a_noun_or_a_verb() -> None:
-    found = [
+    actual = [
         (word, path.relative_to(PACKAGE))
         for path in sorted(PACKAGE.rglob("*.py"))
         for word in _first_words(path.read_text(encoding="utf-8"))
     ]
-    assert len(found) > 3000  # the pattern still finds them
-    clauses = [each for each in found if each[0] in _CLAUSES]
+    assert len(actual) > 3000  # the pattern still finds them
+    clauses = [entry for entry in actual if entry[0] in _CLAUSES]
     assert not clauses
 
 
 def _first_words_in_c(text: str) -> list[str]:
-    return ["".join(each) for each in _FIRST_WORD_IN_C.findall(text)]
+    return ["".join(match) for match in _FIRST_WORD_IN_C.findall(text)]
 
 
 def test_comments_in_c_begin_with_a_noun_or_a_verb() -> None:
     folders = PACKAGE / "engine" / "native" / "source", ROOT / "players" / "core", ROOT / "firmware"
-    found = [
+    actual = [
         (word, path.relative_to(ROOT))
         for folder in folders
         for path in sorted(folder.rglob("*.[ch]"))
         for word in _first_words_in_c(path.read_text(encoding="utf-8"))
     ]
-    assert len(found) > 250  # the pattern still finds them
-    clauses = [each for each in found if each[0] in _CLAUSES]
+    assert len(actual) > 250  # the pattern still finds them
+    clauses = [entry for entry in actual if entry[0] in _CLAUSES]
     assert not clauses
     text = "int a;\n// What it is, if\n// How much\n\n  /* Whether: */\n  b();\n  // Which one.\n"
     assert _first_words_in_c(text) == ["What", "Whether", "Which"]

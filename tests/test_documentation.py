@@ -18,10 +18,12 @@ PLACES = (ROOT, PACKAGE, ROOT / "docs")
 
 def missing_names(text: str) -> list[str]:
     """Names that look like files or folders of ours and are none."""
-    found = re.findall(r"[\w.-]+/[\w./-]*|\b\w+\.(?:py|c|h)\b", text)
-    names = {name.strip(".,") for name in found}
+    matches = re.findall(r"[\w.-]+/[\w./-]*|\b\w+\.(?:py|c|h)\b", text)
+    names = {name.strip(".,") for name in matches}
     known = {name for name in names if re.search(r"\.(py|json|md|c|h)$|/$", name)}
-    return sorted(name for name in known if not any((place / name).exists() for place in PLACES))
+    return sorted(
+        name for name in known if not any((position / name).exists() for position in PLACES)
+    )
 
 
 @pytest.mark.parametrize("name", ["docs/architecture.md", "CONTRIBUTING.md"])
@@ -48,13 +50,14 @@ def test_the_tables_of_body_models_are_those_of_the_manifest() -> None:
 
 def test_counts_of_vertices_on_pages_are_those_of_the_shipped_models() -> None:
     counts = {
-        each["modality"]: each["vertices"] for each in model_library.manifest()["models"].values()
+        model["modality"]: model["vertices"]
+        for model in model_library.manifest()["models"].values()
     }
-    found = []
+    actual = []
     for page in ("track-format.md", "following-an-avatar.md"):
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-        found += re.findall(
+        actual += re.findall(
             r"(vibration|pressure|temperature) (?:model, |\()([\d,]{3,}) vertices", text
         )
-    assert len(found) == 4
-    assert [(name, count) for name, count in found if count != f"{counts[name]:,}"] == []
+    assert len(actual) == 4
+    assert [(name, count) for name, count in actual if count != f"{counts[name]:,}"] == []

@@ -158,12 +158,12 @@ def _hearing() -> hearing.Hearing:
     ids=lambda each: None if callable(each) else str(each)[:30],
 )
 def test_a_figure_is_the_codes(page: str, pattern: str, known: Callable[[], Any]) -> None:
-    found = re.findall(pattern, (DOCS / page).read_text(encoding="utf-8"))
-    assert len(found) == 1, "the sentence is there once"
-    texts = found[0] if isinstance(found[0], tuple) else found
-    printed = [float(each.replace(",", "")) for each in texts]
+    matches = re.findall(pattern, (DOCS / page).read_text(encoding="utf-8"))
+    assert len(matches) == 1, "the sentence is there once"
+    texts = matches[0] if isinstance(matches[0], tuple) else matches
+    printed = [float(text.replace(",", "")) for text in texts]
     values = known() if isinstance(known(), tuple) else (known(),)
-    assert printed == [float(each) for each in values]
+    assert printed == [float(value) for value in values]
 
 
 def test_each_shipped_device_and_modality_is_on_its_page() -> None:
@@ -171,5 +171,5 @@ def test_each_shipped_device_and_modality_is_on_its_page() -> None:
     listed = re.findall(r"^\| `(\w+)` \| \S.*\|.*\|.*\|.*\|", page, re.MULTILINE)
     names = {path.stem for path in resources.device_configs().glob("*.json")}
     assert set(listed) == {re.sub(r"_(left|right)$", "", name) for name in names}
-    told = (DOCS / "formats" / "index.md").read_text(encoding="utf-8")
-    assert "all four modalities" in told and len(MODALITIES) == 4
+    text = (DOCS / "formats" / "index.md").read_text(encoding="utf-8")
+    assert "all four modalities" in text and len(MODALITIES) == 4

@@ -76,9 +76,11 @@ def _units(package: str) -> dict[str, set[str]]:
     for name, path in modules().items():
         if name.startswith(start):
             unit = name.removeprefix(start).partition(".")[0]
-            others = (each.module for each in imports(path) if each.module.startswith(start))
-            found = {each.removeprefix(start).partition(".")[0] for each in others}
-            units.setdefault(unit, set()).update(found - {unit})
+            others = (
+                import_.module for import_ in imports(path) if import_.module.startswith(start)
+            )
+            actual = {item.removeprefix(start).partition(".")[0] for item in others}
+            units.setdefault(unit, set()).update(actual - {unit})
     return units
 
 
@@ -87,14 +89,14 @@ def test_layers() -> None:
     for path in _pure_files():
         name = module_name(path)
         faults += [
-            f"{name} imports {other}" for other in source(path).others if _top(other) in BLENDER
+            f"{name} imports {second}" for second in source(path).others if _top(second) in BLENDER
         ]
         allowed = {*PURE, *LOOSE, "files", "processes"}
-        for found in imports(path):
-            package, _, rest = found.module.partition(".")
+        for actual in imports(path):
+            package, _, rest = actual.module.partition(".")
             is_tool = package == "hfx_tools" and path.is_relative_to(ROOT / "hfx_tools")
             if not is_tool and _top(rest) not in allowed:
-                faults.append(f"{name}:{found.line} imports {found.module}")
+                faults.append(f"{name}:{actual.line} imports {actual.module}")
     for package in ("hfx_blender", "hfx_blender.engine"):
         order, units = _stated_order(package), _units(package)
         folder = ROOT.joinpath(*package.split("."))
@@ -104,10 +106,10 @@ def test_layers() -> None:
         assert sorted(order) == sorted(is_listed)
         number = {name: k for k, name in enumerate(order)}
         faults += [
-            f"{package}: {unit} imports {other}, which stands above it"
+            f"{package}: {unit} imports {second}, which stands above it"
             for unit in number
-            for other in units[unit] & number.keys()
-            if number[other] > number[unit]
+            for second in units[unit] & number.keys()
+            if number[second] > number[unit]
         ]
         TopologicalSorter(units).prepare()
     assert not [name for name, path in modules().items() if _is_tools(name, path)]
@@ -121,7 +123,7 @@ def _top(name: str) -> str:
 def _is_tools(name: str, path: Path) -> bool:
     """Test that a module of the product imports one of the tools."""
     return _top(name) == "hfx_blender" and any(
-        _top(found.module) == "hfx_tools" for found in imports(path)
+        _top(actual.module) == "hfx_tools" for actual in imports(path)
     )
 
 
@@ -139,16 +141,16 @@ def test_the_everyday_path_needs_numpy_only() -> None:
 
 def test_imported_names_are_there() -> None:
     for name, path in modules().items():
-        for found in imports(path):
-            there = found.module in modules()
+        for actual in imports(path):
+            there = actual.module in modules()
             assert there and (
-                not found.name or found.name in source(modules()[found.module]).names
-            ), (name, found)
+                not actual.name or actual.name in source(modules()[actual.module]).names
+            ), (name, actual)
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
     TopologicalSorter(
-        {name: {found.module for found in imports(path)} for name, path in modules().items()}
+        {name: {actual.module for actual in imports(path)} for name, path in modules().items()}
     ).prepare()
 
 
@@ -158,12 +160,12 @@ def test_the_spine_of_the_engine_is_short() -> None:
 
 def test_programs_within_strings_import_modules_that_exist() -> None:
     # Children run short programs; a move of the module is seen nowhere else.
-    wanted = re.compile(r"^\s*(?:from|import) (hfx_(?:blender|tools)(?:\.\w+)+)", re.M)
+    pattern = re.compile(r"^\s*(?:from|import) (hfx_(?:blender|tools)(?:\.\w+)+)", re.M)
     missing = []
     for path in modules().values():
         for program in source(path).programs:
-            for dotted in wanted.findall(program):
-                place = ROOT.joinpath(*dotted.split("."))
-                if not (place.is_dir() or place.with_suffix(".py").is_file()):
+            for dotted in pattern.findall(program):
+                position = ROOT.joinpath(*dotted.split("."))
+                if not (position.is_dir() or position.with_suffix(".py").is_file()):
                     missing.append(f"{path.name}: {dotted}")
     assert not missing

@@ -85,8 +85,8 @@ def test_the_lines_for_farms_are_understood() -> None:
     calls = re.findall(r"(?:hfx |\")(export (?:scene|/shared)[^\"';#|`\n]*)[^`]", text)
     assert len(calls) >= 9
     options = [build_parser().parse_args(call.split()) for call in calls]
-    assert sum(each.piece is not None for each in options) >= 4
-    assert sum(each.merge for each in options) >= 3
+    assert sum(option.piece is not None for option in options) >= 4
+    assert sum(option.merge for option in options) >= 3
 
 
 def test_links_lead_somewhere() -> None:

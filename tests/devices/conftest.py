@@ -39,9 +39,9 @@ def _patient(patient_devices: None) -> None: ...
 
 @pytest.fixture
 def client() -> Iterator[LiveClient]:
-    made = LiveClient()
-    yield made
-    made.close()
+    live_client = LiveClient()
+    yield live_client
+    live_client.close()
 
 
 @pytest.fixture

@@ -115,7 +115,7 @@ def with_types(*types: dict[str, Any], **members: Any) -> dict[str, Any]:
         "version": 1,
         "id": "types",
         "name": "Types",
-        "actuator_types": {f"type{k}": each for k, each in enumerate(types)},
+        "actuator_types": {f"type{k}": item for k, item in enumerate(types)},
         "actuators": [
             {"id": f"a{k}", "type": f"type{k}", "place": {"room": {}}} for k in range(len(types))
         ],
@@ -184,7 +184,7 @@ SCHEMES = [
     {"scheme": "barycentric", "options": {"law": "linear"}},
     {"scheme": "surface", "options": {"law": "power"}},
     {"scheme": "splat", "options": {"sigma_m": 0.01}},
-    *({"scheme": each, "options": {}} for each in ("nearest", "ring", "line", "vbap")),
+    *({"scheme": item, "options": {}} for item in ("nearest", "ring", "line", "vbap")),
 ]
 
 
@@ -200,18 +200,18 @@ def substituting(source: str, target: str) -> dict[str, Any]:
 
 def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """All of them by name: shipped ones, and those made to use what none of these does."""
-    found = {
+    actual = {
         path.stem: json.loads(path.read_text(encoding="utf-8"))
         for path in sorted(resources.device_configs().glob("*.json"))
     }
-    found["full"] = copy.deepcopy(FULL)
-    found["types"] = with_types(VIBRATION, FIXED, THERMAL, *OTHERS)
-    found["waveforms"] = with_types(
+    actual["full"] = copy.deepcopy(FULL)
+    actual["types"] = with_types(VIBRATION, FIXED, THERMAL, *OTHERS)
+    actual["waveforms"] = with_types(
         *(VIBRATION | {"takes_waveform": True, "waveform": w} for w in ("noise", "square", "sine"))
     )
-    found["pad"] = changed(**PAD)
-    found["bent pad"] = changed(**BENT)
-    found |= {f"scheme {each['scheme']}": changed(rendering=each) for each in SCHEMES}
+    actual["pad"] = changed(**PAD)
+    actual["bent pad"] = changed(**BENT)
+    actual |= {f"scheme {scheme['scheme']}": changed(rendering=scheme) for scheme in SCHEMES}
     pairs = [(a, b) for a in UNITS for b in UNITS if a != b]
-    found |= {f"{a} as {b}": substituting(a, b) for a, b in pairs}
-    return found | {f"output {kind}": each for kind, each in outputs.items()}
+    actual |= {f"{a} as {b}": substituting(a, b) for a, b in pairs}
+    return actual | {f"output {kind}": item for kind, item in outputs.items()}

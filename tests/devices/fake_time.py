@@ -58,9 +58,9 @@ class Port:
 
     def last_loud_s(self, since_s: float = 0.0) -> float:
         """Time at which the last perceptible output was replaced; -1 without any."""
-        found = [*self.strengths(), (self._clock.now_s, 0.0)]
-        ends = [after for (t, v), (after, _) in pairwise(found) if v > 0.0]
-        return max((each for each in ends if each > since_s), default=-1.0)
+        actual = [*self.strengths(), (self._clock.now_s, 0.0)]
+        ends = [after for (t, v), (after, _) in pairwise(actual) if v > 0.0]
+        return max((item for item in ends if item > since_s), default=-1.0)
 
 
 class Played:
@@ -90,7 +90,7 @@ class Played:
 
 def run(played: Iterable[Played], seconds: float) -> None:
     """Let time pass for device threads that share a clock."""
-    threads = [each.thread for each in played]
+    threads = [block.thread for block in played]
     clock = next(iter(played)).clock
     end = clock.now_s + seconds
     while True:

@@ -27,7 +27,7 @@ def own(tmp_path, monkeypatch):
 
 
 def hfx(capsys, *arguments):
-    code = cli.run([str(each) for each in arguments])
+    code = cli.run([str(argument) for argument in arguments])
     return code, *capsys.readouterr()
 
 
@@ -111,7 +111,7 @@ def test_import_refuses_what_is_no_map_in_one_line(own, tmp_path, capsys, conten
     code, out, err = hfx(capsys, "device", "import", tmp_path / "map.json", "--name", name)
     assert code == 3 and not out
     assert err.count("\n") == 1 and told in err
-    assert [each.name for each in own.iterdir()] == ["taken.json"]
+    assert [path.name for path in own.iterdir()] == ["taken.json"]
 
 
 @pytest.mark.parametrize("arguments", [(), ("list", "more"), ("check",), ("import",), ("paint",)])
@@ -121,12 +121,12 @@ def test_wrong_usage_exits_with_2(capsys, arguments):
 
 
 def test_find_names_ports_and_which_of_several_devices_of_a_server(own, monkeypatch, capsys):
-    found = [
+    actual = [
         Found("board", "/dev/ttyACM0", "a board", "S-1"),
         Found("toy", "", "Lush (left) at a program on 127.0.0.1:12345", "Lush (left)"),
     ]
     monkeypatch.setattr(discovery, "serial_ports", lambda: [FoundPort("/dev/ttyACM0", "x", None)])
-    monkeypatch.setattr(discovery, "found_devices", lambda devices, ports: found)
+    monkeypatch.setattr(discovery, "found_devices", lambda devices, ports: actual)
     code, out, _ = hfx(capsys, "device", "find")
     assert (code, out.splitlines()) == (
         0,
@@ -136,9 +136,9 @@ def test_find_names_ports_and_which_of_several_devices_of_a_server(own, monkeypa
         ],
     )
     code, out, _ = hfx(capsys, "device", "find", "--json")
-    told = json.loads(out)
-    assert told["ports"] == ["/dev/ttyACM0"]
-    assert [each["unit"] for each in told["devices"]] == ["S-1", "Lush (left)"]
-    found.clear()
+    messages = json.loads(out)
+    assert messages["ports"] == ["/dev/ttyACM0"]
+    assert [device["unit"] for device in messages["devices"]] == ["S-1", "Lush (left)"]
+    actual.clear()
     _, out, _ = hfx(capsys, "device", "find")
     assert out == "no known device; serial ports: /dev/ttyACM0\n"

@@ -87,9 +87,9 @@ def test_what_may_be_left_out_has_defaults(full, stored):
 def test_pressure_shown_as_vibration_is_played_at_the_resonance(full, stored, left_out, own_hz):
     del full["substitutions"]["pressure"]["frequency_hz"]
     motor = full["actuator_types"]["motor"]
-    for each in left_out:
-        owner = motor if each in motor else motor["parameters"]["frequency_hz"]
-        del owner[each]
+    for item in left_out:
+        owner = motor if item in motor else motor["parameters"]["frequency_hz"]
+        del owner[item]
     assert load_device(stored(full)).substitutions["pressure"].frequency_hz == own_hz
     VALIDATOR.validate(full)
 
@@ -438,5 +438,5 @@ def test_the_example_of_the_documentation_is_valid(stored):
     file = stored(example, "warm_sleeve.json")
     assert check(file) == []
     device = load_device(file)
-    assert [each.id for each in device.actuators] == ["inner", "outer"]
+    assert [actuator.id for actuator in device.actuators] == ["inner", "outer"]
     assert device.actuator_types["element"].strength.highest == 38

@@ -19,9 +19,9 @@ from hfx_blender.errors import InputError
 
 
 def node(bone: str, x: float, y: float, z: float, address: str | None = None) -> dict[str, Any]:
-    found = {"node_data": {"x": x, "y": y, "z": z, "groups": ["A"]}, "radius": 0.03}
-    found |= {"target_bone": bone, "is_external_address": False}
-    return found if address is None else {**found, "address": address}
+    actual = {"node_data": {"x": x, "y": y, "z": z, "groups": ["A"]}, "radius": 0.03}
+    actual |= {"target_bone": bone, "is_external_address": False}
+    return actual if address is None else {**actual, "address": address}
 
 
 # Unity: Y up, the avatar faces +Z, its left is -X.
@@ -49,11 +49,16 @@ def written(tmp_path: Path):
 
 
 def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
-    made = import_layout(written(NODES), "my_vest")
-    assert check(made) == []
+    created = import_layout(written(NODES), "my_vest")
+    assert check(created) == []
     device = load_device("my_vest")
-    assert [each.id for each in device.actuators] == ["node_1", "node_2", "node_3", "node_4"]
-    front, back, arm, head = (each.place for each in device.actuators)
+    assert [actuator.id for actuator in device.actuators] == [
+        "node_1",
+        "node_2",
+        "node_3",
+        "node_4",
+    ]
+    front, back, arm, head = (actuator.place for actuator in device.actuators)
     assert front.centre_m[0] > 0.0 > front.centre_m[1], "the wearer's left, in front"
     assert back.centre_m[0] < 0.0 < back.centre_m[1], "the wearer's right, behind"
     assert (arm.parts, arm.side, head.parts) == (("forearm",), "left", ("head",))
@@ -77,9 +82,11 @@ def test_a_node_map_is_scaled_from_its_eye_height_to_that_of_the_model(written: 
         node("Chest", 0.0, 1.2716, 0.12),
     ]
     import_layout(written(nodes), "heights")
-    places = [each.place for each in load_device("heights").actuators]
-    assert [place.centre_m[2] for place in places] == pytest.approx([1.799, 1.685, 1.352], abs=6e-3)
-    assert [place.radius_m for place in places] == pytest.approx([0.0319] * 3)
+    places = [actuator.place for actuator in load_device("heights").actuators]
+    assert [position.centre_m[2] for position in places] == pytest.approx(
+        [1.799, 1.685, 1.352], abs=6e-3
+    )
+    assert [position.radius_m for position in places] == pytest.approx([0.0319] * 3)
     assert places[0].centre_m[1] == pytest.approx(-0.0425, abs=5e-3)
 
 

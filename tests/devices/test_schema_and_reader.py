@@ -31,7 +31,7 @@ SCHEMA = json.loads(
 )
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 DOCUMENTS = documents(
-    {name: with_output(copy.deepcopy(FULL), each) for name, (each, _) in GOOD.items()}
+    {name: with_output(copy.deepcopy(FULL), item) for name, (item, _) in GOOD.items()}
 )
 DOCUMENTS["output text stop"] = copy.deepcopy(FULL) | {
     "output": {"encoder": GOOD["text"][0]["encoder"] | {"stop": "STOP"}}
@@ -57,17 +57,17 @@ def kind_of(members: dict[str, Any]) -> str:
 def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Members and items that the schema knows: path, and allowed values."""
     schema = resolved(schema)
-    for each in schema.get("anyOf", ()):
-        yield from fields_of_schema(each, path)
+    for item in schema.get("anyOf", ()):
+        yield from fields_of_schema(item, path)
     known = schema.get("properties", {})
-    here = path + kind_of({key: each.get("const") for key, each in known.items()})
-    for key, each in known.items():
-        yield f"{here}.{key}", resolved(each)
-        yield from fields_of_schema(each, f"{here}.{key}")
+    here = path + kind_of({key: item.get("const") for key, item in known.items()})
+    for key, item in known.items():
+        yield f"{here}.{key}", resolved(item)
+        yield from fields_of_schema(item, f"{here}.{key}")
     lists = [schema[key] for key in ("items", "additionalProperties") if schema.get(key)]
-    for each in [*lists, *schema.get("prefixItems", ())]:
-        yield f"{path}.*", resolved(each)
-        yield from fields_of_schema(each, f"{path}.*")
+    for item in [*lists, *schema.get("prefixItems", ())]:
+        yield f"{path}.*", resolved(item)
+        yield from fields_of_schema(item, f"{path}.*")
 
 
 def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str, Place]]:
@@ -75,14 +75,14 @@ def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str,
     if isinstance(value, dict):
         is_free = path in (".actuator_types",)
         here = path + kind_of(value)
-        for key, each in value.items():
+        for key, item in value.items():
             inner = f"{path}.*" if is_free else f"{here}.{key}"
             yield inner, (*at, key)
-            yield from fields_of(each, (*at, key), inner)
+            yield from fields_of(item, (*at, key), inner)
     elif isinstance(value, list):
-        for k, each in enumerate(value):
+        for k, item in enumerate(value):
             yield f"{path}.*", (*at, k)
-            yield from fields_of(each, (*at, k), f"{path}.*")
+            yield from fields_of(item, (*at, k), f"{path}.*")
 
 
 ALLOWED: dict[str, list[Any]] = {}
@@ -123,12 +123,14 @@ def refusal(document: Any) -> str | None:
 
 
 def check_refused(content: Any, place: Place, why: str) -> None:
-    told = refusal(content)
-    assert told is not None, f"{place} {why} is accepted"
-    assert told.startswith("device.json: ") and told.endswith(".") and "\n" not in told, told
-    assert len(told) < 1500, told
-    names = [each for each in place if isinstance(each, str)]
-    assert any(each in told for each in names[-2:]), f"{place} {why}: {told}"
+    messages = refusal(content)
+    assert messages is not None, f"{place} {why} is accepted"
+    assert (
+        messages.startswith("device.json: ") and messages.endswith(".") and "\n" not in messages
+    ), messages
+    assert len(messages) < 1500, messages
+    names = [item for item in place if isinstance(item, str)]
+    assert any(name in messages for name in names[-2:]), f"{place} {why}: {messages}"
 
 
 def type_name(value: Any) -> str:
@@ -156,11 +158,11 @@ def test_the_documents_are_right_for_reader_and_schema(name):
 
 @pytest.mark.parametrize("path", sorted(ALLOWED))
 def test_every_field_wrong_in_turn(path):
-    name, place = FIRST[path]
+    name, position = FIRST[path]
     whole = DOCUMENTS[name]
-    value = at(whole, place)
+    value = at(whole, position)
     wrong: list[tuple[str, Any]] = [
-        (f"as {each!r}", each) for each in OF_ANY_TYPE if type_name(each) != type_name(value)
+        (f"as {item!r}", item) for item in OF_ANY_TYPE if type_name(item) != type_name(value)
     ]
     most = 400
     for schema in ALLOWED[path]:
@@ -178,33 +180,33 @@ def test_every_field_wrong_in_turn(path):
         ]
     elif isinstance(value, dict):
         wrong += [("unknown", value | {UNKNOWN: 1})]
-    for why, each in wrong:
+    for why, item in wrong:
         document = copy.deepcopy(whole)
-        put(document, place, each)
+        put(document, position, item)
         # Of a kind that allows more; and Python's $ takes a line feed, as the standard's does not.
         if why in ("maybe", "too low", "too high") and VALIDATOR.is_valid(document):
             continue
-        check_refused(document, (*place, UNKNOWN) if why == "unknown" else place, why)
+        check_refused(document, (*position, UNKNOWN) if why == "unknown" else position, why)
         if why in ("as None", "as 0.5", "as '?'"):  # a schema is slow: not all of them
-            assert not VALIDATOR.is_valid(document), f"the schema accepts {place} {why}"
+            assert not VALIDATOR.is_valid(document), f"the schema accepts {position} {why}"
     for raw in ("NaN", "-Infinity", "1e999", "9" * 40):
-        check_refused(with_raw(whole, place, raw), place, raw)
-    if isinstance(place[-1], str):
-        twice = f"0, {json.dumps(place[-1])}: {json.dumps(value)}"
-        check_refused(with_raw(whole, place, twice), place, "twice")
+        check_refused(with_raw(whole, position, raw), position, raw)
+    if isinstance(position[-1], str):
+        twice = f"0, {json.dumps(position[-1])}: {json.dumps(value)}"
+        check_refused(with_raw(whole, position, twice), position, "twice")
 
 
 @pytest.mark.parametrize("path", sorted(ALLOWED))
 def test_what_may_be_missing_may_be_missing_for_both(path):
-    name, place = FIRST[path]
+    name, position = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])
-    del at(document, place[:-1])[place[-1]]
-    told = refusal(document)
+    del at(document, position[:-1])[position[-1]]
+    messages = refusal(document)
     if VALIDATOR.is_valid(document):
-        assert told is None or reader_only(told), told
+        assert messages is None or reader_only(messages), messages
     else:
-        assert told is not None, f"only the schema needs {place}"
-        check_refused(document, place, "missing")
+        assert messages is not None, f"only the schema needs {position}"
+        check_refused(document, position, "missing")
 
 
 READER_ONLY = re.compile(
@@ -239,25 +241,25 @@ values = st.recursive(
 @given(st.sampled_from(sorted(FIRST)), values, st.sampled_from(["put", "remove", "twice", "add"]))
 @settings(max_examples=100)
 def test_schema_and_reader_agree_on_anything(path, value, action):
-    name, place = FIRST[path]
+    name, position = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])
-    inside = at(document, place[:-1])
+    inside = at(document, position[:-1])
     if action == "put":
-        put(document, place, value)
+        put(document, position, value)
     elif action == "remove":
-        del inside[place[-1]]
+        del inside[position[-1]]
     elif action == "add" and isinstance(inside, dict):
         inside[str(value)[:20]] = value
     elif isinstance(inside, list):
-        inside.append(copy.deepcopy(inside[place[-1]]))
-    told = refusal(document)
+        inside.append(copy.deepcopy(inside[position[-1]]))
+    messages = refusal(document)
     if VALIDATOR.is_valid(document):
-        assert told is None or reader_only(told), told
+        assert messages is None or reader_only(messages), messages
     else:
-        assert told is not None, "only the schema refuses this"
+        assert messages is not None, "only the schema refuses this"
 
 
 def test_the_published_schema_is_the_one_that_the_shapes_give():
-    told = "made by 'python docs/regenerate.py schema'"
+    messages = "made by 'python docs/regenerate.py schema'"
     path = resources.device_configs() / "schema" / "device.schema.json"
-    assert path.read_text(encoding="utf-8") == device_schema(), told
+    assert path.read_text(encoding="utf-8") == device_schema(), messages

@@ -59,19 +59,19 @@ def render(haptics):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's own devices, a band among them; nothing is approved."""
-    made = tmp_path / "devices"
-    made.mkdir()
-    monkeypatch.setenv("HFX_DEVICES", str(made))
+    created = tmp_path / "devices"
+    created.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(created))
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
-    own_device(made, "forearm_band", "my_band")
-    return made
+    own_device(created, "forearm_band", "my_band")
+    return created
 
 
 def own_device(folder: Path, shipped: str, name: str, **kind: float) -> None:
     content = json.loads((resources.device_configs() / f"{shipped}.json").read_text())
     content["id"] = name
-    for each in content["actuator_types"].values():
-        each.update(kind)
+    for actuator_type in content["actuator_types"].values():
+        actuator_type.update(kind)
     (folder / f"{name}.json").write_text(json.dumps(content))
 
 
@@ -92,10 +92,10 @@ def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
     return TrackHeader(
         time=time,
         models=tuple(
-            TrackModel(each.id, each.modality, each.content_hash, len(each))
-            for each in models.values()
+            TrackModel(model.id, model.modality, model.content_hash, len(model))
+            for model in models.values()
         ),
-        bodies=tuple(TrackBody(each, each.title()) for each in bodies),
+        bodies=tuple(TrackBody(body, body.title()) for body in bodies),
         effects=(
             TrackEffect("buzz", "Buzz", "vibration", "volume", MODELS["vibration"], True),
             TrackEffect("warm", "Warm", "temperature", "volume", MODELS["temperature"], True),
@@ -174,7 +174,7 @@ def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
     """Messages of live playback to a script at each row of a track, with latency compensation."""
     late_ms = device.actuators[0].type.latency_ms
     late = round(late_ms / 1000.0 * RATE_HZ)
-    found = []
+    actual = []
     with TrackReader(path) as track:
         moments: list[list[SampleRun]] = [[] for _ in range(ROWS + late)]
         for run in track.runs():
@@ -186,8 +186,8 @@ def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
             now = at_zero(moments[row])
             values, _ = live.ahead(now, later)
             time_s = (FIRST + row * FPS / RATE_HZ - START) / FPS
-            found.append(encode_haptics(time_s, live.felt(now), values))
-    return found
+            actual.append(encode_haptics(time_s, live.felt(now), values))
+    return actual
 
 
 def at_zero(runs: list[SampleRun]) -> list[SampleRun]:
@@ -206,14 +206,14 @@ def test_what_a_script_says_is_what_the_device_plays(folder: Path, path: Path) -
 
 def test_limits_come_after_the_script(folder: Path, path: Path) -> None:
     source = "def render(h):\n    return [1e9, float('nan')] + [1e9, 1e9] * 6 + [-5.0, 90.0]\n"
-    found = rendered(path, scripted(folder, source))
-    ((_, raster),) = found.played
+    actual = rendered(path, scripted(folder, source))
+    ((_, raster),) = actual.played
     kind = load_device(BAND).actuators[0].type
     highest = [kind.strength.highest, kind.controls[1].highest]
     assert (raster.values[:, :2] == raster.neutral[:2]).all()  # no number: that motor is silent
     assert (raster.values[:, 2:14] == highest * 6).all()
     assert (raster.values[:, 14:] == [0.0, 90.0]).all()
-    assert f"no number at {ROWS} of {ROWS} times" in found.warnings[0]
+    assert f"no number at {ROWS} of {ROWS} times" in actual.warnings[0]
 
 
 @pytest.mark.parametrize(("latency_ms", "interval_ms"), [(0, 20), (400, 100)])
@@ -227,8 +227,8 @@ def test_a_script_that_changes_nothing_gives_what_is_played_without_it(
     assert alone.values[:, ::2].any()
     assert raster.values.tobytes() == alone.values.tobytes()
     assert raster.shortfalls == alone.shortfalls
-    for mine, other in zip(raster.felt, alone.felt, strict=True):
-        assert mine.is_rendered.tolist() == other.is_rendered.tolist()
+    for mine, alternative in zip(raster.felt, alone.felt, strict=True):
+        assert mine.is_rendered.tolist() == alternative.is_rendered.tolist()
 
 
 def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path) -> None:
@@ -271,15 +271,15 @@ def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
     wish = {**script.as_request(), "device": str(device.script.device), "folder": None}
     process = ScriptProcess(wish, heard.put, heard.put)
     process.start()
-    found = []
+    actual = []
     try:
         for moment in told:
             process.ask(moment, heard.put)
-            found.append(heard.get(timeout=60.0))
-            assert isinstance(found[-1], np.ndarray), found[-1]
+            actual.append(heard.get(timeout=60.0))
+            assert isinstance(actual[-1], np.ndarray), actual[-1]
     finally:
         process.close()
-    return np.array(found)
+    return np.array(actual)
 
 
 def test_the_shipped_script_plays_the_same_live_and_in_an_export(folder: Path, path: Path) -> None:
@@ -307,11 +307,11 @@ def test_a_script_that_is_not_approved_leaves_its_device_out_and_no_other(
     folder: Path, path: Path
 ) -> None:
     device = scripted(folder, COUNTER, is_approved=False)
-    other = load_device("insoles")
-    found = rendered(path, device, other)
-    assert [each.id for each, _ in found.played] == ["insoles"]
-    assert str(folder / "my_band.py") in found.silent[BAND]
-    assert "not approved" in found.silent[BAND]
+    alternative = load_device("insoles")
+    actual = rendered(path, device, alternative)
+    assert [item.id for item, _ in actual.played] == ["insoles"]
+    assert str(folder / "my_band.py") in actual.silent[BAND]
+    assert "not approved" in actual.silent[BAND]
     with pytest.raises(ScriptError, match="not approved"):
         played(path, device)
     assert ScriptError.exit_code == 5
@@ -353,9 +353,9 @@ def test_a_script_that_fails_leaves_its_device_out(
 ) -> None:
     monkeypatch.setattr(script_rendering, "ROW_S", 1.0)
     source, reason = FAULTS[name]
-    found = rendered(path, scripted(folder, source))
-    assert not found.played
-    sentence = found.silent[BAND]
+    actual = rendered(path, scripted(folder, source))
+    assert not actual.played
+    sentence = actual.silent[BAND]
     assert str(folder / "my_band.py") in sentence and reason in sentence
     assert name == "speaks for itself" or WHEN in sentence
     assert "\n" not in sentence
@@ -412,10 +412,10 @@ def test_the_same_track_gives_the_same_bytes(folder: Path, path: Path) -> None:
 def test_each_wearer_has_a_script_of_its_own(folder: Path, tmp_path: Path) -> None:
     both = written(tmp_path / "two.hfxtrack", header(("anna", "bert")))
     device = scripted(folder, COUNTER)
-    found = rendered(both, device)
-    assert [raster.body_id for _, raster in found.played] == ["anna", "bert"]
-    one, other = (raster.values for _, raster in found.played)
-    assert one.any() and one.tobytes() == other.tobytes()
+    actual = rendered(both, device)
+    assert [raster.body_id for _, raster in actual.played] == ["anna", "bert"]
+    one, alternative = (raster.values for _, raster in actual.played)
+    assert one.any() and one.tobytes() == alternative.tobytes()
 
 
 def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) -> None:
@@ -428,12 +428,15 @@ def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) 
         "    return [3.0, 100.0] * 8\n"
     )
     device = scripted(folder, source)
-    missing = {(each.effect_id, each.reason) for each in without_script(path, device).shortfalls}
+    missing = {
+        (shortfall.effect_id, shortfall.reason)
+        for shortfall in without_script(path, device).shortfalls
+    }
     assert ("warm", "modality") in missing
     raster = played(path, device)
-    assert not [each for each in raster.shortfalls if each.effect_id == "warm"]
+    assert not [shortfall for shortfall in raster.shortfalls if shortfall.effect_id == "warm"]
     silence = scripted(folder, "def render(h):\n    return None\n")
-    lost = {each.effect_id: each.share for each in played(path, silence).shortfalls}
+    lost = {shortfall.effect_id: shortfall.share for shortfall in played(path, silence).shortfalls}
     assert lost == {"buzz": 1.0, "warm": 1.0}
 
 
@@ -458,17 +461,17 @@ def of_device() -> Callable[[], str]:
 def test_an_export_is_made_from_the_script_and_its_approval(
     folder: Path, of_device: Callable[[], str]
 ) -> None:
-    found = [of_device()]
+    actual = [of_device()]
     scripted(folder, COUNTER, is_approved=False)
-    found.append(of_device())
+    actual.append(of_device())
     scripted(folder, COUNTER)
-    found.append(of_device())
-    assert of_device() == found[-1]
+    actual.append(of_device())
+    assert of_device() == actual[-1]
     (folder / "my_band.py").write_text(COUNTER + "\n")
-    found.append(of_device())
+    actual.append(of_device())
     scripted(folder, COUNTER + "\n")
-    found.append(of_device())
-    assert len(set(found)) == 5
+    actual.append(of_device())
+    assert len(set(actual)) == 5
 
 
 def test_the_shipped_script_is_in_the_wheel_and_the_extension(monkeypatch: Any) -> None:
@@ -479,4 +482,4 @@ def test_the_shipped_script_is_in_the_wheel_and_the_extension(monkeypatch: Any) 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
     assert wheel["force-include"]["device_configs"] == "hfx_blender/device_configs"
-    assert not any("py" in each for each in wheel["exclude"])
+    assert not any("py" in pattern for pattern in wheel["exclude"])

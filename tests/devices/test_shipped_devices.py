@@ -66,36 +66,36 @@ def test_nothing_ships_untested():
 @pytest.mark.parametrize("model_id", MODELS)
 @pytest.mark.parametrize("name", EXPECTED)
 def test_actuators_lie_on_their_part(name, model_id):
-    device, model, found = cells(name, model_id)
+    device, model, actual = cells(name, model_id)
     part, sides, count = EXPECTED[name]
-    assert len(device.actuators) == count and found.counts.min() >= 1
+    assert len(device.actuators) == count and actual.counts.min() >= 1
     if part is None:
-        assert (found.counts == len(model)).all()
+        assert (actual.counts == len(model)).all()
         return
-    assert {PARTS[p] for p in model.part[found.reached]} == set(part.split())
+    assert {PARTS[p] for p in model.part[actual.reached]} == set(part.split())
     if sides is not None:
-        assert set(model.side[found.reached]) == sides
-    for row in found.rows:
+        assert set(model.side[actual.reached]) == sides
+    for row in actual.rows:
         assert (np.diff(row) > 0).all()
 
 
 @pytest.mark.parametrize("name", sorted(set(EXPECTED) - IN_THE_ROOM - ALL_ROUND))
 def test_actuators_are_centred_on_the_skin_and_tile_it(name):
-    device, model, found = cells(name, "hfx-pressure-1")
+    device, model, actual = cells(name, "hfx-pressure-1")
     mirror = np.array([-1.0, 1.0, 1.0]) if device.is_mirrored else np.ones(3)
-    for actuator, row in zip(device.actuators, found.rows, strict=True):
+    for actuator, row in zip(device.actuators, actual.rows, strict=True):
         assert isinstance(actuator.place, BodyPlace)
         centre = np.array(actuator.place.centre_m) * mirror
         # Centres are on the skin: within one vertex spacing (25 mm) of a vertex.
         assert np.linalg.norm(model.vertices[row] - centre, axis=1).min() < 0.0125
-    overlaps = np.bincount(np.concatenate(found.rows), minlength=len(model))
+    overlaps = np.bincount(np.concatenate(actual.rows), minlength=len(model))
     assert overlaps.max() <= 3
-    assert len({row.tobytes() for row in found.rows}) == len(found.rows)
+    assert len({row.tobytes() for row in actual.rows}) == len(actual.rows)
 
 
 @pytest.mark.parametrize("name", ["back_pad", "pressure_vest", "bhaptics_tactsuit_x40"])
 def test_a_torso_device_leaves_no_gap_between_its_actuators(name):
-    device, model, found = cells(name, "hfx-pressure-1")
+    device, model, actual = cells(name, "hfx-pressure-1")
     for is_back in (True, False):
         centres = np.array(
             [a.place.centre_m for a in device.actuators if (a.place.centre_m[1] > 0) == is_back]
@@ -107,7 +107,7 @@ def test_a_torso_device_leaves_no_gap_between_its_actuators(name):
         is_inside = (x > low[0]) & (x < high[0]) & (z > low[2]) & (z < high[2])
         is_inside &= (y > 0.0) == is_back
         is_inside &= model.part == PARTS.index("torso")
-        is_reached = np.isin(np.flatnonzero(is_inside), found.reached)
+        is_reached = np.isin(np.flatnonzero(is_inside), actual.reached)
         assert is_reached.mean() > 0.9
 
 
@@ -121,8 +121,8 @@ def test_left_and_right_bands_mirror_each_other():
 
 
 def test_the_band_goes_once_round_the_arm():
-    device, model, found = cells("forearm_band_left", "hfx-pressure-1")
-    centres = np.array([model.vertices[row].mean(axis=0) for row in found.rows])
+    device, model, actual = cells("forearm_band_left", "hfx-pressure-1")
+    centres = np.array([model.vertices[row].mean(axis=0) for row in actual.rows])
     steps = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
     assert 0.02 < steps.min() and steps.max() < 0.05  # 8 steps round about 25 cm
     assert np.linalg.norm(centres[0] - centres[4]) > 0.06
@@ -131,7 +131,7 @@ def test_the_band_goes_once_round_the_arm():
 
 
 def centres_of(device):
-    return np.array([each.place.centre_m for each in device.actuators])
+    return np.array([item.place.centre_m for item in device.actuators])
 
 
 def test_the_mango_pad_is_ten_tactors_in_triangles_of_63_5_mm_seen_and_felt_on_one_side():
@@ -168,11 +168,11 @@ def test_the_belt_goes_once_round_the_waist_in_equal_arcs():
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_small_peltier_between_temperature_vertices_still_fires(side):
-    device, model, found = cells(f"peltier_sleeve_{side}", "hfx-temperature-1")
+    device, model, actual = cells(f"peltier_sleeve_{side}", "hfx-temperature-1")
     mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
     gaps = np.linalg.norm(model.vertices[None] - (centres_of(device) * mirror)[:, None], axis=2)
     assert gaps.min(axis=1).max() > 0.02  # no vertex under the 40 mm of at least one element
-    assert (found.counts >= 1).all()
+    assert (actual.counts >= 1).all()
     assert device.actuator_types["element"].strength.highest <= MAX_TEMPERATURE_C
 
 

@@ -29,7 +29,8 @@ def layout(**others: Any) -> dict[str, Any]:
             {"name": "Back", "Indexes": [4, 5, 6, 7]},
         ],
         "actuators": [
-            {"projectedViewPosition": dict(zip("xyz", place, strict=True))} for place in PLACES
+            {"projectedViewPosition": dict(zip("xyz", position, strict=True))}
+            for position in PLACES
         ],
         **others,
     }
@@ -42,9 +43,9 @@ def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def make(content: Any, name: str = "cube"):
         path = tmp_path / "layout.json"
         path.write_text(json.dumps(content))
-        made = import_layout(path, name)
-        assert check(made) == []
-        return load_device(name, made.parent)
+        device = import_layout(path, name)
+        assert check(device) == []
+        return load_device(name, device.parent)
 
     return make
 

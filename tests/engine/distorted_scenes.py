@@ -124,11 +124,11 @@ class DistortedScene:
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
     ) -> np.ndarray:
         """Weights by volume and vertex, all volumes grown; those of ``which`` only."""
-        found = np.zeros((len(FALLOFFS), len(self.model)))
+        expected = np.zeros((len(FALLOFFS), len(self.model)))
         for run in self.runs(tolerance, grown_m, which):
             for sample in run:
-                found[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
-        return found
+                expected[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
+        return expected
 
     def runs(
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
@@ -196,8 +196,8 @@ def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> fl
     share of strength must lie between what is exact for volumes that are smaller and larger by
     the accepted distance.
     """
-    found = scene.felt(tolerance)
-    wrong = np.abs(found - exact) > tolerance.amplitude
+    actual = scene.felt(tolerance)
+    wrong = np.abs(actual - exact) > tolerance.amplitude
     edges = scene.edges_m(tolerance)
     worst = 0.0
     while wrong.any():
@@ -206,7 +206,7 @@ def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> fl
         mine = wrong & (edges <= edge_m)
         which = mine.any(axis=1)
         smaller, larger = (scene.felt(EXACT, grown, which) for grown in (-edge_m, edge_m))
-        off = np.maximum(smaller - found, found - larger)[mine] - tolerance.amplitude
+        off = np.maximum(smaller - actual, actual - larger)[mine] - tolerance.amplitude
         worst = max(worst, float(off.max()))
         wrong &= edges > edge_m
     return worst
@@ -255,9 +255,9 @@ def _volumes(
         size_m = float(np.exp(rng.uniform(*np.log(sizes_m))))
         kind = str(rng.choice(["sphere", "cuboid", "capsule"]))
         vertex = rng.integers(len(model))
-        place = _posed(model, bones, to_world, np.array([vertex]))[0]
-        place = place + away * size_m * rng.normal(size=3)
-        volumes.append(Volume(kind, size_m, place, turn(rng, rng.uniform(0.0, np.pi))))
+        position = _posed(model, bones, to_world, np.array([vertex]))[0]
+        position = position + away * size_m * rng.normal(size=3)
+        volumes.append(Volume(kind, size_m, position, turn(rng, rng.uniform(0.0, np.pi))))
     return tuple(volumes)
 
 
@@ -279,9 +279,9 @@ def _posed(
     weights = model.weights
     posed = np.zeros((len(model), 3))
     owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-    asked = np.isin(owners, vertices)
-    owners, values = owners[asked], weights.values[asked].astype(float)
-    matrices = bones[weights.bones[asked]]
+    requests = np.isin(owners, vertices)
+    owners, values = owners[requests], weights.values[requests].astype(float)
+    matrices = bones[weights.bones[requests]]
     moved = np.einsum("eij,ej->ei", matrices[..., :3], model.vertices[owners]) + matrices[..., 3]
     np.add.at(posed, owners, values[:, None] * moved)
     posed /= np.maximum(np.bincount(owners, values, len(model)), 1e-9)[:, None]

@@ -72,8 +72,8 @@ class RandomContact:
     def __str__(self) -> str:
         shapes = "+".join(type(shape).__name__ for shape in self.animated.shapes)
         binding = type(self.body.binding).__name__
-        told = self.falloff.kind.value, self.falloff.share, self.tolerance.name, self.record
-        return f"seed {self.seed}: {shapes} on {binding}, {told}"
+        messages = self.falloff.kind.value, self.falloff.share, self.tolerance.name, self.record
+        return f"seed {self.seed}: {shapes} on {binding}, {messages}"
 
     # The scene
 
@@ -81,11 +81,13 @@ class RandomContact:
     def model(self) -> PerceptualModel:
         """Bumpy skin of 12 or 42 vertices, 1 to 8 mm apart."""
         rng = self._rng(1)
-        made = ball(float(np.exp(rng.uniform(np.log(0.001), np.log(0.008)))), int(rng.integers(2)))
-        bumps = 1.0 + 0.25 * np.sin(made.vertices @ rng.normal(0.0, 200.0, (3, 4))).mean(axis=1)
-        vertices = (made.vertices * bumps[:, None] * rng.uniform(0.6, 1.4, 3)).astype(np.float32)
-        triangles = made.triangles[rng.random(len(made.triangles)) < 0.9]  # some are missing
-        count = len(made)
+        created = ball(
+            float(np.exp(rng.uniform(np.log(0.001), np.log(0.008)))), int(rng.integers(2))
+        )
+        bumps = 1.0 + 0.25 * np.sin(created.vertices @ rng.normal(0.0, 200.0, (3, 4))).mean(axis=1)
+        vertices = (created.vertices * bumps[:, None] * rng.uniform(0.6, 1.4, 3)).astype(np.float32)
+        triangles = created.triangles[rng.random(len(created.triangles)) < 0.9]  # some are missing
+        count = len(created)
         sizes = rng.integers(0, 4, count) if rng.random() < 0.2 else rng.integers(1, 4, count)
         bones = np.concatenate([np.sort(rng.permutation(len(BONES))[:n]) for n in sizes])
         weights = SkinWeights(
@@ -93,9 +95,9 @@ class RandomContact:
             bones.astype(np.int32),
             rng.uniform(0.1, 1.0, len(bones)).astype(np.float32),
         )
-        areas = (made.areas_m2 * rng.uniform(0.3, 2.0, count)).astype(np.float32)
+        areas = (created.areas_m2 * rng.uniform(0.3, 2.0, count)).astype(np.float32)
         return replace(
-            made, vertices=vertices, triangles=triangles, areas_m2=areas, weights=weights
+            created, vertices=vertices, triangles=triangles, areas_m2=areas, weights=weights
         )
 
     @cached_property
@@ -231,8 +233,8 @@ class RandomContact:
             is_turning |= is_rotating(to_world[before], to_world[row])
             steps = STEPS if is_turning else steps
         volume, with_details = Volume(self.animated, self.falloff), bool(self.record)
-        for each in steps:
-            yield contact(body, volume, row, before, steps=each, with_details=with_details)
+        for step in steps:
+            yield contact(body, volume, row, before, steps=step, with_details=with_details)
 
     def before(self, row: int) -> int | None:
         """The row from which motion is followed; none where vertices alone are looked at."""
@@ -243,9 +245,9 @@ class RandomContact:
     @cached_property
     def difference(self) -> float:
         """Largest difference of any weight or detail."""
-        found, most = self.by_engine(), 0.0
+        actual, most = self.by_engine(), 0.0
         for row in range(ROWS):
-            sample = found.get(row)
+            sample = actual.get(row)
             if self.animated.levels[row] == 0.0:
                 assert sample is None
                 continue
@@ -253,11 +255,11 @@ class RandomContact:
             if sample is not None:
                 weights[sample.vertices] = sample.weights
             detail = np.inf if self.record and sample is not None else 0.0
-            for felt in self.by_reference(row):
-                mine = np.abs(weights - felt.weights)
+            for samples in self.by_reference(row):
+                mine = np.abs(weights - samples.weights)
                 apart = np.minimum(apart, mine)
                 if detail and mine.max() < NEAR:
-                    detail = min(detail, self._detail_difference(row, sample, felt))
+                    detail = min(detail, self._detail_difference(row, sample, samples))
                 if max(apart.max(), detail) < NEAR:
                     break
             most = max(most, float(apart.max()), detail)
@@ -303,12 +305,12 @@ class StretchedContact(RandomContact):
 
     @cached_property
     def pose(self) -> PoseBlock:
-        made = super().pose
-        if made.bones is None:
-            return made
-        bones = made.bones.copy()
+        created = super().pose
+        if created.bones is None:
+            return created
+        bones = created.bones.copy()
         bones[..., :3] = bones[..., :3] * np.exp(self._rng(9).uniform(-0.3, 1.8, 3))
-        return replace(made, bones=bones)
+        return replace(created, bones=bones)
 
 
 def _placing(
@@ -330,9 +332,9 @@ def _turn(rng: np.random.Generator, angle: float) -> np.ndarray:
 
 def _star(rng: np.random.Generator, model: PerceptualModel) -> MeshVolume:
     """A closed mesh that is not convex: a ball of 80 triangles with dents."""
-    made = ball(1.0, 1)
-    dents = rng.uniform(0.4, 1.2, len(made))
-    return MeshVolume(made.vertices.astype(float) * dents[:, None], made.triangles, "star")
+    created = ball(1.0, 1)
+    dents = rng.uniform(0.4, 1.2, len(created))
+    return MeshVolume(created.vertices.astype(float) * dents[:, None], created.triangles, "star")
 
 
 def _normals_at(shape: Shape, points: np.ndarray, to_world: np.ndarray) -> np.ndarray:

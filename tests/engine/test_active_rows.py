@@ -53,15 +53,15 @@ def test_an_effect_is_active_where_it_is_on_and_its_values_are_numbers(
         for k in range(effects)
     ]
     counters = Counters()
-    found = active_rows(descriptions, block, counters)
+    actual = active_rows(descriptions, block, counters)
     bad = 0
-    for each, animated in zip(found, blocks, strict=True):
+    for item, animated in zip(actual, blocks, strict=True):
         finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
         bad += np.count_nonzero(~finite[block.history :])
         expected = [
             row for row in range(block.history, rows) if finite[row] and animated.levels[row] > 0.0
         ]
-        assert each.tolist() == expected
+        assert item.tolist() == expected
     assert sum(counters.warnings.values()) == bad
 
 
@@ -89,7 +89,7 @@ def test_a_pose_is_known_where_all_of_it_is_a_place(data, rows, which):
 @given(st.sets(st.integers(0, 5)), st.sets(st.integers(0, 5)))
 def test_rows_without_a_pose_are_told_of_and_left_out(wanted, posed):
     body, counters = BodyDescription("b", "B", SkinBinding(())), Counters()
-    rows, known = (np.array(sorted(each), np.int64) for each in (wanted, posed))
+    rows, known = (np.array(sorted(item), np.int64) for item in (wanted, posed))
     assert with_pose(rows, known, body, counters).tolist() == sorted(wanted & posed)
     assert sum(counters.warnings.values()) == len(wanted - posed)
 
@@ -111,14 +111,14 @@ def test_a_wind_without_a_direction_blows_up_and_is_told():
     )
     block = AnimationBlock(np.arange(4), (EffectBlock(levels, parameters),), (), 1)
     counters = Counters()
-    found = with_directions([effect], block, counters).effects[0].parameters
-    assert found[:, 1:].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, 1]]
-    (told,) = (
+    actual = with_directions([effect], block, counters).effects[0].parameters
+    assert actual[:, 1:].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, 1]]
+    (messages,) = (
         counters.warnings.items()
     )  # not of the row before the block's own, nor where it is off
-    assert "'Draught'" in told[0] and told[1] == 1
+    assert "'Draught'" in messages[0] and messages[1] == 1
     assert (parameters[0, 1:] == 0.0).all()
-    same = AnimationBlock(np.arange(4), (EffectBlock(levels, found),), (), 1)
+    same = AnimationBlock(np.arange(4), (EffectBlock(levels, actual),), (), 1)
     assert with_directions([effect], same, counters) is same
 
 
@@ -131,5 +131,5 @@ def test_controls_of_a_response_that_are_no_numbers_are_told():
     warn_of_controls(effect, animated, np.array([0, 2]), counters)
     assert not counters.warnings
     warn_of_controls(effect, animated, np.array([0, 1]), counters)
-    (told,) = counters.warnings.items()
-    assert "'Wall'" in told[0] and told[1] == 1
+    (messages,) = counters.warnings.items()
+    assert "'Wall'" in messages[0] and messages[1] == 1

@@ -30,7 +30,7 @@ def test_regions_lie_as_on_a_person() -> None:
     middle = {
         name: model.vertices[mask].mean(axis=0) for name, mask in finest_masks(model.id).items()
     }
-    height = {name: place[2] for name, place in middle.items()}
+    height = {name: position[2] for name, position in middle.items()}
     for upper, lower in (
         ("face", "neck"),
         ("neck", "shoulders"),

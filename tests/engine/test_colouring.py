@@ -47,9 +47,9 @@ def test_nothing_felt_is_skin() -> None:
 
 @pytest.mark.parametrize(("modality", "channel"), [("vibration", 0), ("pressure", 1)])
 def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None:
-    felt, bare = _colours(_sample(modality, FULL_COLOUR[modality]))
-    assert felt.tolist() == pytest.approx(COLOURS[modality])
-    assert felt.argmax() == channel
+    strengths, bare = _colours(_sample(modality, FULL_COLOUR[modality]))
+    assert strengths.tolist() == pytest.approx(COLOURS[modality])
+    assert strengths.argmax() == channel
     assert bare.tolist() == list(SKIN)
 
 
@@ -57,9 +57,9 @@ def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None
 def test_temperature_counts_from_its_neutral(deviation: float) -> None:
     ambient = _colours(_sample("temperature", 24.0 + deviation))
     touched = _colours(_sample("temperature", 33.0 + deviation), contact=frozenset({"effect"}))
-    for felt in (ambient[0], touched[0]):
-        assert felt.tolist() == pytest.approx(COLOURS["temperature"])
-        assert felt.argmax() == 2
+    for strengths in (ambient[0], touched[0]):
+        assert strengths.tolist() == pytest.approx(COLOURS["temperature"])
+        assert strengths.argmax() == 2
     assert _colours(_sample("temperature", 24.0)).tolist() == [list(SKIN)] * 2
     neutral = _colours(_sample("temperature", 33.0), contact=frozenset({"effect"}))
     assert neutral.tolist() == [list(SKIN)] * 2
@@ -110,8 +110,8 @@ def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -
     shares = felt_shares(
         [_sample("pressure", FULL_COLOUR["pressure"])], SPREADS, COUNTS, frozenset()
     )
-    felt, bare = colouring.overlay(shares)
-    assert felt.tolist() == pytest.approx([*COLOURS["pressure"], 1.0])
+    strengths, bare = colouring.overlay(shares)
+    assert strengths.tolist() == pytest.approx([*COLOURS["pressure"], 1.0])
     assert bare.tolist() == [0.0, 0.0, 0.0, 0.0]
 
 
@@ -133,8 +133,8 @@ def test_warm_and_cold_are_told_apart(palette: str) -> None:
     colours = colouring.PALETTES[palette]
     for degrees, name in ((30.0, "temperature"), (18.0, colouring.COLD)):
         shares = felt_shares([_sample("temperature", degrees)], SPREADS, COUNTS)
-        found = colouring.overlay(shares, colours)[0]
-        assert found.tolist() == pytest.approx([*colours[name], 1.0])
+        actual = colouring.overlay(shares, colours)[0]
+        assert actual.tolist() == pytest.approx([*colours[name], 1.0])
 
 
 def test_every_palette_has_a_colour_of_its_own_for_each_modality() -> None:

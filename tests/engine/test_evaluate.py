@@ -106,12 +106,12 @@ def test_a_volume_is_felt_by_every_body_where_it_is() -> None:
     assert loader.asked == ["test-pressure"], "one model, loaded once, for both"
     matrices = _animated(effect).matrices
     for run, posed in zip(runs, poses, strict=True):
-        found = {index - 20: sample for index, sample in zip(run.indices, run, strict=True)}
+        actual = {index - 20: sample for index, sample in zip(run.indices, run, strict=True)}
         for row in range(TIMES):
             world = skinned(MODELS["test-pressure"], posed, row)
             inside = np.linalg.norm(world - matrices[row, :3, 3], axis=1) <= RADIUS_M
-            felt = found[row].vertices.tolist() if row in found else []
-            assert felt == np.flatnonzero(inside).tolist()
+            strengths = actual[row].vertices.tolist() if row in actual else []
+            assert strengths == np.flatnonzero(inside).tolist()
         assert len(run) >= 3
 
 

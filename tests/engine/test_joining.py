@@ -54,12 +54,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Impact | Drive):
-        return {name: _plain(each) for name, each in vars(value).items()}
+        return {name: _plain(item) for name, item in vars(value).items()}
     return value
 
 
 def _samples(runs: list[SampleRun]) -> list[dict[str, Any]]:
-    return [{name: _plain(each) for name, each in vars(s).items()} for run in runs for s in run]
+    return [{name: _plain(item) for name, item in vars(s).items()} for run in runs for s in run]
 
 
 @pytest.mark.parametrize("full", [False, True])
@@ -79,8 +79,8 @@ def test_sets_that_are_shared_stay_so() -> None:
 
 def test_streams_are_apart_and_in_order_whichever_came_first() -> None:
     blocks = [[_run(TWO, 0)], [_run(ONE, 3), _run(TWO, 3)], [_run(ONE, 6)]]
-    found = joined_runs(blocks, ORDER)
-    assert [(run.stream, run.indices.tolist()) for run in found] == [
+    actual = joined_runs(blocks, ORDER)
+    assert [(run.stream, run.indices.tolist()) for run in actual] == [
         (ONE, [3, 4, 5, 6, 7, 8]),
         (TWO, [0, 1, 2, 3, 4, 5]),
     ]

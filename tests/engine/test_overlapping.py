@@ -21,7 +21,7 @@ def _squares(numbers: Iterator[int]) -> Iterator[int]:
 
 def test_everything_comes_out_once_in_its_order() -> None:
     lists = list(overlapped(iter(range(100)), _squares))
-    assert [each for some in lists for each in some] == [k * k for k in range(100)]
+    assert [item for examples in lists for item in examples] == [k * k for k in range(100)]
     assert len(lists) > 100  # one after each, so that whoever watches goes on
 
 
@@ -31,30 +31,30 @@ def test_nothing_in_gives_nothing() -> None:
 
 def test_both_go_on_at_the_same_time() -> None:
     """Each waits for the other: one after the other they would wait for ever."""
-    made, done = threading.Event(), threading.Event()
+    created, done = threading.Event(), threading.Event()
 
     def source() -> Iterator[int]:
         yield 1
         assert done.wait(10.0)
-        made.set()
+        created.set()
         yield 2
 
     def work(numbers: Iterator[int]) -> Iterator[int]:
         assert next(numbers) == 1
         done.set()
-        assert made.wait(10.0)
+        assert created.wait(10.0)
         yield next(numbers)
 
-    assert [each for some in overlapped(source(), work) for each in some] == [2]
+    assert [item for examples in overlapped(source(), work) for item in examples] == [2]
 
 
 def test_the_source_is_not_far_ahead() -> None:
-    made: list[int] = []
+    created: list[int] = []
     gate = threading.Event()
 
     def source() -> Iterator[int]:
         for number in range(50):
-            made.append(number)
+            created.append(number)
             yield number
 
     def work(numbers: Iterator[int]) -> Iterator[int]:
@@ -64,12 +64,12 @@ def test_the_source_is_not_far_ahead() -> None:
 
     def open_later() -> None:
         time.sleep(0.2)
-        assert len(made) < 8
+        assert len(created) < 8
         gate.set()
 
     opener = threading.Thread(target=open_later)
     opener.start()
-    assert sum(len(some) for some in overlapped(source(), work)) == 50
+    assert sum(len(examples) for examples in overlapped(source(), work)) == 50
     opener.join()
 
 
@@ -108,15 +108,15 @@ def test_no_thread_is_left_and_the_worker_is_closed(way: str) -> None:
         finally:
             closed.append(True)
 
-    found = overlapped(source(), work)
+    actual = overlapped(source(), work)
     for _ in range(5):
-        next(found)
+        next(actual)
     assert sys.getswitchinterval() < interval
     if way == "source":
         with pytest.raises(ZeroDivisionError):
-            next(found)
+            next(actual)
     else:
-        found.close()
+        actual.close()
     assert closed == [True]
     assert threading.active_count() == before
     assert sys.getswitchinterval() == interval
@@ -142,11 +142,11 @@ def test_an_interrupt_while_it_waits_leaves_no_thread(after_s: float) -> None:
 
 
 def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
-    made, closed = [], []
+    created, closed = [], []
 
     def source() -> Iterator[int]:
         for number in range(9):
-            made.append(number)
+            created.append(number)
             yield number
 
     def work(numbers: Iterator[int]) -> Iterator[int]:
@@ -155,8 +155,8 @@ def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
         finally:
             closed.append(True)
 
-    found = sequentially(source(), work)
-    assert [next(found), next(found)] == [[0], [1]]
-    assert made == [0, 1]
-    found.close()
+    actual = sequentially(source(), work)
+    assert [next(actual), next(actual)] == [[0], [1]]
+    assert created == [0, 1]
+    actual.close()
     assert closed == [True]

@@ -94,16 +94,16 @@ def test_a_tone_has_the_same_power_at_every_distance_within_the_crossfade(name: 
     rng = np.random.default_rng(4)
     ways = rng.normal(size=(45, 3)) * (1.0, 1.0, 0.0 if LAYOUTS[name].is_flat else 1.0)
     distances = np.linspace(0.1, 6.0, 45)[rng.permutation(45), None]
-    each = _powers_db(name, ways / np.linalg.norm(ways, axis=1, keepdims=True) * distances)
-    assert np.abs(10.0 * np.log10((10.0 ** (each / 10.0)).sum(axis=1))).max() < 0.5
+    powers_db = _powers_db(name, ways / np.linalg.norm(ways, axis=1, keepdims=True) * distances)
+    assert np.abs(10.0 * np.log10((10.0 ** (powers_db / 10.0)).sum(axis=1))).max() < 0.5
     far = distances[:, 0] >= 4.0
-    assert np.ptp(each[far], axis=1).max() < 0.5, "diffuse sound comes from all alike"
+    assert np.ptp(powers_db[far], axis=1).max() < 0.5, "diffuse sound comes from all alike"
 
 
 def test_air_swallows_high_frequencies_as_the_standard_says() -> None:
     """Table of ISO 9613-1 for 20 degC and 50 %, dB a kilometre."""
-    found = 1000.0 * absorption_db_m(np.array([250.0, 1000.0, 4000.0, 8000.0]))
-    np.testing.assert_allclose(found, [1.31, 4.66, 29.4, 104.0], rtol=0.02)
+    actual = 1000.0 * absorption_db_m(np.array([250.0, 1000.0, 4000.0, 8000.0]))
+    np.testing.assert_allclose(actual, [1.31, 4.66, 29.4, 104.0], rtol=0.02)
     wet = Reverberators(2, RATE_HZ, 0.3)
     loud = []
     for air in (0.0, 100.0):
@@ -177,8 +177,8 @@ def test_blocks_do_not_change_the_reverberation() -> None:
 def test_blocks_do_not_change_the_sound_and_it_never_clicks() -> None:
     sources = [_source(_circle(1.0, 60)), _source(_circle(3.0, 60), hz=660.0)]
     one = _sound(sources, LAYOUTS["5.0"], 60 * 80, 4096)
-    other = _sound(sources, LAYOUTS["5.0"], 60 * 80, 512)
-    np.testing.assert_allclose(one, other, atol=1e-9)
+    second = _sound(sources, LAYOUTS["5.0"], 60 * 80, 512)
+    np.testing.assert_allclose(one, second, atol=1e-9)
     near = _sound([_source(np.tile([0.0, 0.0, 0.0], (60, 1)), 1.0)], LAYOUTS["stereo"], 60 * 80)
     # All dry, from both: a sine of 1 / sqrt(2), whose steepest step is its slope.
     steepest = 2.0 * np.pi * 440.0 / RATE_HZ / np.sqrt(2.0)
@@ -206,7 +206,9 @@ def test_the_file_is_read_by_others_and_is_as_long_as_the_raster(tmp_path: Path)
     np.testing.assert_allclose(read / 2**31, expected, atol=2.0**-21)
     assert np.abs(expected).max() == pytest.approx(0.98)
     sidecar = json.loads((tmp_path / "belt.sound.wav.channels.json").read_text())
-    assert [each["azimuth_deg"] for each in sidecar["channels"]] == [45.0 * k for k in range(8)]
+    assert [channel["azimuth_deg"] for channel in sidecar["channels"]] == [
+        45.0 * k for k in range(8)
+    ]
     assert sidecar["start_s"] == 1.5
 
 
@@ -221,9 +223,9 @@ def test_odd_sizes_are_padded(tmp_path: Path) -> None:
 
 def test_layouts_are_named_or_given_as_angles() -> None:
     assert parse("quad") is LAYOUTS["quad"]
-    found = parse("30,-30,110:20,-110:20")
-    assert found.azimuths_deg == (30.0, -30.0, 110.0, -110.0)
-    assert found.elevations_deg == (0.0, 0.0, 20.0, 20.0)
+    actual = parse("30,-30,110:20,-110:20")
+    assert actual.azimuths_deg == (30.0, -30.0, 110.0, -110.0)
+    assert actual.elevations_deg == (0.0, 0.0, 20.0, 20.0)
     for text in ("", "sixty", "30", "400,0", "0:99,30", "nan,0", "20,20"):
         with pytest.raises(UsageError, match="loudspeakers"):
             parse(text)

@@ -34,9 +34,9 @@ PATH = np.array([[-0.05, 0.0, 0.0], [0.05, 0.0, 0.0]])
 
 def test_equal_shares_of_a_path_are_equal_ways() -> None:
     bent = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.1, 0.0]])
-    found = places_on(bent, np.array([-1.0, 0.0, 0.5, 0.75, 0.875, 1.0, 2.0]))
+    actual = places_on(bent, np.array([-1.0, 0.0, 0.5, 0.75, 0.875, 1.0, 2.0]))
     x, y = [0.0, 0.0, 0.2, 0.3, 0.3, 0.3, 0.3], [0.0, 0.0, 0.0, 0.0, 0.05, 0.1, 0.1]
-    assert found[:, 0] == pytest.approx(x) and found[:, 1] == pytest.approx(y)
+    assert actual[:, 0] == pytest.approx(x) and actual[:, 1] == pytest.approx(y)
     assert places_on(bent[:1], np.array([0.0, 0.7])) == pytest.approx(bent[[0, 0]])
 
 
@@ -47,11 +47,11 @@ def test_a_point_on_a_vertex_is_felt_there_alone() -> None:
 
 def test_a_point_between_two_vertices_is_felt_half_at_each() -> None:
     vertices, weights = SpotSkin(MODEL).weights(np.array([SIDE / 2, 0.0, 0.0]), 0.0, FLAT)
-    felt = dict(zip(vertices.tolist(), weights.tolist(), strict=True))
-    assert felt[MIDDLE] == pytest.approx(0.5, abs=1e-5)
-    assert felt[MIDDLE + 1] == pytest.approx(0.5, abs=1e-5)
+    samples = dict(zip(vertices.tolist(), weights.tolist(), strict=True))
+    assert samples[MIDDLE] == pytest.approx(0.5, abs=1e-5)
+    assert samples[MIDDLE + 1] == pytest.approx(0.5, abs=1e-5)
     # The two others of its triangles are sqrt(3) / 2 of a side away: 1 - 0.866.
-    assert sorted(felt.values())[:2] == pytest.approx([1 - np.sqrt(0.75)] * 2, abs=1e-5)
+    assert sorted(samples.values())[:2] == pytest.approx([1 - np.sqrt(0.75)] * 2, abs=1e-5)
 
 
 def test_a_disc_covers_half_of_the_cells_at_its_rim() -> None:

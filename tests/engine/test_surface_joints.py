@@ -38,13 +38,13 @@ def test_a_surface_that_turns_grows_and_moves_as_a_whole_is_followed_exactly():
     places = np.stack(
         [REST, 1.3 * turned(REST, 0.7) + [4.0, -2.0, 1.0], 0.5 * turned(REST, -2.0)]
     ).astype(np.float32)
-    joints, found, errors = followed(places)
+    joints, actual, errors = followed(places)
     assert errors.max() < 1e-5
-    joint = found.astype(np.float64) @ np.append(REST[100], 1.0)
+    joint = actual.astype(np.float64) @ np.append(REST[100], 1.0)
     assert np.abs(joint - places[:, None, 100]).max() < 1e-4  # each joint alone, too
     np.testing.assert_allclose(
-        np.linalg.det(found[:, :, :, :3]),
-        np.array([[1.0], [1.3**3], [0.5**3]]) + 0 * found[..., 0, 0],
+        np.linalg.det(actual[:, :, :, :3]),
+        np.array([[1.0], [1.3**3], [0.5**3]]) + 0 * actual[..., 0, 0],
         rtol=1e-4,
     )
     assert len(joints.names) < 256
@@ -55,12 +55,12 @@ def test_a_surface_that_bends_is_followed_within_what_is_stated(model_id):
     def bent(points):  # wrung: half a radian a metre of height
         return turned(points, 0.5 * points[..., 2])
 
-    joints, found, errors = followed(bent(REST)[None].astype(np.float32))
+    joints, actual, errors = followed(bent(REST)[None].astype(np.float32))
     model = load_model(model_id)
     bound = joints.bound(model)
     owners = np.repeat(np.arange(len(model)), np.diff(bound.offsets))
     moved = np.einsum(
-        "eij,ej->ei", found[0, bound.bones], bound.values[:, None] * bound.rest[owners]
+        "eij,ej->ei", actual[0, bound.bones], bound.values[:, None] * bound.rest[owners]
     )
     there = np.zeros((len(model), 3))
     np.add.at(there, owners, moved)

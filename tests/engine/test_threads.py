@@ -72,8 +72,8 @@ def _volume(
     matrices[:, 0, 3] = np.linspace(-0.6, 0.6, SAMPLES)[first:stop]
     matrices[:, 2, 3] = height_m
     response = np.zeros((count, len(filters), WIDTH))
-    for f, each in enumerate(filters):
-        defaults = [control.default for control in CONTROLS[each.kind]]
+    for f, item in enumerate(filters):
+        defaults = [control.default for control in CONTROLS[item.kind]]
         response[:, f, : len(defaults)] = defaults
     values = np.full((count, 1), 40.0)
     return EffectBlock(np.ones(count), values, matrices, shapes, response=response)
@@ -115,8 +115,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if is_dataclass(value):
-        return [_plain(getattr(value, each.name)) for each in fields(value)]
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+        return [_plain(getattr(value, field.name)) for field in fields(value)]
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _found(
@@ -124,13 +124,13 @@ def _found(
 ) -> tuple[list[Any], dict[str, Any]]:
     engine = Engine(_scene(*filters), tolerance=tolerance, threads=threads)
     evaluated = engine.evaluated(_blocks(*filters))
-    found = [(block.indices.tolist(), _plain(runs)) for block, runs in evaluated]
-    return found, engine.counters.as_dict()
+    actual = [(block.indices.tolist(), _plain(runs)) for block, runs in evaluated]
+    return actual, engine.counters.as_dict()
 
 
 def test_something_is_felt_all_the_time() -> None:
-    found, counters = _found(1)
-    assert [indices[0] for indices, _ in found] == [0, *range(SIZE - 1, SAMPLES - 1, SIZE)]
+    actual, counters = _found(1)
+    assert [indices[0] for indices, _ in actual] == [0, *range(SIZE - 1, SAMPLES - 1, SIZE)]
     assert counters["contacts"] > SAMPLES * 5
     assert sum(counters["warnings"].values()) == 1
 
@@ -162,12 +162,12 @@ def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() ->
             yield block
 
     engine = Engine(_scene(), tolerance=STANDARD, threads=2)
-    found = engine.evaluated(noted())
-    block, _ = next(found)
+    actual = engine.evaluated(noted())
+    block, _ = next(actual)
     assert block.indices[-1] == SIZE - 1
     assert read == [SIZE - 1, 2 * SIZE - 1]
     assert engine.counters.times_evaluated == SIZE
-    found.close()
+    actual.close()
     assert engine.counters.times_evaluated == SIZE
 
 

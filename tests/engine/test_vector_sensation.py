@@ -62,7 +62,7 @@ def _device(name: str = "belt", highest: float = 8.0) -> DeviceConfig:
         name=name,
         description="",
         actuator_types={"motor": kind},
-        actuators=tuple(Actuator(f"m{k}", kind, place) for k, place in enumerate(places)),
+        actuators=tuple(Actuator(f"m{k}", kind, position) for k, position in enumerate(places)),
         scheme=Scheme(),
         substitutions={},
         gain=1.0,
@@ -93,8 +93,8 @@ SPOT = EffectDescription(
 def _animated(effect: EffectDescription, curves: np.ndarray = CURVES) -> EffectBlock:
     fixed = np.full(TIMES, 0.5), np.tile([4.0, 100.0], (TIMES, 1))
     if effect.kind == "spot":
-        place = np.stack([np.linspace(0, 1, TIMES), np.full(TIMES, 0.03)], axis=1)
-        return EffectBlock(*fixed, place=place)
+        position = np.stack([np.linspace(0, 1, TIMES), np.full(TIMES, 0.03)], axis=1)
+        return EffectBlock(*fixed, place=position)
     return EffectBlock(*fixed, drive=curves) if effect.kind == "actuators" else EffectBlock(*fixed)
 
 
@@ -136,8 +136,10 @@ def test_other_effects_add_to_them_and_the_limits_come_last() -> None:
 def test_any_other_device_plays_nothing_and_says_so_once() -> None:
     raster = _rendered([VECTOR], _device("vest"))
     assert (raster.values[:, ::2] == 0.0).all()
-    assert [(each.reason, each.samples) for each in raster.shortfalls] == [("device", 4)]
-    assert [each.samples for each in unrendered([raster])] == [4]
+    assert [(shortfall.reason, shortfall.samples) for shortfall in raster.shortfalls] == [
+        ("device", 4)
+    ]
+    assert [item.samples for item in unrendered([raster])] == [4]
     assert not unrendered([raster, _rendered([VECTOR], _device())])
 
 
@@ -152,19 +154,19 @@ def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...])
         assert [effect.kind for effect in track.header.effects] == ["actuators", "spot", "painted"]
         assert track.header.effects[0].actuators == ("m2", "m0")
         part = list(track.runs(0.02, 0.05))
-        assert [len(each) for each in part] == [2, 3, 3]
+        assert [len(item) for item in part] == [2, 3, 3]
         assert part[1].focus is not None and runs[1].focus is not None
         assert (part[1].focus == runs[1].focus[2:5]).all()
-    for one, other in zip(runs, again, strict=True):
-        assert (one.indices == other.indices).all() and (one.vertices == other.vertices).all()
-        assert one.weights.tobytes() == other.weights.tobytes()
-        assert (one.focus is None) == (other.focus is None)
-        if one.focus is not None and other.focus is not None:
-            assert one.focus.tobytes() == other.focus.tobytes()
-        assert (one.drive is None) == (other.drive is None)
-        if one.drive is not None and other.drive is not None:
-            assert one.drive.values.tobytes() == other.drive.values.tobytes()
-            assert one.drive.actuators == other.drive.actuators
+    for one, second in zip(runs, again, strict=True):
+        assert (one.indices == second.indices).all() and (one.vertices == second.vertices).all()
+        assert one.weights.tobytes() == second.weights.tobytes()
+        assert (one.focus is None) == (second.focus is None)
+        if one.focus is not None and second.focus is not None:
+            assert one.focus.tobytes() == second.focus.tobytes()
+        assert (one.drive is None) == (second.drive is None)
+        if one.drive is not None and second.drive is not None:
+            assert one.drive.values.tobytes() == second.drive.values.tobytes()
+            assert one.drive.actuators == second.drive.actuators
     direct = render(_header(effects), runs, _device(), _load)
     later = render(_header(effects), again, _device(), _load)
     assert direct.values.tobytes() == later.values.tobytes()

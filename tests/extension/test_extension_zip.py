@@ -136,8 +136,10 @@ def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None
 def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
     held = {module_name(path) for path in SHIPPED}
     for path in SHIPPED:
-        for found in imports(path):
-            assert found.module in held, f"{module_name(path)}:{found.line} imports {found.module}"
+        for actual in imports(path):
+            assert actual.module in held, (
+                f"{module_name(path)}:{actual.line} imports {actual.module}"
+            )
         # These find the commands of an installation by pip.
         if path.name not in ("left_out.py", "child.py", "start.py"):
             code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
@@ -243,16 +245,16 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
         ("docs/install.md", r"\((\d+) MB\), as"),
         ("docs/native.md", r", (\d+) MB, b"),
     ):
-        (told,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
-        assert float(told) == pytest.approx(size / 1e6, abs=0.7)
+        (messages,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
+        assert float(messages) == pytest.approx(size / 1e6, abs=0.7)
     done = _validated(small)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_small_zip_may_be_without_the_library(wheels: Path, tmp_path: Path) -> None:
     names = manifest_of(build_addon.build_small(tmp_path, wheels))["wheels"]
-    found = [name.removeprefix("./wheels/").partition("-")[0] for name in names]
-    assert found == ["pyserial", "python_osc", "websockets"]
+    actual = [name.removeprefix("./wheels/").partition("-")[0] for name in names]
+    assert actual == ["pyserial", "python_osc", "websockets"]
 
 
 def test_only_the_permissions_that_are_used_are_asked_for(small: Path) -> None:
@@ -293,7 +295,7 @@ def test_blender_accepts_the_zip_of_each_platform(
 def _validated(path: Path) -> subprocess.CompletedProcess[str]:
     """Blender's own check of an extension."""
     tools = "bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
-    tool = next(found for folder in sys.path for found in Path(folder or ".").glob(tools))
+    tool = next(actual for folder in sys.path for actual in Path(folder or ".").glob(tools))
     return subprocess.run([sys.executable, tool, "validate", path], capture_output=True, text=True)
 
 
@@ -452,11 +454,11 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
     bpy = pytest.importorskip("bpy")
     version = f"{sys.version_info[0]}.{sys.version_info[1]}"
     lock = addon_wheels.read_lock()
-    wanted = IMPORTED(PACKAGE)
+    requested = IMPORTED(PACKAGE)
     folder = tmp_path / "wheels"
     folder.mkdir()
     try:
-        here = addon_wheels.select(lock, wanted, build_addon.this_platform(), version)
+        here = addon_wheels.select(lock, requested, build_addon.this_platform(), version)
         for name in here.values():
             pack(name, folder)
     except (metadata.PackageNotFoundError, KeyError) as error:
@@ -492,15 +494,15 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
 def test_every_blender_gets_scipy(platform: str) -> None:
     lock = addon_wheels.read_lock()
     for python in addon_wheels.default_pythons(platform):
-        found = addon_wheels.select(lock, {"scipy"}, platform, python)
-        assert set(found) == {"scipy"}, python
-        assert f"-cp{python.replace('.', '')}-" in found["scipy"]
+        actual = addon_wheels.select(lock, {"scipy"}, platform, python)
+        assert set(actual) == {"scipy"}, python
+        assert f"-cp{python.replace('.', '')}-" in actual["scipy"]
 
 
 def test_blender_4_2_gets_a_scipy_that_knows_its_numpy() -> None:
     for platform in ("linux-x64", "macos-arm64", "macos-x64", "windows-x64"):
-        found = addon_wheels.select(addon_wheels.read_lock(), {"scipy"}, platform, "3.11")
-        major, minor = found["scipy"].split("-")[1].split(".")[:2]
+        actual = addon_wheels.select(addon_wheels.read_lock(), {"scipy"}, platform, "3.11")
+        major, minor = actual["scipy"].split("-")[1].split(".")[:2]
         assert (int(major), int(minor)) <= (1, 15), "1.16 asks for NumPy 1.25, it has 1.24"
 
 
@@ -533,10 +535,11 @@ def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Pa
     imported = addon_wheels.imported(PACKAGE)
     assert "scipy" in imported and "numpy" not in imported
     built = build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
-    found = {
-        Path(each).name.split("-")[0].replace("_", "-") for each in manifest_of(built)["wheels"]
+    actual = {
+        Path(pattern).name.split("-")[0].replace("_", "-")
+        for pattern in manifest_of(built)["wheels"]
     }
-    assert found == imported
+    assert actual == imported
     assert built.stem.endswith("-linux_x64-py313")
 
 
@@ -580,30 +583,33 @@ def test_a_computed_name_of_a_module_stops_the_build(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
 def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
-    wanted = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
-    wanted |= {"python-osc", "websockets"}
-    assert IMPORTED(PACKAGE) == wanted
+    requested = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
+    requested |= {"python-osc", "websockets"}
+    assert IMPORTED(PACKAGE) == requested
     lock = addon_wheels.read_lock()
     is_linux, is_arm = platform.startswith("linux"), platform == "windows-arm64"
     pythons = addon_wheels.PYTHONS if is_linux else addon_wheels.default_pythons(platform)
     for python in pythons:
-        found = addon_wheels.select(lock, wanted, platform, python)
-        assert wanted - set(found) == ({"fast-simplification"} if is_arm else set())
-        assert f"-cp{python.replace('.', '')}-" in found["cffi"]
-        brings_portaudio = "-any." not in found["sounddevice"]
-        assert brings_portaudio != is_linux, found["sounddevice"]
+        actual = addon_wheels.select(lock, requested, platform, python)
+        assert requested - set(actual) == ({"fast-simplification"} if is_arm else set())
+        assert f"-cp{python.replace('.', '')}-" in actual["cffi"]
+        brings_portaudio = "-any." not in actual["sounddevice"]
+        assert brings_portaudio != is_linux, actual["sounddevice"]
 
 
 def test_what_a_wheel_requires_is_in_the_zip_or_stops_the_build(
     wheels: Path, tmp_path: Path
 ) -> None:
     lines = ["cffi", "numpy>=1.26", "pandas; extra == 'x'", "PyCParser; implementation_name != 'y'"]
-    card, other = tmp_path / "sounddevice-1-py3-none-any.whl", tmp_path / "cffi-1-py3-none-any.whl"
-    for path, required in ((card, lines), (other, [])):
+    card, alternative = (
+        tmp_path / "sounddevice-1-py3-none-any.whl",
+        tmp_path / "cffi-1-py3-none-any.whl",
+    )
+    for path, required in ((card, lines), (alternative, [])):
         with zipfile.ZipFile(path, "w") as archive:
             text = "Metadata-Version: 2.4\n" + "".join(f"Requires-Dist: {r}\n" for r in required)
             archive.writestr(f"{path.stem[:-12]}.dist-info/METADATA", f"{text}\nnumpy")
-    addon_wheels.check_requirements([card, other])
+    addon_wheels.check_requirements([card, alternative])
     with pytest.raises(addon_wheels.WheelError, match=r"sounddevice-1\S+: requires 'cffi'"):
         addon_wheels.check_requirements([card])
 
@@ -664,10 +670,10 @@ def test_the_wheel_of_the_library_is_one(zig: Path, tmp_path: Path) -> None:
         (record,) = [name for name in names if name.endswith("/RECORD")]
         lines = [line.split(",") for line in archive.read(record).decode().splitlines()]
         assert [line[0] for line in lines] == names
-        for name, told, size in lines[:-1]:
+        for name, messages, size in lines[:-1]:
             data = archive.read(name)
-            found = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
-            assert (told, size) == (f"sha256={found}", str(len(data)))
+            actual = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+            assert (messages, size) == (f"sha256={actual}", str(len(data)))
         assert f"hfx_native_{digest}/hfx_native.dll" in names
 
 

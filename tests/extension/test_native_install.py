@@ -53,9 +53,9 @@ def hook(project: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    made = module.NativeLibraryHook(project)
-    made.module = module
-    return made
+    library_hook = module.NativeLibraryHook(project)
+    library_hook.module = module
+    return library_hook
 
 
 @pytest.fixture
@@ -193,5 +193,5 @@ def test_each_python_gets_the_library_of_its_own_kind(
 ) -> None:
     monkeypatch.setattr(native_build.sysconfig, "get_platform", lambda: system)
     monkeypatch.setattr(native_build.platform, "machine", lambda: machine)
-    found = native_build.this_target()
-    assert found == (native_build.TARGETS[expected] if expected else None)
+    actual = native_build.this_target()
+    assert actual == (native_build.TARGETS[expected] if expected else None)

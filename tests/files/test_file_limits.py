@@ -114,24 +114,26 @@ def test_a_few_bytes_that_last_for_days_are_refused(tmp_path, name, target):
     path = tmp_path / name
     path.write_text(json.dumps(LATE[name]))
     device = "back_pad" if target in ("csv", "tact") else None
-    made = tmp_path / "made"
-    refused(lambda: convert(path, made, to=target, device=device), r"allowed are 86,400 s")
-    assert [each.name for each in tmp_path.iterdir()] == [name]
-    found, findings = files.validate(path)
-    assert [each.severity for each in findings if each.code.endswith("-LARGE")] == ["error"], found
+    created = tmp_path / "made"
+    refused(lambda: convert(path, created, to=target, device=device), r"allowed are 86,400 s")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    actual, findings = files.validate(path)
+    assert [finding.severity for finding in findings if finding.code.endswith("-LARGE")] == [
+        "error"
+    ], actual
 
 
 def test_more_is_allowed_by_an_option_and_by_a_context(tmp_path, capsys):
     path = tmp_path / "x.ahap"
     path.write_text(json.dumps(ahap(100_000.0)))
-    made = str(tmp_path / "y.haptic")
-    assert cli.run(["convert", str(path), made]) == 3
+    text = str(tmp_path / "y.haptic")
+    assert cli.run(["convert", str(path), text]) == 3
     assert "'--largest 1.2' allows it" in capsys.readouterr().err
-    assert cli.run(["convert", str(path), made, "--largest", "1.2"]) == 0
-    assert cli.run(["validate", made]) == 3 and cli.run(["validate", made, "--largest", "2"]) == 0
-    assert cli.run(["info", made]) == 3 and cli.run(["info", made, "--largest", "2"]) == 0
+    assert cli.run(["convert", str(path), text, "--largest", "1.2"]) == 0
+    assert cli.run(["validate", text]) == 3 and cli.run(["validate", text, "--largest", "2"]) == 0
+    assert cli.run(["info", text]) == 3 and cli.run(["info", text, "--largest", "2"]) == 0
     for wrong in ("0", "-1", "nan", "inf", "x", "1e9"):
-        assert cli.run(["info", made, "--largest", wrong]) == 2, wrong
+        assert cli.run(["info", text, "--largest", wrong]) == 2, wrong
     with limits.raised(2.0):
         assert files.read_signals(path)[0][0].transients[0].time_s == 100_000.0
     with pytest.raises(TooLargeError):
@@ -153,9 +155,9 @@ def long_track(folder, count, rate_hz):
     values = {**vars(header), "time": time}
     fields = header.__dataclass_fields__
     path = folder / "long.hfxtrack"
-    made = type(header)(**{name: values[name] for name in fields})
-    with TrackWriter(path, made, full_precision=True) as writer:
-        writer.append([replace(each, times_s=time.times_s(each.indices)) for each in runs])
+    created = type(header)(**{name: values[name] for name in fields})
+    with TrackWriter(path, created, full_precision=True) as writer:
+        writer.append([replace(run, times_s=time.times_s(run.indices)) for run in runs])
     return path
 
 
@@ -214,9 +216,9 @@ def test_an_archive_is_not_unpacked_before_its_shapes_fit(tmp_path, key):
 )
 def test_heads_that_are_no_python_are_refused(tmp_path, head):
     raster = raster_for(load_device("back_pad"), rows=20)
-    made = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
+    content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
     with pytest.raises(InputError, match=r"^x: not a raster archive"):
-        npz_raster.decode(archive(raster, tmp_path, values=made), "x")
+        npz_raster.decode(archive(raster, tmp_path, values=content), "x")
 
 
 UNEVEN = {
@@ -235,7 +237,7 @@ def test_times_that_are_no_clock_are_invalid_everywhere(tmp_path, kind, suffix):
     object.__setattr__(raster, "times_s", UNEVEN[kind](raster.times_s))
     path = tmp_path / f"x{suffix}"
     (npz_raster if suffix == ".raster.npz" else csv_raster).write(raster, path)
-    assert [each.severity for each in files.validate(path)[1]] == ["error"]
+    assert [finding.severity for finding in files.validate(path)[1]] == ["error"]
     for target in ("ahap", "csv", "npz", "wav", "tact", "hjif"):
         with pytest.raises(InputError, match="'times_s'"):
             convert(path, tmp_path / "y", to=target, device="back_pad")
@@ -291,16 +293,16 @@ def test_strengths_every_20_ms_have_a_limit():
 @pytest.mark.parametrize("seconds", [0.0, 1e-7, 1e-4, 0.5, 1000.25])
 @pytest.mark.parametrize("target", ["ahap", "haptic", "he", "openxr", "hjif"])
 def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target):
-    made = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
+    created = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
     hertz, tolerance = FrequencyRange(50.0, 200.0), 0.01
-    (path,) = write_signals(FORMATS["haptic"], [made], hertz, tmp_path / "x", tolerance).files
+    (path,) = write_signals(FORMATS["haptic"], [created], hertz, tmp_path / "x", tolerance).files
     try:
         written = convert(path, tmp_path / "y", to=target)
     except InputError:
-        assert [each.name for each in tmp_path.iterdir()] == [path.name]
+        assert [path.name for path in tmp_path.iterdir()] == [path.name]
         return
-    for each in written.files:
-        assert not [one for one in files.validate(each)[1] if one.severity == "error"]
+    for file in written.files:
+        assert not [one for one in files.validate(file)[1] if one.severity == "error"]
 
 
 @pytest.mark.parametrize("given", ["", "./", "sub/"])
@@ -309,9 +311,9 @@ def test_a_name_that_is_too_long_is_told_as_it_was_given(tmp_path, monkeypatch, 
     (tmp_path / "sub").mkdir()
     (tmp_path / "x.ahap").write_text(json.dumps(ahap(1.0)))
     name = f"{given.removeprefix('./')}{'n' * 300}"
-    with pytest.raises(OutputError, match=f"^{name}") as found:
+    with pytest.raises(OutputError, match=f"^{name}") as actual:
         convert(Path("x.ahap"), Path(f"{given}{'n' * 300}.he"))
-    assert ".tmp" not in str(found.value)
+    assert ".tmp" not in str(actual.value)
 
 
 def continuous(count, levels):
@@ -330,10 +332,10 @@ def continuous(count, levels):
 def test_events_of_ahap_times_points_of_curves_have_a_bound():
     """Each level has the whole curve: a file of 2 MB took 880 MiB."""
     with limits.raised(1e-3):  # 20,000 keyframes
-        ((found,), _) = ahap_format.decode(continuous(200, 5), "x")  # 5 x 600, not 200 x 600
+        ((actual,), _) = ahap_format.decode(continuous(200, 5), "x")  # 5 x 600, not 200 x 600
         refused(lambda: ahap_format.decode(continuous(200, 200), "x"), "events and curves together")
-    assert found.amplitude.at(2.0 * 103 + 0.75) == pytest.approx(0.5 * 0.503)
-    assert found.amplitude.at(2.0 * 103 + 1.5) == 0.0
+    assert actual.amplitude.at(2.0 * 103 + 0.75) == pytest.approx(0.5 * 0.503)
+    assert actual.amplitude.at(2.0 * 103 + 1.5) == 0.0
 
 
 def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
@@ -342,14 +344,14 @@ def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
     path.write_text(json.dumps(ahap(1.0)))
 
     def write_nonsense(signals, frequencies, stem, tolerance):
-        made = stem.with_name(stem.name + ".haptic")
-        made.write_text(json.dumps(haptic(-1.0)))
-        return conversion.Written((made,))
+        created = stem.with_name(stem.name + ".haptic")
+        created.write_text(json.dumps(haptic(-1.0)))
+        return conversion.Written((created,))
 
     monkeypatch.setattr("hfx_blender.formats.device_files.haptic.write_signals", write_nonsense)
     with pytest.raises(InputError, match=r"y.haptic, which would not be valid: .*HAPTIC-"):
         convert(path, tmp_path / "y.haptic")
-    assert [each.name for each in tmp_path.iterdir()] == ["x.ahap"]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.ahap"]
 
 
 def test_a_path_without_points_is_silent_and_told(tmp_path):
@@ -358,8 +360,8 @@ def test_a_path_without_points_is_silent_and_told(tmp_path):
 
     def mode(*paths):
         feedback = [
-            {"playbackType": "NONE", "movingPattern": "CONST_SPEED", "pointList": each}
-            for each in paths
+            {"playbackType": "NONE", "movingPattern": "CONST_SPEED", "pointList": path}
+            for path in paths
         ]
         dot_mode = {"dotConnected": False, "feedback": []}
         return {"mode": "PATH_MODE", "dotMode": dot_mode, "pathMode": {"feedback": feedback}}
@@ -374,13 +376,13 @@ def test_a_path_without_points_is_silent_and_told(tmp_path):
     document = {"project": project, "durationMillis": 1000, "intervalMillis": 20, "size": 20}
     path = tmp_path / "x.tact"
     path.write_text(json.dumps(document))
-    found, findings = files.validate(path)
-    assert {each.severity for each in findings} == {"warning"} and found.id == "tact"
+    actual, findings = files.validate(path)
+    assert {finding.severity for finding in findings} == {"warning"} and actual.id == "tact"
     written = convert(path, tmp_path / "y.haptic")
     assert "3 paths without points, which are silent" in written.left_out
     assert "1 tracks that are switched off" in written.left_out
     signals, _ = files.read_signals(path)
-    assert signals and all(each.name.startswith("VestFront") for each in signals)
+    assert signals and all(item.name.startswith("VestFront") for item in signals)
     with pytest.raises(InputError, match="3 paths without points"):
         convert(path, tmp_path / "z.haptic", strict=True)
 
@@ -396,9 +398,9 @@ def test_sounds_and_other_parameters_of_ahap_are_told(tmp_path):
     ]
     path = tmp_path / "x.ahap"
     path.write_text(json.dumps({"Version": 1.0, "Pattern": [{"Event": e} for e in events]}))
-    told = convert(path, tmp_path / "y.haptic").left_out
-    assert "1 events of the kind AudioCustom" in told
-    assert "1 parameters AttackTime of events" in told
+    left_out = convert(path, tmp_path / "y.haptic").left_out
+    assert "1 events of the kind AudioCustom" in left_out
+    assert "1 parameters AttackTime of events" in left_out
 
 
 @pytest.mark.parametrize("channels", [[[]], [{}], [None], [1], ["x"]])
@@ -449,8 +451,8 @@ def test_a_point_of_a_curve_does_not_name_its_parameter(name):
         "ParameterCurveControlPoints": [point],
     }
     document = {"Version": 1.0, "Pattern": [{"ParameterCurve": curve}]}
-    found = ahap_rules.validate(json.dumps(document).encode(), "a.ahap")
-    assert any("HapticIntensityControl is 2" in each.message for each in found)
+    actual = ahap_rules.validate(json.dumps(document).encode(), "a.ahap")
+    assert any("HapticIntensityControl is 2" in entry.message for entry in actual)
 
 
 @pytest.mark.parametrize("target", ["x.wav", "x.csv", "x.raster.npz"])

@@ -38,9 +38,11 @@ def test_a_reader_names_both(
 ) -> None:
     path = tmp_path / "x.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as messages:
         read(path)
-    assert f"x.json: is {found}" in str(told.value) and f"expected {wanted}" in str(told.value)
+    assert f"x.json: is {found}" in str(messages.value) and f"expected {wanted}" in str(
+        messages.value
+    )
 
 
 @pytest.mark.parametrize(

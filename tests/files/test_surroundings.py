@@ -27,7 +27,7 @@ from hfx_blender.processes import start
 
 def _device(path: Path) -> object:
     device = load_device(str(path))
-    return device.id, [each.id for each in device.actuators]
+    return device.id, [actuator.id for actuator in device.actuators]
 
 
 def _table(path: Path) -> object:

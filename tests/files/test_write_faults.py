@@ -57,8 +57,8 @@ def test_each_step_of_writing_may_fail(
         capsys.readouterr()
         with faulty_disk(failing):
             code = cli.run(_arguments(sources, kind, to, folder))
-        told = [line for line in capsys.readouterr().err.splitlines() if line]
-        assert code == 3 and len(told) == 1 and told[0].startswith("hfx: "), (failing, told)
+        lines = [line for line in capsys.readouterr().err.splitlines() if line]
+        assert code == 3 and len(lines) == 1 and lines[0].startswith("hfx: "), (failing, lines)
         there = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
         assert there == expected, failing
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
@@ -81,6 +81,6 @@ def test_a_file_may_end_at_any_byte(
             code = cli.run(_arguments(sources, kind, to, folder))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        told = [line for line in capsys.readouterr().err.splitlines() if line]
-        assert code == 3 and len(told) == 1 and "File too large" in told[0], (most, told)
+        lines = [line for line in capsys.readouterr().err.splitlines() if line]
+        assert code == 3 and len(lines) == 1 and "File too large" in lines[0], (most, lines)
         assert list(folder.iterdir()) == []

@@ -32,13 +32,15 @@ def signals(draw, most=50, ticks=False):
     rows = np.linspace(0, len(hertz) - 1, len(levels))
     rate_hz = draw(st.sampled_from([24.0, 60.0, 100.0, 0.5]))
     times = st.integers(0, len(levels) - 1).map(lambda k: k / rate_hz)
-    made = st.builds(Transient, times, st.floats(0.1, 1.0), st.floats(50.0, 250.0))
+    builds = st.builds(Transient, times, st.floats(0.1, 1.0), st.floats(50.0, 250.0))
     return signal(
         levels,
         np.interp(rows, np.arange(len(hertz)), hertz),
         name=draw(st.sampled_from(NAMES)),
         rate_hz=rate_hz,
-        transients=draw(st.lists(made, max_size=3, unique_by=lambda t: t.time_s)) if ticks else (),
+        transients=draw(st.lists(builds, max_size=3, unique_by=lambda t: t.time_s))
+        if ticks
+        else (),
     )
 
 
@@ -61,7 +63,7 @@ def raster_for(device, values=None, rows=200, rate_hz=Fraction(100)):
     return Raster(
         device_id=device.id,
         body_id="body",
-        actuators=tuple(each.id for each in device.actuators),
+        actuators=tuple(item.id for item in device.actuators),
         columns=columns,
         times_s=times,
         rate_hz=rate_hz,

@@ -26,8 +26,8 @@ validator.validateBytes(bytes).then(
 def is_there() -> bool:
     """Test that Node and the package can be used."""
     node = shutil.which("node")
-    wanted = [node or "", "-e", "require('gltf-validator')"]
-    return node is not None and subprocess.run(wanted, capture_output=True).returncode == 0
+    expected = [node or "", "-e", "require('gltf-validator')"]
+    return node is not None and subprocess.run(expected, capture_output=True).returncode == 0
 
 
 def gltf_faults(path: Path) -> list[str]:
@@ -37,5 +37,5 @@ def gltf_faults(path: Path) -> list[str]:
     done = subprocess.run(
         ["node", "-e", _PROGRAM, str(path)], capture_output=True, text=True, check=True
     )
-    found = json.loads(done.stdout)
-    return [f"{each['pointer']}: {each['message']}" for each in found if each["severity"] < 2]
+    document = json.loads(done.stdout)
+    return [f"{item['pointer']}: {item['message']}" for item in document if item["severity"] < 2]

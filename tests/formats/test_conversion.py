@@ -44,12 +44,12 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
     for path in written.files:
         assert path.name.startswith("scene.back_pad")
         if not path.name.endswith(wav.SIDECAR_SUFFIX):
-            found, findings = files.validate(path)
+            actual, findings = files.validate(path)
             assert findings == [], path
-            assert found.id == {"he1": "he"}.get(name, name)
+            assert actual.id == {"he1": "he"}.get(name, name)
     again = writing.write(name, raster, device, tmp_path / "other.back_pad")
-    for one, other in zip(written.files, again.files, strict=True):
-        same = other.read_bytes().replace(b"other.back_pad", b"scene.back_pad")
+    for one, second in zip(written.files, again.files, strict=True):
+        same = second.read_bytes().replace(b"other.back_pad", b"scene.back_pad")
         assert one.read_bytes() == same
 
 
@@ -59,12 +59,12 @@ def test_what_a_device_plays_is_in_the_file(tmp_path, name):
     raster = raster_for(device)
     dense, _ = signals_of(raster, device)
     written = writing.write(name, raster, device, tmp_path / "x")
-    found = [each for path in written.files for each in files.read_signals(path)[0]]
-    assert [each.name for each in found] == [each.name for each in dense]
+    actual = [item for path in written.files for item in files.read_signals(path)[0]]
+    assert [entry.name for entry in actual] == [item.name for item in dense]
     times = np.linspace(0.0, 1.99, 400)
-    for one, other in zip(found, dense, strict=True):
+    for one, second in zip(actual, dense, strict=True):
         slack = 0.021 if name == "he" else 0.0101  # half a millisecond of 21 a second
-        assert np.abs(one.amplitude.at(times) - other.amplitude.at(times)).max() <= slack
+        assert np.abs(one.amplitude.at(times) - second.amplitude.at(times)).max() <= slack
 
 
 @pytest.mark.parametrize("name", [*ENVELOPES, "wav", "tact"])
@@ -126,11 +126,13 @@ def test_a_removed_format_names_its_replacement(tmp_path, capsys, name):
         ["convert", source, str(tmp_path / file), "--device", "back_pad"],
     ):
         assert cli.run(arguments) == 2
-        (told,) = capsys.readouterr().err.splitlines()
+        (messages,) = capsys.readouterr().err.splitlines()
         assert (
-            name in told and "no longer written" in told and f"{instead}" in told.split("use ")[1]
+            name in messages
+            and "no longer written" in messages
+            and f"{instead}" in messages.split("use ")[1]
         )
-    assert [each.name for each in tmp_path.iterdir()] == [track.path.name]
+    assert [path.name for path in tmp_path.iterdir()] == [track.path.name]
 
 
 @pytest.mark.parametrize("target", ["haptic", "he", "he1", "openharmony", "openxr", "ahap", "hjif"])
@@ -197,8 +199,8 @@ def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, t
     for k, column in enumerate(raster.columns):
         control = device.actuators[0].type.controls[k % 2]
         assert column.parameter == control.name
-        wanted = control.highest / 2.0 if k % 2 == 0 else 120.0
-        assert raster.values[250, k] == pytest.approx(wanted, rel=0.01)
+        expected = control.highest / 2.0 if k % 2 == 0 else 120.0
+        assert raster.values[250, k] == pytest.approx(expected, rel=0.01)
 
 
 def test_signals_go_to_the_actuators_of_their_names(tmp_path):
@@ -208,9 +210,9 @@ def test_signals_go_to_the_actuators_of_their_names(tmp_path):
     raster = npz_raster.read(back.files[0])
     dense, _ = signals_of(raster_for(device, rows=60), device)
     scale = device.actuators[0].type.strength.highest
-    for each, signal_before in enumerate(dense):
-        wanted = signal_before.amplitude.at(raster.times_s) * scale
-        assert np.abs(raster.values[:, 2 * each] - wanted).max() <= 0.011 * scale
+    for item, signal_before in enumerate(dense):
+        expected = signal_before.amplitude.at(raster.times_s) * scale
+        assert np.abs(raster.values[:, 2 * item] - expected).max() <= 0.011 * scale
     with pytest.raises(InputError, match="the vibration actuators of 'insoles' are"):
         convert(first, tmp_path / "z.csv", device="insoles")
     with pytest.raises(InputError, match="no vibration actuators"):
@@ -248,7 +250,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
 
 
 def run(capsys, *arguments):
-    code = cli.run([str(each) for each in arguments])
+    code = cli.run([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return code, out, err
 
@@ -301,10 +303,10 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
     npz_raster.write(raster, tmp_path / "x.raster.npz")
     path = convert(tmp_path / "x.raster.npz", tmp_path / "y.hjif", device="fan_heater").files[0]
     assert files.validate(path)[1] == []
-    found = list(to_signals.envelopes(read_hjif(path)))
-    assert [each.modality for each in found] == ["Wind", "Temperature"]
-    for each in found:
-        strength = each.strength.at(np.arange(50) / 100.0) * each.full_scale
+    envelopes = list(to_signals.envelopes(read_hjif(path)))
+    assert [envelope.modality for envelope in envelopes] == ["Wind", "Temperature"]
+    for item in envelopes:
+        strength = item.strength.at(np.arange(50) / 100.0) * item.full_scale
         assert strength == pytest.approx((raster.values - raster.neutral)[:, 0], abs=0.06)
 
 
@@ -314,17 +316,17 @@ def test_envelopes_go_to_hjif_as_what_a_device_plays(tmp_path):
     source = tmp_path / "x.buzz.haptic"
     device = load_device("back_pad")
     without = read_hjif(convert(source, tmp_path / "a.hjif").files[0])
-    assert [len(each["channels"]) for each in without["perceptions"]] == [1]
+    assert [len(channel["channels"]) for channel in without["perceptions"]] == [1]
     written = convert(source, tmp_path / "b.hjif", device="back_pad")
     assert files.validate(written.files[0])[1] == []
     document = read_hjif(written.files[0])
     (perception,) = document["perceptions"]
-    assert [each["description"] for each in perception["channels"]] == [
+    assert [channel["description"] for channel in perception["channels"]] == [
         a.id for a in device.actuators
     ]
-    assert all(each["body_part_mask"] for each in perception["channels"])
-    for found in to_signals.envelopes(document):
-        half = float(found.strength.at(np.array([0.5]))[0] * found.full_scale)
+    assert all(channel["body_part_mask"] for channel in perception["channels"])
+    for envelope in to_signals.envelopes(document):
+        half = float(envelope.strength.at(np.array([0.5]))[0] * envelope.full_scale)
         assert half == pytest.approx(device.actuators[0].type.strength.highest / 2.0, rel=0.02)
     with pytest.raises(InputError, match="has no vibration actuators"):
         convert(source, tmp_path / "c.hjif", device="fan_heater")
@@ -335,11 +337,11 @@ def test_ticks_go_to_hjif_and_back(tmp_path):
     haptic.write([signal([0, 0.5, 0], transients=[tick])], RANGE, tmp_path / "x")
     path = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.hjif").files[0]
     assert files.validate(path)[1] == []
-    ((found,), _) = files.read_signals(path)
-    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in found.transients] == [
+    ((actual,), _) = files.read_signals(path)
+    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in actual.transients] == [
         (pytest.approx(0.01), pytest.approx(0.8), pytest.approx(150.0, abs=0.51))
     ]
-    assert found.amplitude.at(0.01) == pytest.approx(
+    assert actual.amplitude.at(0.01) == pytest.approx(
         0.5, abs=0.014
     )  # and half a tick of 50 a second
 
@@ -354,8 +356,8 @@ def test_signals_of_the_same_name_do_not_overwrite_each_other(tmp_path):
         text = text.replace(json.dumps(name), json.dumps(new))
     path.write_text(text)
     written = convert(path, tmp_path / "y.haptic")
-    assert len({each.name.casefold() for each in written.files}) == len(names)
-    assert all(each.is_file() and len(each.name) < 130 for each in written.files)
+    assert len({file.name.casefold() for file in written.files}) == len(names)
+    assert all(file.is_file() and len(file.name) < 130 for file in written.files)
 
 
 def test_a_track_is_validated_as_a_whole(tmp_path, capsys):
@@ -372,8 +374,10 @@ def test_a_track_is_validated_as_a_whole(tmp_path, capsys):
 
 def _tones(folder, hertz):
     """An HJIF file with a tone a channel, as MPEG writes it: no range of frequencies."""
-    made = [signal([1.0] * 10, [each] * 10, name=f"{each:g}") for each in hertz]
-    (path,) = from_actuators.write_signals(made, FrequencyRange(0, 1000), folder / "tones").files
+    signals = [
+        signal([1.0] * 10, [frequency_hz] * 10, name=f"{frequency_hz:g}") for frequency_hz in hertz
+    ]
+    (path,) = from_actuators.write_signals(signals, FrequencyRange(0, 1000), folder / "tones").files
     return path
 
 
@@ -403,11 +407,14 @@ def test_hertz_without_a_range_follow_the_targets_documented_one(
 ):
     hertz = (100.0, 120.0, 190.0, 300.0)
     written = convert(_tones(tmp_path, hertz), tmp_path / f"x{suffix}")
-    found = {path.name: read(json.loads(path.read_text())) for path in written.files}
-    for each in hertz:
-        wanted = min(max((each - lowest) / (highest - lowest), 0.0), 1.0)
-        assert found[f"x.{each:g}{suffix}"] == pytest.approx(wanted, abs=0.011)
-    assert any(f"{lowest} to {highest} Hz" in told and "300" in told for told in written.left_out)
+    actual = {path.name: read(json.loads(path.read_text())) for path in written.files}
+    for item in hertz:
+        expected = min(max((item - lowest) / (highest - lowest), 0.0), 1.0)
+        assert actual[f"x.{item:g}{suffix}"] == pytest.approx(expected, abs=0.011)
+    assert any(
+        f"{lowest} to {highest} Hz" in messages and "300" in messages
+        for messages in written.left_out
+    )
 
 
 def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path):
@@ -416,14 +423,14 @@ def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path)
     raster.values[:, 1::2] = 100.0
     written = writing.write("ahap", raster, device, tmp_path / "x")
     for path in written.files:
-        found = json.loads(path.read_text())
+        actual = json.loads(path.read_text())
         (sharpness,) = {
-            each["Event"]["EventParameters"][1]["ParameterValue"]
-            for each in found["Pattern"]
-            if "Event" in each and each["Event"]["EventParameters"][0]["ParameterValue"] > 0.0
+            entry["Event"]["EventParameters"][1]["ParameterValue"]
+            for entry in actual["Pattern"]
+            if "Event" in entry and entry["Event"]["EventParameters"][0]["ParameterValue"] > 0.0
         }
         assert sharpness == pytest.approx(20 / 150, abs=1e-5)
-        assert found["Metadata"]["HfxFrequencyRangeHz"] == [80.0, 230.0]
+        assert actual["Metadata"]["HfxFrequencyRangeHz"] == [80.0, 230.0]
 
 
 def test_square_roots_of_earlier_versions_are_read_back():

@@ -96,44 +96,44 @@ def converted(document, source, target, folder, **options):
     path = folder / source
     path.write_bytes(encoded(document))
     written = convert(path, folder / target, **options)
-    lost = [each for each in written.notes if "has no place for" in each]
+    lost = [note for note in written.notes if "has no place for" in note]
     assert len(lost) <= 1
     is_text = written.files[0].suffix not in (".csv", ".wav")
     return is_text and json.loads(written.files[0].read_bytes()), "".join(lost)
 
 
 def test_haptic_keeps_all_of_its_own(tmp_path):
-    found, lost = converted(HAPTIC, "a.haptic", "b.haptic", tmp_path)
-    kept = {key: found["metadata"][key] for key in ("author", "source", "project")}
-    assert kept == {"author": "Ada", "source": "boom.wav", "project": "Caves"} and not lost
-    assert found["metadata"]["tags"] == ["rock", "large", "frequency-range-hz:50-200"]
+    actual, lost = converted(HAPTIC, "a.haptic", "b.haptic", tmp_path)
+    stored = {key: actual["metadata"][key] for key in ("author", "source", "project")}
+    assert stored == {"author": "Ada", "source": "boom.wav", "project": "Caves"} and not lost
+    assert actual["metadata"]["tags"] == ["rock", "large", "frequency-range-hz:50-200"]
 
 
 def test_ahap_holds_project_and_date_and_what_else_it_had(tmp_path):
-    found, lost = converted(HAPTIC, "a.haptic", "b.ahap", tmp_path)
-    assert found["Metadata"]["Project"] == "Caves"
+    actual, lost = converted(HAPTIC, "a.haptic", "b.ahap", tmp_path)
+    assert actual["Metadata"]["Project"] == "Caves"
     assert lost == (
         "Apple AHAP has no place for author 'Ada', source 'boom.wav', tags 'rock, large'"
     )
-    found, lost = converted(AHAP, "c.ahap", "d.ahap", tmp_path)
-    assert found["Metadata"]["Created"] == "5 May 2023" and found["Metadata"]["Team"] == "A"
+    actual, lost = converted(AHAP, "c.ahap", "d.ahap", tmp_path)
+    assert actual["Metadata"]["Created"] == "5 May 2023" and actual["Metadata"]["Team"] == "A"
     assert not lost
     _, lost = converted(AHAP, "c.ahap", "d.haptic", tmp_path)
     assert lost == "Meta .haptic has no place for created '5 May 2023', Team 'A'"
 
 
 def test_he_holds_the_date(tmp_path):
-    found, lost = converted(HE, "a.he", "b.he", tmp_path)
-    assert found["Metadata"]["Created"] == "2023-05-05" and not lost
-    found, lost = converted(HE, "a.he", "b.openharmony.json", tmp_path)
-    assert found["MetaData"]["Create"] == "2023-05-05" and not lost
+    actual, lost = converted(HE, "a.he", "b.he", tmp_path)
+    assert actual["Metadata"]["Created"] == "2023-05-05" and not lost
+    actual, lost = converted(HE, "a.he", "b.openharmony.json", tmp_path)
+    assert actual["MetaData"]["Create"] == "2023-05-05" and not lost
     _, lost = converted(HAPTIC, "a.haptic", "b.he", tmp_path)
     assert "author 'Ada', project 'Caves', source 'boom.wav', tags 'rock, large'" in lost
 
 
 def test_hjif_holds_its_description_and_date(tmp_path):
-    found, lost = converted(HJIF, "a.hjif", "b.hjif", tmp_path)
-    assert (found["description"], found["date"]) == (HJIF["description"], HJIF["date"])
+    actual, lost = converted(HJIF, "a.hjif", "b.hjif", tmp_path)
+    assert (actual["description"], actual["date"]) == (HJIF["description"], HJIF["date"])
     assert not lost
     _, lost = converted({**HJIF, "date": "in May 2023"}, "a.hjif", "b.hjif", tmp_path)
     assert lost == "MPEG HJIF has no place for created 'in May 2023'"
@@ -142,8 +142,8 @@ def test_hjif_holds_its_description_and_date(tmp_path):
 
 
 def test_tact_has_a_project(tmp_path):
-    found, lost = converted(TACT, "a.tact", "b.haptic", tmp_path)
-    assert found["metadata"]["project"] == "Caves" and "description 'a boom'" in lost
+    actual, lost = converted(TACT, "a.tact", "b.haptic", tmp_path)
+    assert actual["metadata"]["project"] == "Caves" and "description 'a boom'" in lost
 
 
 @pytest.mark.parametrize("target", ["b.openxr.json", "b.csv", "b.wav", "b.tact"])
@@ -157,10 +157,10 @@ def test_our_own_statements_are_none(tmp_path):
     converted({**HAPTIC, "metadata": {}}, "a.haptic", "b.ahap", tmp_path)
     for target in ("c.haptic", "c.he", "c.openxr.json", "c.hjif"):
         written = convert(tmp_path / "b.ahap", tmp_path / target)
-        assert not any("has no place for" in each for each in written.notes)
+        assert not any("has no place for" in note for note in written.notes)
     assert not any(
-        "has no place for" in each
-        for each in convert(tmp_path / "c.hjif", tmp_path / "d.haptic").notes
+        "has no place for" in note
+        for note in convert(tmp_path / "c.hjif", tmp_path / "d.haptic").notes
     )
 
 
@@ -168,8 +168,8 @@ def test_info_shows_them(tmp_path, capsys):
     path = tmp_path / "a.haptic"
     path.write_bytes(encoded(HAPTIC))
     assert cli.run(["info", str(path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["metadata"] == {
+    actual = json.loads(capsys.readouterr().out)
+    assert actual["metadata"] == {
         "author": "Ada",
         "project": "Caves",
         "source": "boom.wav",

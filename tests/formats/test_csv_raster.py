@@ -20,7 +20,7 @@ def make_raster(values, rate_hz=Fraction(100), start_s=0.0):
         device_id="device",
         body_id="body",
         actuators=("a", "t"),
-        columns=tuple(Column(*each) for each in columns),
+        columns=tuple(Column(*column) for column in columns),
         times_s=start_s + np.arange(len(values)) / float(rate_hz),
         rate_hz=rate_hz,
         values=values,

@@ -39,13 +39,13 @@ def least_count(curve, tolerance):
         for inner in combinations(rows, count):
             knots = times[[0, *inner, len(times) - 1]]
             hats = np.array([np.interp(times, knots, unit) for unit in np.eye(len(knots))]).T
-            found = linprog(
+            actual = linprog(
                 np.zeros(len(knots)),
                 A_ub=np.vstack([hats, -hats]),
                 b_ub=np.concatenate([values + tolerance, tolerance - values]),
                 bounds=(None, None),
             )
-            if found.status == 0:
+            if actual.status == 0:
                 return count + 2
     return len(times)
 
@@ -56,8 +56,8 @@ def test_no_curve_that_turns_at_rows_has_fewer_keyframes(seed):
     smooth = np.cumsum(random.normal(0, 0.05, 8))
     curve = curve_of(smooth if seed % 2 else random.random(8))
     for tolerance in (0.02, 0.1):
-        found = simplified(curve, tolerance)
-        assert len(found) <= least_count(curve, tolerance)
+        actual = simplified(curve, tolerance)
+        assert len(actual) <= least_count(curve, tolerance)
 
 
 def test_the_search_for_the_fewest_finds_what_is_plain():
@@ -70,25 +70,25 @@ def test_the_search_for_the_fewest_finds_what_is_plain():
 @given(st.lists(SHARES, min_size=1, max_size=60), st.floats(1e-3, 0.5))
 def test_the_error_is_at_most_the_tolerance(values, tolerance):
     curve = curve_of(values)
-    found = simplified(curve, tolerance, lowest=0.0, highest=1.0)
-    assert deviation(curve, found) <= tolerance * (1 + 1e-9)
-    assert len(found) <= max(len(values), 2)
-    assert found.times_s[0] == 0.0
-    assert found.times_s[-1] == pytest.approx(curve.times_s[-1], abs=1e-5)
-    assert 0.0 <= found.values.min() and found.values.max() <= 1.0
+    actual = simplified(curve, tolerance, lowest=0.0, highest=1.0)
+    assert deviation(curve, actual) <= tolerance * (1 + 1e-9)
+    assert len(actual) <= max(len(values), 2)
+    assert actual.times_s[0] == 0.0
+    assert actual.times_s[-1] == pytest.approx(curve.times_s[-1], abs=1e-5)
+    assert 0.0 <= actual.values.min() and actual.values.max() <= 1.0
 
 
 @given(st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.004, 0.5, 1.0]), min_size=2, max_size=40))
 def test_silence_stays_silent(values):
     curve = curve_of(values)
-    found = simplified(curve, 0.01, lowest=0.0, highest=1.0, keeps_silence=True)
-    assert deviation(curve, found) <= 0.01 * (1 + 1e-9)
+    actual = simplified(curve, 0.01, lowest=0.0, highest=1.0, keeps_silence=True)
+    assert deviation(curve, actual) <= 0.01 * (1 + 1e-9)
     rows = curve.times_s[curve.values == 0.0]
-    assert np.all(found.at(rows) <= 1.1e-4)  # a hundredth of the tolerance
-    row = np.searchsorted(curve.times_s, found.times_s, side="right") - 1
+    assert np.all(actual.at(rows) <= 1.1e-4)  # a hundredth of the tolerance
+    row = np.searchsorted(curve.times_s, actual.times_s, side="right") - 1
     is_silent = np.append(curve.values, 0.0) == 0.0
     within = is_silent[row] & is_silent[row + 1]  # between two silent rows
-    assert np.all(found.values[within] == 0.0)
+    assert np.all(actual.values[within] == 0.0)
 
 
 @pytest.mark.parametrize("kind", ["constant", "ramp", "sine", "noise", "pulses"])
@@ -102,28 +102,28 @@ def test_a_hundred_thousand_points(kind):
         "pulses": (np.arange(len(times)) // 50 % 2).astype(float),
     }[kind]
     curve = Curve(times, values)
-    found = simplified(curve, 0.01, lowest=0.0, highest=1.0, keeps_silence=True)
-    assert deviation(curve, found) <= 0.01
+    actual = simplified(curve, 0.01, lowest=0.0, highest=1.0, keeps_silence=True)
+    assert deviation(curve, actual) <= 0.01
     if kind in ("constant", "ramp"):
-        assert len(found) <= 3
+        assert len(actual) <= 3
     if kind == "sine":  # arcs of curvature A have an error of A h^2 / 16 at best
         ideal = sum(np.sqrt(np.abs(0.5 * np.sin(times)) / 0.16)) / 1000.0
-        assert len(found) <= 1.2 * ideal + 10
+        assert len(actual) <= 1.2 * ideal + 10
     if kind == "pulses":
-        assert len(found) <= 4 * 1000 + 2
+        assert len(actual) <= 4 * 1000 + 2
 
 
 def test_free_stretches_need_no_keyframes():
     values = np.where(np.arange(100) % 10 == 0, 1.0, np.random.default_rng(2).random(100))
     is_free = np.arange(100) % 10 != 0
-    found = simplified(curve_of(values), 0.01, is_free=is_free)
-    assert len(found) == 2
+    actual = simplified(curve_of(values), 0.01, is_free=is_free)
+    assert len(actual) == 2
 
 
 def test_a_step_is_kept():
     curve = Curve.of([0.0, 0.5, 0.5, 1.0], [0.0, 0.0, 1.0, 1.0])
-    found = simplified(curve, 0.01)
-    assert found.at(0.499) <= 0.01 and found.at(0.501) >= 0.99
+    actual = simplified(curve, 0.01)
+    assert actual.at(0.499) <= 0.01 and actual.at(0.501) >= 0.99
 
 
 def test_values_at_a_step():

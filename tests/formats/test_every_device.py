@@ -29,7 +29,7 @@ def _ahap(path):
     pattern = json.loads(path.read_text())["Pattern"]
     points = [
         (curve["Time"] + point["Time"], point["ParameterValue"])
-        for curve in (each["ParameterCurve"] for each in pattern if "ParameterCurve" in each)
+        for curve in (event["ParameterCurve"] for event in pattern if "ParameterCurve" in event)
         if curve["ParameterID"] == "HapticIntensityControl"
         for point in curve["ParameterCurveControlPoints"]
     ]
@@ -38,13 +38,15 @@ def _ahap(path):
 
 def _haptic(path):
     signals = json.loads(path.read_text())["signals"]["continuous"]["envelopes"]
-    return _between([(each["time"], each["amplitude"]) for each in signals["amplitude"]], AT_S)
+    return _between(
+        [(signal["time"], signal["amplitude"]) for signal in signals["amplitude"]], AT_S
+    )
 
 
 def _events(path):
-    found = json.loads(path.read_text())
-    channels = found.get("Channels", [{"Pattern": found.get("Pattern", [])}])
-    patterns = found.get("PatternList", [{"AbsoluteTime": 0, **each} for each in channels])
+    document = json.loads(path.read_text())
+    channels = document.get("Channels", [{"Pattern": document.get("Pattern", [])}])
+    patterns = document.get("PatternList", [{"AbsoluteTime": 0, **item} for item in channels])
     points = []
     for pattern in patterns:
         for event in (entry["Event"] for entry in pattern["Pattern"]):
@@ -66,15 +68,15 @@ READERS = {
 
 
 def _openxr(folder, device):
-    found = {}
+    actual = {}
     for channel in json.loads((folder / "x.openxr.json").read_text())["channels"]:
         points = [
             ((frame["start"] + point["time"]) / 1e9, point["value"])
             for frame in channel["frames"]
             for point in frame["amplitudePoints"]
         ]
-        found[channel["actuator"]] = _between(points, AT_S)
-    return found
+        actual[channel["actuator"]] = _between(points, AT_S)
+    return actual
 
 
 def _wav(folder, device):
@@ -82,7 +84,7 @@ def _wav(folder, device):
     names = json.loads((folder / "x.wav.channels.json").read_text())["channels"]
     rows = np.frombuffer(data[data.index(b"data") + 8 :], "<i2").reshape(-1, len(names)) / 32767
     peak = np.abs(rows[int(48000 * 0.2) : int(48000 * 0.3)]).max(axis=0)
-    return dict(zip([each["actuator"] for each in names], peak.tolist(), strict=True))
+    return dict(zip([name["actuator"] for name in names], peak.tolist(), strict=True))
 
 
 def _tact(folder, device):
@@ -109,7 +111,7 @@ def _tact(folder, device):
     return {
         name: level
         for name, level in full.items()
-        if any(abs(level - found) <= 0.0051 for _, _, found in levels)
+        if any(abs(level - actual) <= 0.0051 for _, _, actual in levels)
     }
 
 
@@ -118,25 +120,25 @@ WHOLE = {"openxr": _openxr, "wav": _wav, "tact": _tact}
 
 def _wanted(device):
     """A level for each vibration actuator, all different."""
-    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    vibrating = [item for item in device.actuators if item.type.modality == "vibration"]
     levels = 1.0 - 0.8 * np.arange(len(vibrating)) / max(len(vibrating), 1)
-    full = max((each.type.strength.highest for each in vibrating), default=0.0)
+    full = max((item.type.strength.highest for item in vibrating), default=0.0)
     return {
-        each.id: min(level, each.type.strength.highest / full)
-        for each, level in zip(vibrating, levels.tolist(), strict=True)
+        item.id: min(level, item.type.strength.highest / full)
+        for item, level in zip(vibrating, levels.tolist(), strict=True)
     }
 
 
 @pytest.mark.parametrize("name", sorted(list_devices()))
 def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path):
     device = load_device(name)
-    wanted = _wanted(device)
+    expected = _wanted(device)
     raster = raster_for(device, rows=50)
-    kinds = {each.id: each.type for each in device.actuators}
-    full = max((kinds[each].strength.highest for each in wanted), default=0.0)
+    kinds = {item.id: item.type for item in device.actuators}
+    full = max((kinds[entry].strength.highest for entry in expected), default=0.0)
     for k, column in enumerate(raster.columns):
         if column.parameter == "amplitude_m_s2":
-            raster.values[:, k] = wanted[column.actuator] * full
+            raster.values[:, k] = expected[column.actuator] * full
         elif column.parameter == "frequency_hz":
             raster.values[:, k] = kinds[column.actuator].controls[1].lowest
         else:
@@ -148,29 +150,29 @@ def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path
     with (tmp_path / "x.csv").open(newline="") as file:
         header, *rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
     for k, column in enumerate(raster.columns):
-        place = header.index(f"{column.actuator}.{column.parameter} [{column.unit}]")
-        assert float(rows[25][place]) == pytest.approx(raster.values[25, k], rel=1e-8)
+        location = header.index(f"{column.actuator}.{column.parameter} [{column.unit}]")
+        assert float(rows[25][location]) == pytest.approx(raster.values[25, k], rel=1e-8)
     for format_name, (suffix, read) in READERS.items():
         title = FORMATS[format_name].title
         named = (title, f"the format {format_name} ")
-        told = " ".join(each for each in written.left_out if any(n in each for n in named))
-        for actuator, level in wanted.items():
+        text = " ".join(reason for reason in written.left_out if any(n in reason for n in named))
+        for actuator, level in expected.items():
             path = tmp_path / f"x.{actuator}{suffix}"
             if path.exists():
                 assert read(path) == pytest.approx(level, abs=0.0211), (format_name, actuator)
             else:
-                assert actuator in told, (format_name, actuator)
+                assert actuator in text, (format_name, actuator)
     for format_name, read in WHOLE.items():
         title = FORMATS[format_name].title
         named = (title, f"the format {format_name} ")
-        told = " ".join(each for each in written.left_out if any(n in each for n in named))
-        if not wanted:
-            assert device.id in told
-        elif f"no {title} for it" in told:
-            assert device.id in told
+        text = " ".join(reason for reason in written.left_out if any(n in reason for n in named))
+        if not expected:
+            assert device.id in text
+        elif f"no {title} for it" in text:
+            assert device.id in text
         else:
-            found = read(tmp_path, device)
-            for actuator, level in wanted.items():
-                if actuator not in told and " more)" not in told:  # long lists are cut
+            actual = read(tmp_path, device)
+            for actuator, level in expected.items():
+                if actuator not in text and " more)" not in text:  # long lists are cut
                     where = (format_name, actuator)
-                    assert found[actuator] == pytest.approx(level, abs=0.0151), where
+                    assert actual[actuator] == pytest.approx(level, abs=0.0151), where

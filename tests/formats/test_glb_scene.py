@@ -81,8 +81,8 @@ STILL = np.tile(placed(turned(0.5, (1, 2, 3)), (1, 2, 3), (0.5, -1, 2)), (COUNT,
     ],
 )
 def test_a_shape_is_a_trigger_where_it_stands(tmp_path, shape, kind, members):
-    found, _, _ = written(recorded(shape, STILL), tmp_path)
-    interactivity = found["extensions"]["MPEG_interactivity"]
+    actual, _, _ = written(recorded(shape, STILL), tmp_path)
+    interactivity = actual["extensions"]["MPEG_interactivity"]
     (trigger,) = interactivity["triggers"]
     (primitive,) = trigger["primitives"]
     assert primitive["type"] == kind and members.items() <= primitive.items()
@@ -90,33 +90,33 @@ def test_a_shape_is_a_trigger_where_it_stands(tmp_path, shape, kind, members):
     point = STILL[0] @ [0.3, -0.2, 0.9, 1.0]
     np.testing.assert_allclose(matrix @ [0.3, -0.2, 0.9, 1.0], [point[0], point[2], -point[1], 1])
     assert interactivity["actions"][0]["type"] == 7
-    assert found["extensions"]["MPEG_media"]["media"][0]["alternatives"][0]["uri"] == "x.hjif"
+    assert actual["extensions"]["MPEG_media"]["media"][0]["alternatives"][0]["uri"] == "x.hjif"
 
 
 def test_extensions_are_used_and_never_required(tmp_path):
-    found, _, _ = written(recorded(Sphere(), STILL), tmp_path)
-    assert found["extensionsUsed"] == ["MPEG_interactivity", "MPEG_media"]
-    assert "extensionsRequired" not in found
+    actual, _, _ = written(recorded(Sphere(), STILL), tmp_path)
+    assert actual["extensionsUsed"] == ["MPEG_interactivity", "MPEG_media"]
+    assert "extensionsRequired" not in actual
 
 
 def test_a_mesh_is_a_mesh(tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    found, data, _ = written(recorded(TETRAHEDRON, STILL), tmp_path)
-    assert "primitives" not in found["extensions"]["MPEG_interactivity"]["triggers"][0]
+    actual, data, _ = written(recorded(TETRAHEDRON, STILL), tmp_path)
+    assert "primitives" not in actual["extensions"]["MPEG_interactivity"]["triggers"][0]
     loaded = trimesh.load(io.BytesIO(data), file_type="glb", process=False)
-    assert sorted(len(each.faces) for each in loaded.geometry.values())[0] == 4
+    assert sorted(len(vertices.faces) for vertices in loaded.geometry.values())[0] == 4
 
 
 def test_a_moving_volume_is_animated(tmp_path):
     angles = np.linspace(0.0, 7.0, COUNT)
     matrices = np.stack([placed(turned(a, (0, 0, 1)), (1, 2, 0.5), (a, 0, 1)) for a in angles])
-    found, data, _ = written(recorded(Cuboid(), matrices), tmp_path)
-    (animation,) = found["animations"]
+    actual, data, _ = written(recorded(Cuboid(), matrices), tmp_path)
+    (animation,) = actual["animations"]
     binary = data[data.index(b"BIN\0") + 4 :]
 
     def column(index):
-        accessor = found["accessors"][index]
-        view = found["bufferViews"][accessor["bufferView"]]
+        accessor = actual["accessors"][index]
+        view = actual["bufferViews"][accessor["bufferView"]]
         width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
         part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
         return np.frombuffer(part, "<f4").reshape(-1, width)
@@ -141,7 +141,7 @@ def test_a_moving_volume_is_animated(tmp_path):
                 [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
             ]
         )
-        again = rotation @ np.diag(found["nodes"][0]["scale"])  # it stays
+        again = rotation @ np.diag(actual["nodes"][0]["scale"])  # it stays
         np.testing.assert_allclose(again, turn @ matrices[k][:3, :3], atol=1e-5)
     steps = (paths["rotation"][1:] * paths["rotation"][:-1]).sum(axis=1)
     assert (steps > 0.0).all()  # the short way round
@@ -149,8 +149,8 @@ def test_a_moving_volume_is_animated(tmp_path):
 
 def test_mirrored_and_sheared_volumes(tmp_path):
     mirrored = np.stack([placed(None, (-1, 1, 1), (k, 0, 0)) for k in range(COUNT)])
-    found, _, result = written(recorded(Cuboid(), mirrored), tmp_path)
-    assert np.prod(found["nodes"][0]["scale"]) == pytest.approx(-1.0)
+    actual, _, result = written(recorded(Cuboid(), mirrored), tmp_path)
+    assert np.prod(actual["nodes"][0]["scale"]) == pytest.approx(-1.0)
     assert not result.notes
     sheared = mirrored.copy()
     sheared[:, 0, 1] = 0.5
@@ -158,8 +158,8 @@ def test_mirrored_and_sheared_volumes(tmp_path):
 
 
 def test_a_volume_that_is_never_active_is_told(tmp_path):
-    found, _, result = written(recorded(Sphere(), STILL, np.zeros(COUNT)), tmp_path)
-    assert "never active" in result.notes[0] and "extensions" not in found
+    actual, _, result = written(recorded(Sphere(), STILL, np.zeros(COUNT)), tmp_path)
+    assert "never active" in result.notes[0] and "extensions" not in actual
 
 
 def test_rows_without_a_level_are_left_out(tmp_path):
@@ -167,8 +167,8 @@ def test_rows_without_a_level_are_left_out(tmp_path):
     matrices[3] = np.nan
     levels = np.ones(COUNT)
     levels[3] = 0.0
-    found, _, _ = written(recorded(Sphere(), matrices, levels), tmp_path)
-    assert "animations" not in found
+    actual, _, _ = written(recorded(Sphere(), matrices, levels), tmp_path)
+    assert "animations" not in actual
 
 
 def test_triggers_without_what_they_play_are_told(tmp_path):
@@ -184,6 +184,6 @@ def test_a_body_that_follows_its_mesh_and_was_never_read_stands_at_rest(tmp_path
     body = BodyDescription("b", "Anna", SurfaceBinding({}, "cloth"))
     time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
     recorder = glb_scene.VolumeRecorder(SceneDescription(time, (body,), ()))
-    found, _, result = written(recorder, tmp_path)
-    assert [node["name"] for node in found["nodes"]] == ["Anna", f"Anna: {model.id}"]
-    assert "skins" not in found and not result.notes
+    actual, _, result = written(recorder, tmp_path)
+    assert [node["name"] for node in actual["nodes"]] == ["Anna", f"Anna: {model.id}"]
+    assert "skins" not in actual and not result.notes

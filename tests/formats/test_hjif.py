@@ -162,13 +162,13 @@ def at(document, place):
 
 
 def with_change(place, value):
-    found = sample()
-    at(found, place[:-1])[place[-1]] = value
-    return found
+    samples = sample()
+    at(samples, place[:-1])[place[-1]] = value
+    return samples
 
 
 def codes(document):
-    return [each.code for each in hjif_rules.findings(document)]
+    return [finding.code for finding in hjif_rules.findings(document)]
 
 
 def test_the_sample_is_valid():
@@ -232,11 +232,11 @@ SEMANTIC = {
 
 @pytest.mark.parametrize("code", SEMANTIC)
 def test_each_semantic_rule_has_its_code(code):
-    place, value = SEMANTIC[code]
-    found = hjif_rules.findings(with_change(place, value))
-    assert f"HJIF-{code}" in [each.code for each in found]
+    position, value = SEMANTIC[code]
+    findings = hjif_rules.findings(with_change(position, value))
+    assert f"HJIF-{code}" in [entry.code for entry in findings]
     is_warning = code.startswith("REFERENCE")
-    severities = {each.severity for each in found if each.code == f"HJIF-{code}"}
+    severities = {entry.severity for entry in findings if entry.code == f"HJIF-{code}"}
     assert severities == {"warning" if is_warning else "error"}
 
 
@@ -252,13 +252,13 @@ TAKEN = {
 
 @pytest.mark.parametrize("code", TAKEN)
 def test_what_the_reference_software_takes_is_valid_with_a_warning(code):
-    place, value = TAKEN[code]
+    position, value = TAKEN[code]
     document = sample()
-    at(document, place[:-1])[place[-1]] = value
-    found = hjif_rules.findings(document)
-    assert [(each.code, each.severity) for each in found] == [(code, "warning")]
+    at(document, position[:-1])[position[-1]] = value
+    findings = hjif_rules.findings(document)
+    assert [(entry.code, entry.severity) for entry in findings] == [(code, "warning")]
     _, notes = hjif_reader.decode(encoded(document), "x")
-    assert any(f"[{code}]" in each for each in notes)
+    assert any(f"[{code}]" in note for note in notes)
 
 
 def test_channels_of_several_perceptions_are_too_many_with_a_warning():
@@ -266,8 +266,10 @@ def test_channels_of_several_perceptions_are_too_many_with_a_warning():
     channels = [{**at(document, C), "id": k} for k in range(100)]
     first = {**at(document, P), "channels": channels}
     document["perceptions"] = [first, {**first, "id": 1}]
-    found = [each for each in hjif_rules.findings(document) if each.code == "HJIF-CHANNEL-COUNT"]
-    assert [each.severity for each in found] == ["warning"]
+    findings = [
+        finding for finding in hjif_rules.findings(document) if finding.code == "HJIF-CHANNEL-COUNT"
+    ]
+    assert [entry.severity for entry in findings] == ["warning"]
 
 
 def test_a_target_without_a_resolution_is_an_error():
@@ -277,11 +279,11 @@ def test_a_target_without_a_resolution_is_an_error():
 
 
 def test_the_profile_simple_parametric_has_rules_of_its_own():
-    found = sample()
-    found["profile"] = "Simple Parametric"
-    found["timescale"] = 48_000
-    found["perceptions"][0]["perception_modality"] = "Wind"
-    assert set(codes(found)) == {
+    samples = sample()
+    samples["profile"] = "Simple Parametric"
+    samples["timescale"] = 48_000
+    samples["perceptions"][0]["perception_modality"] = "Wind"
+    assert set(codes(samples)) == {
         "HJIF-TIMESCALE",
         "HJIF-MODALITY-PROFILE",
         "HJIF-WAVELET-PROFILE",
@@ -290,10 +292,10 @@ def test_the_profile_simple_parametric_has_rules_of_its_own():
 
 
 def test_what_the_reference_software_needs_is_a_warning():
-    found = sample()
-    del found["syncs"], found["timescale"], at(found, C)["body_part_mask"]
-    assert codes(found) == ["HJIF-REFERENCE-MISSING"] * 3
-    assert hjif_reader.decode(encoded(found), "x")[0].get("timescale") is None
+    samples = sample()
+    del samples["syncs"], samples["timescale"], at(samples, C)["body_part_mask"]
+    assert codes(samples) == ["HJIF-REFERENCE-MISSING"] * 3
+    assert hjif_reader.decode(encoded(samples), "x")[0].get("timescale") is None
 
 
 def places(value, place=()):
@@ -327,11 +329,11 @@ REQUIRED = {
 def test_each_member_is_checked(place):
     """Of a wrong type, misspelt, and, where the standard requires it, missing."""
     for wrong in (None, True, {"a": 1}, [[]], "\u0000?"):
-        found = with_change(place, wrong)
+        actual = with_change(place, wrong)
         original = at(sample(), place)
         if type(wrong) is type(original) and place[-1] in ("description", "name", "wavelet_stream"):
             continue
-        assert any(each.severity == "error" for each in hjif_rules.findings(found)), wrong
+        assert any(finding.severity == "error" for finding in hjif_rules.findings(actual)), wrong
     misspelt = sample()
     parent = at(misspelt, place[:-1])
     parent[f"{place[-1]}s"] = parent[place[-1]]
@@ -385,34 +387,34 @@ def test_the_standards_schemas_agree():
     folder = Path(os.environ["HFX_HJIF_SCHEMAS"])
     files = {path.name: json.loads(path.read_text()) for path in folder.glob("*.json")}
     registry = Registry().with_resources(
-        (name, Resource(contents=each, specification=DRAFT4)) for name, each in files.items()
+        (name, Resource(contents=entry, specification=DRAFT4)) for name, entry in files.items()
     )
     judge = jsonschema.Draft4Validator(files["MPEG_haptics.schema.json"], registry=registry)
     assert judge.is_valid(sample())
     schema_codes = {"HJIF-MISSING", "HJIF-TYPE", "HJIF-RANGE", "HJIF-CHOICE", "HJIF-COUNT"}
     schema_codes |= {"HJIF-MODALITY", "HJIF-VERSION"}
-    for place in places(sample()):
-        if "composition" in place:  # the schema's own misses what is in it
+    for position in places(sample()):
+        if "composition" in position:  # the schema's own misses what is in it
             continue
         for wrong in (None, True, {"a": 1}, [[]], -1, 1.5, 20_000, "?", ...):
-            found = with_change(place, None if wrong is ... else wrong)
+            actual = with_change(position, None if wrong is ... else wrong)
             if wrong is ...:
-                del at(found, place[:-1])[place[-1]]
-            ours = not schema_codes & set(codes(found))
-            assert judge.is_valid(found) == ours, (place, wrong, codes(found))
+                del at(actual, position[:-1])[position[-1]]
+            ours = not schema_codes & set(codes(actual))
+            assert judge.is_valid(actual) == ours, (position, wrong, codes(actual))
 
 
 # --- round trips ---------------------------------------------------------------------------
 
 
 def test_what_is_wrong_is_found_among_a_thousand_unknown_members():
-    found = {**{f"more{k}": 1 for k in range(1200)}, **sample()}
+    actual = {**{f"more{k}": 1 for k in range(1200)}, **sample()}
     assert (
-        hjif_reader.decode(encoded(found), "x")[0] == hjif_reader.decode(encoded(sample()), "x")[0]
+        hjif_reader.decode(encoded(actual), "x")[0] == hjif_reader.decode(encoded(sample()), "x")[0]
     )
-    found["perceptions"][0]["channels"][0]["vertices"] = "all"
+    actual["perceptions"][0]["channels"][0]["vertices"] = "all"
     with pytest.raises(InputError, match='vertices is "all", allowed is a list'):
-        hjif_reader.decode(encoded(found), "x")
+        hjif_reader.decode(encoded(actual), "x")
 
 
 def test_a_round_trip_keeps_everything():
@@ -489,8 +491,8 @@ def test_any_document_survives(document):
     assert hjif_rules.validate(data, "x") == []
     assert hjif_reader.decode(data, "x")[0] == document
     with contextlib.suppress(limits.TooLargeError):  # a position may be a day away
-        for each in to_signals.envelopes(document):
-            assert np.isfinite(each.strength.values).all()
+        for envelope in to_signals.envelopes(document):
+            assert np.isfinite(envelope.strength.values).all()
 
 
 def test_many_channels_and_keyframes_survive():
@@ -510,27 +512,29 @@ def test_many_channels_and_keyframes_survive():
     assert hjif_rules.validate(data, "x") == []
     assert hjif_reader.decode(data, "x")[0] == document
     one = {**document, "level": 1}
-    assert "HJIF-CHANNEL-COUNT" in [each.code for each in hjif_rules.validate(encoded(one), "x")]
+    assert "HJIF-CHANNEL-COUNT" in [
+        finding.code for finding in hjif_rules.validate(encoded(one), "x")
+    ]
 
 
 def test_envelopes_of_references_compositions_and_ticks():
     waves = sample()  # without the curve and the wavelet, which are samples of the vibration
     at(waves, (*C, "bands"))[:] = at(waves, (*C, "bands"))[1:3]
-    (found,) = to_signals.envelopes(hjif_reader.decode(encoded(waves), "x")[0])
+    (actual,) = to_signals.envelopes(hjif_reader.decode(encoded(waves), "x")[0])
     # A wave from 0.1 to 0.5 s; the library's from 0.6 to 1.1 s; the composition from 1.5 s on.
-    assert found.strength.at([0.05, 0.3, 0.6, 0.85, 1.2, 1.6]) == pytest.approx(
+    assert actual.strength.at([0.05, 0.3, 0.6, 0.85, 1.2, 1.6]) == pytest.approx(
         [0.0, 0.5, 1.0, 0.5, 0.0, 0.5]
     )
-    assert found.frequency_hz.at([0.3, 0.85]) == pytest.approx([150.0, 80.0])
-    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in found.transients] == [
+    assert actual.frequency_hz.at([0.3, 0.85]) == pytest.approx([150.0, 80.0])
+    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in actual.transients] == [
         (0.0, 1.0, 150.0)
     ]
-    assert found.full_scale == 20.0 and found.vertices == (1, 2, 3)
+    assert actual.full_scale == 20.0 and actual.vertices == (1, 2, 3)
 
 
 def test_effects_that_refer_in_circles_are_refused():
-    found = sample()
-    library = at(found, (*P, "effect_library"))
+    samples = sample()
+    library = at(samples, (*P, "effect_library"))
     library[:] = [
         {
             "effect_type": "Composite",
@@ -539,7 +543,7 @@ def test_effects_that_refer_in_circles_are_refused():
         }
     ]
     with pytest.raises(InputError, match=r"levels deep|unfolds to more"):
-        to_signals.decode(encoded(found), "x")
+        to_signals.decode(encoded(samples), "x")
 
 
 # --- from a track --------------------------------------------------------------------------
@@ -621,10 +625,10 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
     sign = -1.0 if modality == "temperature" else 1.0  # 14 degC is ten below neutral
     times = np.arange(len(levels)) / 24.0
     vertices = set()
-    for each in to_signals.envelopes(document):
-        assert each.full_scale == pytest.approx(full)
-        assert each.strength.at(times) == pytest.approx(sign * levels, abs=0.010001)
-        vertices.update(each.vertices)
+    for envelope in to_signals.envelopes(document):
+        assert envelope.full_scale == pytest.approx(full)
+        assert envelope.strength.at(times) == pytest.approx(sign * levels, abs=0.010001)
+        vertices.update(envelope.vertices)
     assert len(vertices) == 40
     assert (len(perception["channels"]) == 1) == (kind == "painted")
 
@@ -635,10 +639,10 @@ def test_repeated_clips_are_in_the_library_once(tmp_path):
     (perception,) = document["perceptions"]
     (effect,) = perception["effect_library"]
     (channel,) = perception["channels"]
-    found = channel["bands"][0]["effects"]
-    assert [each["effect_type"] for each in found] == ["Reference"] * 20
+    effects = channel["bands"][0]["effects"]
+    assert [entry["effect_type"] for entry in effects] == ["Reference"] * 20
     ticks = document["timescale"] // 4
-    assert [each["position"] for each in found] == [k * ticks for k in range(20)]
+    assert [entry["position"] for entry in effects] == [k * ticks for k in range(20)]
     assert [k["amplitude_modulation"] for k in effect["keyframes"]] == pytest.approx(
         [0, 1, 0], abs=0.01
     )
@@ -665,9 +669,16 @@ def test_channels_are_numbered_over_the_whole_file():
         places = [perceptions.Place(f"{id}{k}", 1.0, 0, dense=DENSE) for k in range(3)]
         return perceptions.perception_of(id, "pressure", places, (), 1000, DEFAULT_TOLERANCE)
 
-    made = perceptions.document_of("x", [perception(0), perception(1)], 1000)
-    found = _reference_channels(json.loads(encoded(made)))
-    assert [found[k]["description"] for k in range(6)] == ["00", "01", "02", "10", "11", "12"]
+    document = perceptions.document_of("x", [perception(0), perception(1)], 1000)
+    reference_channels = _reference_channels(json.loads(encoded(document)))
+    assert [reference_channels[k]["description"] for k in range(6)] == [
+        "00",
+        "01",
+        "02",
+        "10",
+        "11",
+        "12",
+    ]
 
 
 @pytest.mark.parametrize("modality", ["vibration", "pressure"])
@@ -677,14 +688,14 @@ def test_a_binary_form_of_16_bits_loses_no_time(tmp_path, modality, seconds):
     levels[300::500] = 1.0
     with track_of(tmp_path, modality, "painted", levels, rate_hz=Fraction(100)) as track:
         document, *_ = from_track.compose(track, (), "x")
-    found = json.loads(encoded(document))
-    (channel,) = _reference_channels(found).values()
+    actual = json.loads(encoded(document))
+    (channel,) = _reference_channels(actual).values()
     times, values = [], []
     for effect in channel["bands"][0]["effects"]:
         assert effect["effect_type"] == "Basis"
         for frame in effect["keyframes"]:
             ticks = effect["position"] + frame["relative_position"] % 2**16
-            times.append(ticks / found["timescale"])
+            times.append(ticks / actual["timescale"])
             values.append(frame["amplitude_modulation"])
     assert times == sorted(times) and times[-1] >= len(levels) / 100.0
     rows = np.arange(len(levels)) / 100.0
@@ -695,11 +706,13 @@ def test_a_binary_form_of_16_bits_loses_no_time(tmp_path, modality, seconds):
 def test_a_player_that_scales_by_the_exponent_cuts_nothing(tmp_path, modality):
     with track_of(tmp_path, modality, "painted", [0.0, 0.4, 1.0, 0.3, 0.0]) as track:
         document, *_ = from_track.compose(track, (), "x")
-    found = json.loads(encoded(document))["perceptions"][0]
-    scale = 10.0 ** found.get("perception_unit_exponent", 0)
-    frames = found["channels"][0]["bands"][0]["effects"][0]["keyframes"]
-    felt = np.clip([abs(scale * k["amplitude_modulation"]) for k in frames], 0.0, 1.0)
-    assert ((felt > 0.1) & (felt < 0.9)).any() and felt.max() == pytest.approx(1.0, abs=0.01)
+    actual = json.loads(encoded(document))["perceptions"][0]
+    scale = 10.0 ** actual.get("perception_unit_exponent", 0)
+    frames = actual["channels"][0]["bands"][0]["effects"][0]["keyframes"]
+    samples = np.clip([abs(scale * k["amplitude_modulation"]) for k in frames], 0.0, 1.0)
+    assert ((samples > 0.1) & (samples < 0.9)).any() and samples.max() == pytest.approx(
+        1.0, abs=0.01
+    )
 
 
 @pytest.mark.parametrize("modality", ["vibration", "pressure"])
@@ -708,11 +721,11 @@ def test_a_hold_stays_constant(tmp_path, modality, level):
     levels = np.array([0.0] * 5 + [1.0] * 50 + [0.3, 0.9] + [level] * 60 + [0.0] * 3)
     with track_of(tmp_path, modality, "painted", levels) as track:
         document, *_ = from_track.compose(track, (), "x")
-    (found,) = to_signals.envelopes(document)
-    held = found.strength.at(np.linspace(5, 54, 400) / 24.0)
+    (actual,) = to_signals.envelopes(document)
+    held = actual.strength.at(np.linspace(5, 54, 400) / 24.0)
     np.testing.assert_allclose(held, 1.0, atol=1e-6)
     np.testing.assert_allclose(
-        found.strength.at(np.linspace(57, 116, 400) / 24.0), level, atol=1e-6
+        actual.strength.at(np.linspace(57, 116, 400) / 24.0), level, atol=1e-6
     )
 
 
@@ -749,9 +762,9 @@ def test_the_wind_has_its_direction(tmp_path):
     ],
 )
 def test_a_frame_is_a_whole_number_of_ticks(rates, ticks):
-    found = envelopes.timescale_of(*rates)
-    assert found == ticks
-    assert (found / rates[0]).denominator == 1
+    actual = envelopes.timescale_of(*rates)
+    assert actual == ticks
+    assert (actual / rates[0]).denominator == 1
 
 
 # --- body parts ----------------------------------------------------------------------------
@@ -763,9 +776,9 @@ def test_every_vertex_has_a_part_and_left_mirrors_right(id):
     masks = vertex_masks(body)
     assert (masks > 0).all()
     left, right = masks[body.side == 1], masks[body.side == 2]
-    for bits, other in ((left, "right"), (right, "left")):
+    for bits, second in ((left, "right"), (right, "left")):
         names = {described(int(mask)) for mask in np.unique(bits)}
-        assert not [name for name in names if other in name]
+        assert not [name for name in names if second in name]
 
 
 def test_known_places_have_their_bits():

@@ -48,10 +48,10 @@ def signal_of(document):
 
 def analysed(samples):
     """The 9/7 transform by lifting, as JPEG 2000 (ISO/IEC 15444-1, annex F) gives it."""
-    found = np.array(samples, float)
-    length = len(found)
+    actual = np.array(samples, float)
+    length = len(actual)
     while length >= 8:
-        even, odd = found[:length:2].copy(), found[1:length:2].copy()
+        even, odd = actual[:length:2].copy(), actual[1:length:2].copy()
         for weight, is_odd in (
             (-1.586134342059924, True),
             (-0.052980118572961, False),
@@ -64,9 +64,9 @@ def analysed(samples):
                 even += weight * (odd + np.append(odd[0], odd[:-1]))
         gain = 1.230174104914001 / np.sqrt(2.0)
         # The standard counts details with the other sign.
-        found[: length // 2], found[length // 2 : length] = even / gain, -odd * gain
+        actual[: length // 2], actual[length // 2 : length] = even / gain, -odd * gain
         length //= 2
-    return found
+    return actual
 
 
 class Code:
@@ -113,8 +113,8 @@ def stream_of(values, planes, scale, is_large):
     """SPIHT (Said and Pearlman, 1996) of whole numbers, each list's decision as it says."""
     code, count = Code(), len(values)
     for number, length in ((planes, 4), (int(is_large), 1), (scale, 7)):
-        for place in range(length):
-            code.put(number >> place & 1, 0)
+        for index in range(length):
+            code.put(number >> index & 1, 0)
 
     def below(root, is_deep):  # the largest of all descendants, or of those after the children
         level, most = [2 * root, 2 * root + 1], 0
@@ -123,15 +123,15 @@ def stream_of(values, planes, scale, is_large):
             level, is_deep = [c for k in level for c in (2 * k, 2 * k + 1)], False
         return most
 
-    points, trees, found = list(range(8)), [(k, False) for k in range(4, 8)], []
+    points, trees, actual = list(range(8)), [(k, False) for k in range(4, 8)], []
     for plane in range(planes, -1, -1):
-        step, old = 1 << plane, list(found)
+        step, old = 1 << plane, list(actual)
 
         def test(k, kind, step=step):
             code.put(is_new := abs(values[k]) >= step, kind)
             if is_new:
                 code.put(values[k] >= 0, 1)
-                found.append(k)
+                actual.append(k)
             return is_new
 
         points = [k for k in points if not test(k, 2)]
@@ -157,8 +157,8 @@ def test_a_coded_block_is_its_numbers(count, planes):
     random = np.random.default_rng(count)
     values = (random.laplace(0, 2**planes / 6, count)).astype(int)
     values = np.clip(values, 1 - 2 ** (planes + 1), 2 ** (planes + 1) - 1).tolist()
-    found = wavelets.decoded_block(stream_of(values, planes, 96, False), count)
-    assert found * 2**planes == pytest.approx(np.array(values) * 96 / 128)
+    decoded_block = wavelets.decoded_block(stream_of(values, planes, 96, False), count)
+    assert decoded_block * 2**planes == pytest.approx(np.array(values) * 96 / 128)
     louder = wavelets.decoded_block(stream_of(values, planes, 20, True), count)
     assert louder * 2**planes == pytest.approx(np.array(values) * (1 + 20 / 8))
 
@@ -187,12 +187,12 @@ def coded(samples, spacing_ticks=128):
 def test_a_wavelet_band_is_its_tone(spacing_ticks):
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / RATE)
     members = {"frequency_sampling": RATE, "sample_count": 2000}
-    found = signal_of(channel_with(coded(tone, spacing_ticks), **members))
-    assert found.left_out == ()
+    actual = signal_of(channel_with(coded(tone, spacing_ticks), **members))
+    assert actual.left_out == ()
     times = np.linspace(0.03, 0.22, 50)
-    assert found.amplitude.at(times) == pytest.approx(0.6, abs=0.006)
-    assert found.frequency_hz.at(times) == pytest.approx(150.0, abs=1.5)
-    assert found.duration_s == pytest.approx(0.25)  # not the last block's end
+    assert actual.amplitude.at(times) == pytest.approx(0.6, abs=0.006)
+    assert actual.frequency_hz.at(times) == pytest.approx(150.0, abs=1.5)
+    assert actual.duration_s == pytest.approx(0.25)  # not the last block's end
 
 
 def test_early_wavelets_are_keyframes_with_their_scale():
@@ -201,8 +201,8 @@ def test_early_wavelets_are_keyframes_with_their_scale():
     frames = [{"relative_position": k, "amplitude_modulation": v} for k, v in enumerate(levels)]
     band = {**coded(tone), "curve_type": "Unknown", "block_length": 128.0}
     band["effects"] = [{"effect_type": "Basis", "position": 0, "keyframes": frames}]
-    found = signal_of(channel_with(band))
-    assert found.amplitude.at([0.04, 0.08]) == pytest.approx(0.6, abs=0.006)
+    actual = signal_of(channel_with(band))
+    assert actual.amplitude.at([0.04, 0.08]) == pytest.approx(0.6, abs=0.006)
 
 
 @pytest.mark.parametrize("loudness", [0.2, 1.0, 1.7])
@@ -217,8 +217,8 @@ def test_quiet_and_loud_blocks_keep_their_ratio(loudness):
     bits, whole = (7, 0) if largest < 1.0 else (3, 1)
     scale = int(np.ceil((largest - whole) * 2**bits))
     values = np.rint(blocks / (whole + scale / 2**bits) * 2**12).astype(int).tolist()
-    found = wavelets.decoded_block(stream_of(values, 12, scale, whole == 1), 1024)
-    assert found == pytest.approx(blocks, abs=0.6 * 2**-12 * (whole + scale / 2**bits))
+    decoded_block = wavelets.decoded_block(stream_of(values, 12, scale, whole == 1), 1024)
+    assert decoded_block == pytest.approx(blocks, abs=0.6 * 2**-12 * (whole + scale / 2**bits))
 
 
 # The encoder cuts zeros off at a stream's end: nothing may be left of a silent block.
@@ -227,21 +227,21 @@ def test_a_silent_block_is_a_block_and_keeps_its_length(stream):
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(3072) / RATE)
     band = coded(tone, spacing_ticks=16)  # blocks that follow each other, as their places overlap
     band["effects"][1]["wavelet_stream"] = stream
-    found = signal_of(channel_with(band))
-    assert found.left_out == ()
-    assert found.duration_s == pytest.approx(3072 / RATE, abs=0.003)
-    assert found.amplitude.at([0.16, 0.2, 0.23]) == pytest.approx(0.0, abs=0.01)
-    assert found.amplitude.at([0.06, 0.3]) == pytest.approx(0.6, abs=0.006)
+    actual = signal_of(channel_with(band))
+    assert actual.left_out == ()
+    assert actual.duration_s == pytest.approx(3072 / RATE, abs=0.003)
+    assert actual.amplitude.at([0.16, 0.2, 0.23]) == pytest.approx(0.0, abs=0.01)
+    assert actual.amplitude.at([0.06, 0.3]) == pytest.approx(0.6, abs=0.006)
 
 
 def test_a_band_that_is_silent_throughout_is_silence():
     band = coded(np.zeros(2048))
     for effect in band["effects"]:
         effect["wavelet_stream"] = ""
-    found = signal_of(channel_with(band))
-    assert found.left_out == ()
-    assert found.duration_s == pytest.approx(0.256, abs=0.003)
-    assert not found.amplitude.values.any()
+    actual = signal_of(channel_with(band))
+    assert actual.left_out == ()
+    assert actual.duration_s == pytest.approx(0.256, abs=0.003)
+    assert not actual.amplitude.values.any()
 
 
 def test_wavelets_that_cannot_be_decoded_are_told():
@@ -251,8 +251,10 @@ def test_wavelets_that_cannot_be_decoded_are_told():
         signal_of(channel_with(band)).left_out
     )
     band["block_length"] = 100
-    found, _ = to_signals.decode(encoded(channel_with(band)), "x")
-    assert "2 effects have no block length that is a power of two samples" in str(found[0].left_out)
+    actual, _ = to_signals.decode(encoded(channel_with(band)), "x")
+    assert "2 effects have no block length that is a power of two samples" in str(
+        actual[0].left_out
+    )
 
 
 # --- waveforms and curves -------------------------------------------------------------------
@@ -262,10 +264,10 @@ def test_a_chirp_has_its_frequency_and_an_envelope_its_shape():
     times = np.arange(2 * RATE) / RATE
     chirp = np.sin(2 * np.pi * (50 * times + 62.5 * times**2))  # 50 to 300 Hz
     fade = 0.8 * np.minimum(times, 1.0)
-    found = piece_of(Waveform(0.5, RATE, fade * chirp), 0.5)
+    piece = piece_of(Waveform(0.5, RATE, fade * chirp), 0.5)
     at_s = np.array([0.3, 0.7, 1.2, 1.8])
-    assert found.frequency_hz.at(0.5 + at_s) == pytest.approx(50 + 125 * at_s, abs=1.0)
-    assert found.amplitude.at(0.5 + at_s) == pytest.approx(0.4 * np.minimum(at_s, 1.0), abs=0.004)
+    assert piece.frequency_hz.at(0.5 + at_s) == pytest.approx(50 + 125 * at_s, abs=1.0)
+    assert piece.amplitude.at(0.5 + at_s) == pytest.approx(0.4 * np.minimum(at_s, 1.0), abs=0.004)
 
 
 def test_the_curve_of_a_vibration_is_its_slow_part():
@@ -274,9 +276,9 @@ def test_the_curve_of_a_vibration_is_its_slow_part():
     effect = {**basis(*frames), "effect_type": "Basis"}
     band = {"band_type": "Curve", "curve_type": "Unknown", "effects": [effect]}
     band |= {"lower_frequency_limit": 0, "upper_frequency_limit": 72}
-    found = signal_of(channel_with(band))
-    assert found.amplitude.at([0.3, 0.5]) == pytest.approx(0.5, abs=0.03)
-    assert found.frequency_hz.at([0.3, 0.5]) == pytest.approx(20.0, abs=1.0)
+    actual = signal_of(channel_with(band))
+    assert actual.amplitude.at([0.3, 0.5]) == pytest.approx(0.5, abs=0.03)
+    assert actual.frequency_hz.at([0.3, 0.5]) == pytest.approx(20.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -292,8 +294,8 @@ def test_the_curve_of_a_vibration_is_its_slow_part():
 )
 def test_curves_between_keyframes(kind, times, expected):
     keyframes = Curve.of([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
-    found = bands.interpolated(keyframes, kind)
-    assert found.at(times) == pytest.approx(expected, abs=0.004)
+    actual = bands.interpolated(keyframes, kind)
+    assert actual.at(times) == pytest.approx(expected, abs=0.004)
 
 
 # --- variants ---------------------------------------------------------------------------------
@@ -337,14 +339,14 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
     VARIANTS[name](document)
     path = tmp_path / "x.hjif"
     path.write_bytes(encoded(document))
-    found = signal_of(document)
-    assert found.amplitude.at([0.1, 0.3]) == pytest.approx(plain.amplitude.at([0.1, 0.3]))
-    assert found.frequency_hz.at(0.2) == pytest.approx(150.0)
-    assert any("HJIF-" in each for each in found.notes)
+    actual = signal_of(document)
+    assert actual.amplitude.at([0.1, 0.3]) == pytest.approx(plain.amplitude.at([0.1, 0.3]))
+    assert actual.frequency_hz.at(0.2) == pytest.approx(150.0)
+    assert any("HJIF-" in note for note in actual.notes)
     takes = name in ("date", "keys", "optional")
     assert facts_of(path)["valid"] == "yes" if takes else facts_of(path)["valid"].startswith("no, ")
-    assert any("HJIF-" in each for each in convert(path, tmp_path / "x.haptic").notes)
-    assert takes != any(each.severity == "error" for each in hjif_rules.findings(document))
+    assert any("HJIF-" in note for note in convert(path, tmp_path / "x.haptic").notes)
+    assert takes != any(finding.severity == "error" for finding in hjif_rules.findings(document))
 
 
 def test_anything_in_a_composition_is_read_without_it():
@@ -353,33 +355,33 @@ def test_anything_in_a_composition_is_read_without_it():
     whole = {"effect_type": "Composite", "position": 100, "composition": parts}
     limits = {"lower_frequency_limit": 65, "upper_frequency_limit": 300}
     band = {"band_type": "VectorialWave", **limits, "effects": [whole]}
-    found = signal_of(channel_with(band))
-    assert found.amplitude.at([0.05, 0.3]) == pytest.approx([0.0, 0.5])
-    assert any("HJIF-TYPE" in each for each in found.notes)
+    actual = signal_of(channel_with(band))
+    assert actual.amplitude.at([0.05, 0.3]) == pytest.approx([0.0, 0.5])
+    assert any("HJIF-TYPE" in note for note in actual.notes)
 
 
 def test_unknown_members_of_a_vector_are_only_unknown():
     document = channel_with()
     vector = {"X": 1, "Y": 1, "Z": 1, "size": []}
     document["perceptions"][0]["channels"][0]["actuator_resolution"] = vector
-    assert "HJIF-UNKNOWN" in {each.code for each in hjif_rules.findings(document)}
+    assert "HJIF-UNKNOWN" in {finding.code for finding in hjif_rules.findings(document)}
 
 
 def test_strict_findings_name_the_tool():
     document = channel_with()
     early(document)
-    told = {each.code: each.message for each in hjif_rules.findings(document)}
-    assert "from before the standard" in told["HJIF-VERSION"]
+    messages = {finding.code: finding.message for finding in hjif_rules.findings(document)}
+    assert "from before the standard" in messages["HJIF-VERSION"]
     del document["version"]
     assert "MPEG's reference encoder" in str(
         hjif_rules.findings({**document, "version": "2023"})
-    ) or ("from before the standard" in told["HJIF-MISSING"])
+    ) or ("from before the standard" in messages["HJIF-MISSING"])
 
 
 def test_what_has_no_clear_meaning_is_refused():
-    for place, value in ((("perceptions",), "all"), (("perceptions", 0, "channels"), [])):
+    for position, value in ((("perceptions",), "all"), (("perceptions", 0, "channels"), [])):
         document = sample()
-        at(document, place[:-1])[place[-1]] = value
+        at(document, position[:-1])[position[-1]] = value
         with pytest.raises(InputError, match=r"HJIF-(TYPE|COUNT)"):
             hjif_reader.decode(json.dumps(document).encode(), "x")
 
@@ -387,8 +389,8 @@ def test_what_has_no_clear_meaning_is_refused():
 def test_amplitudes_of_both_signs_pass_silence_in_between():
     wave = {**basis((0, 0.8, 100), (200, -0.8, 100)), "phase": 0.0, "base_signal": "Sine"}
     limits = {"lower_frequency_limit": 0, "upper_frequency_limit": 0}
-    found = signal_of(channel_with({"band_type": "VectorialWave", **limits, "effects": [wave]}))
-    assert found.amplitude.at([0.0, 0.05, 0.1]) == pytest.approx([0.8, 0.4, 0.0])
+    actual = signal_of(channel_with({"band_type": "VectorialWave", **limits, "effects": [wave]}))
+    assert actual.amplitude.at([0.0, 0.05, 0.1]) == pytest.approx([0.8, 0.4, 0.0])
 
 
 def test_a_band_may_be_sampled_faster_than_the_schema_has_limits(tmp_path):
@@ -396,16 +398,16 @@ def test_a_band_may_be_sampled_faster_than_the_schema_has_limits(tmp_path):
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / 16_000)
     band = {**coded(tone, spacing_ticks=64), "upper_frequency_limit": 16_000, "block_length": 64}
     document = channel_with(band)
-    found = signal_of(document)
-    assert found.left_out == () and any("HJIF-RANGE" in each for each in found.notes)
-    assert found.frequency_hz.at([0.03, 0.09]) == pytest.approx(150.0, abs=2.0)
-    assert found.amplitude.at([0.03, 0.09]) == pytest.approx(0.6, abs=0.01)
+    actual = signal_of(document)
+    assert actual.left_out == () and any("HJIF-RANGE" in note for note in actual.notes)
+    assert actual.frequency_hz.at([0.03, 0.09]) == pytest.approx(150.0, abs=2.0)
+    assert actual.amplitude.at([0.03, 0.09]) == pytest.approx(0.6, abs=0.01)
 
 
 def test_mixing_coefficients_are_named():
     wave = {**basis((0, 0.5, 100), (400, 0.5, 200)), "phase": 0.0, "base_signal": "Sine"}
     limits = {"lower_frequency_limit": 65, "upper_frequency_limit": 300}
     document = channel_with({"band_type": "VectorialWave", **limits, "effects": [wave]})
-    assert not any("mixing" in each for each in signal_of(document).notes)
+    assert not any("mixing" in note for note in signal_of(document).notes)
     document["perceptions"][0]["channels"][0]["mixing_coefficient"] = 0.5
     assert "mixing coefficients of its channels are not kept" in signal_of(document).notes

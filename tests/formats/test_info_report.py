@@ -88,11 +88,11 @@ def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
     keeps_it_open = os.open(path, os.O_RDWR)  # else a reader waits for ever
     try:
         os.write(keeps_it_open, b"{}")
-        reader = threading.Thread(target=lambda: found.append(report.read(path)), daemon=True)
-        found: list[object] = []
+        reader = threading.Thread(target=lambda: actual.append(report.read(path)), daemon=True)
+        actual: list[object] = []
         reader.start()
         reader.join(20)
-        assert found == [None]
+        assert actual == [None]
     finally:
         os.close(keeps_it_open)
 
@@ -117,8 +117,10 @@ def test_shipped_effects_and_paths_are_valid_and_told(capsys):
     code, out, _ = info(capsys, files[0], "--json")
     facts = json.loads(out)
     named = json.loads(files[0].read_text())["effects"]
-    assert code == 0 and [each["effect"] for each in facts["effects"]] == [e["name"] for e in named]
-    assert all(each["where"] in of for each, of in zip(facts["effects"], named, strict=True))
+    assert code == 0 and [effect["effect"] for effect in facts["effects"]] == [
+        e["name"] for e in named
+    ]
+    assert all(item["where"] in of for item, of in zip(facts["effects"], named, strict=True))
     code, out, _ = info(capsys, files[-1], "--json")
     assert json.loads(out)["points"] == len(json.loads(files[-1].read_text())["points_m"])
 
@@ -132,8 +134,8 @@ def test_a_folder_is_checked_with_those_below_it(tmp_path, capsys):
     (tmp_path / "chart.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"><g/></svg>')
     (tmp_path / "scene.blend").write_bytes(b"BLENDER-v405")
     assert cli.run(["validate", str(tmp_path), "--json"]) == 5
-    found = {Path(each["file"]).name: each for each in json.loads(capsys.readouterr().out)}
-    assert {name: each["is_valid"] for name, each in found.items()} == {
+    actual = {Path(item["file"]).name: item for item in json.loads(capsys.readouterr().out)}
+    assert {name: item["is_valid"] for name, item in actual.items()} == {
         "x.haptic": False,
         "chart.svg": True,
         "scene.blend": True,
@@ -150,17 +152,17 @@ def test_what_is_no_plain_file_is_refused_and_not_waited_for(tmp_path, capsys, n
     gone, link, pipe = tmp_path / "none" / name, tmp_path / f"of.{name}", tmp_path / name
     link.symlink_to(gone)
     os.mkfifo(pipe)
-    for path, told in (
+    for path, messages in (
         (gone, "there is no such file"),
         (link, "there is no such file"),
         (pipe, "it is no plain file"),
         (tmp_path, "it is a folder"),
     ):
         code, _, err = info(capsys, path)
-        assert code == 3 and err == f"hfx: {path}: {told}.\n"
+        assert code == 3 and err == f"hfx: {path}: {messages}.\n"
         if path != tmp_path:
             assert cli.run(["validate", str(path)]) == 3
-            assert capsys.readouterr().err == f"hfx: {path}: {told}.\n"
+            assert capsys.readouterr().err == f"hfx: {path}: {messages}.\n"
     if name != "x":
         assert cli.run(["validate", str(tmp_path)]) == 3  # the link: a pipe is no file
         assert str(link) in capsys.readouterr().err
@@ -171,6 +173,6 @@ def test_a_damaged_effect_or_path_is_not_valid(tmp_path, capsys, suffix):
     path = tmp_path / f"x{suffix.upper()}"
     path.write_text('{"schema": "hfx-path", "version": 1, "name": 3}')
     assert cli.run(["validate", str(path), "--json"]) == 3
-    found = json.loads(capsys.readouterr().out)
-    assert not found["is_valid"] and str(path) in found["error"]
+    document = json.loads(capsys.readouterr().out)
+    assert not document["is_valid"] and str(path) in document["error"]
     assert info(capsys, path)[0] == 3

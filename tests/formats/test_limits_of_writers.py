@@ -43,7 +43,7 @@ def _written(folder: Path, rows: int, formats=OF_DEVICES):
 
 def _assert_readable(path: Path) -> None:
     info, findings = validate(path)
-    assert [each for each in findings if each.severity == "error"] == [], path
+    assert [finding for finding in findings if finding.severity == "error"] == [], path
     if info.facts:
         info.function("facts")(path)
     if info.id == "clip":
@@ -67,13 +67,13 @@ def test_what_is_written_is_read_at_and_beyond_each_limit(
         written = _written(folder, rows)
         for path in written.files:
             _assert_readable(path)
-        made = {format_of(path).id for path in written.files}
+        ids = {format_of(path).id for path in written.files}
     seconds = rows / RATE_HZ
-    assert ("haptic" in made) == (seconds <= SHORT_S)
-    assert not ("npz" in made and 24 * rows > most_bytes)
+    assert ("haptic" in ids) == (seconds <= SHORT_S)
+    assert not ("npz" in ids and 24 * rows > most_bytes)
     text = " ".join(written.left_out)
     for id in ("csv", "npz", "hjif", "clip", "haptic", "jsonl"):
-        assert id in made or FORMATS[id].title in text or f"a{FORMATS[id].suffix}" in text, id
+        assert id in ids or FORMATS[id].title in text or f"a{FORMATS[id].suffix}" in text, id
 
 
 def test_a_silent_raster_is_read_however_well_it_packs(

@@ -45,8 +45,8 @@ def left_out(*given):
 @pytest.mark.parametrize("name", [n for n, f in FORMATS.items() if f.held])
 def test_frequencies_outside_of_a_range_are_told(name, tmp_path):
     hertz = [120, 120, 120, 400, 400]
-    found = left_out(name, [signal(LOUD, hertz, name="a"), signal(LOUD, name="b")], tmp_path)
-    (sentence,) = found
+    actual = left_out(name, [signal(LOUD, hertz, name="a"), signal(LOUD, name="b")], tmp_path)
+    (sentence,) = actual
     assert "50 to 250 Hz" in sentence and sentence.endswith("1 (a)")
     silent_there = signal([0, 1, 0, 0, 0], hertz, name="a")
     assert left_out(name, [silent_there], tmp_path) == ()
@@ -65,18 +65,18 @@ def test_openxr_has_a_range_of_its_own(tmp_path):
 def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    (told,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
-    assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in told
+    (messages,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
+    assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in messages
     raster.values[:, 0], raster.values[:, 1] = 1e6, ITS_HZ
-    told = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
-    assert ["above full scale" in each for each in told] == [True] * (name != "hjif")
+    messages = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
+    assert ["above full scale" in finding for finding in messages] == [True] * (name != "hjif")
 
 
 @pytest.mark.parametrize("name", ["ahap", "haptic", "he", "he1", "openharmony", "openxr"])
 def test_what_is_weaker_than_the_tolerance_is_told(name, tmp_path):
     weak = signal([0, 0.004, 0, 0, 1, 0, 0, 0.004, 0], name="weak")
     notes = written(name, [weak, signal(LOUD, name="loud")], tmp_path).notes
-    (sentence,) = [each for each in notes if "weaker than the tolerance" in each]
+    (sentence,) = [note for note in notes if "weaker than the tolerance" in note]
     assert "2 times" in sentence and sentence.endswith("1 (weak)")
 
 
@@ -86,8 +86,8 @@ def test_what_motors_share_or_are_too_coarse_for_is_told(tmp_path):
     signals = [signal(LOUD, name=name) for name in ("a", "b", "faint", *names)]
     signals[2] = signal([0.0, 0.004, 0.0], name="faint")
     motors = {"a": motor, "b": motor, "faint": Motor("Vest", "VestBack", 1)}
-    made = tact.write(signals, motors, tmp_path / "x")
-    (nowhere, shared), (_, weak) = made.left_out, made.notes
+    created = tact.write(signals, motors, tmp_path / "x")
+    (nowhere, shared), (_, weak) = created.left_out, created.notes
     assert nowhere.endswith("8 (no0, no1, no2, no3, no4, no5 and 2 more)")
     assert "strongest" in shared and shared.endswith("2 (a, b)")
     assert weak.endswith("1 (faint)")
@@ -102,8 +102,8 @@ def test_ticks_that_change_are_told(tmp_path):
     assert "1 ticks too weak" in silent and "r1c1" in silent
     loud = signal([1.0] * 5, [ITS_HZ] * 5)
     content = replace(loud, transients=(Transient(0.01, 0.2, ITS_HZ),))
-    _, told, _ = signal_raster.raster_of([content], DEVICE, "x")
-    assert ["1 ticks weaker" in each for each in told] == [True]
+    _, messages, _ = signal_raster.raster_of([content], DEVICE, "x")
+    assert ["1 ticks weaker" in finding for finding in messages] == [True]
 
 
 def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path):
@@ -117,7 +117,7 @@ def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path
     )
     raster = replace(raster, waveform_actuators=names, partials=waves)
     notes = writing.write("csv", raster, device, tmp_path / "x").notes
-    assert [each.rpartition(": ")[2] for each in notes] == [f"1 ({names[0]})"]
+    assert [note.rpartition(": ")[2] for note in notes] == [f"1 ({names[0]})"]
     assert writing.write("wav", raster, device, tmp_path / "x").notes == ()
     alike = replace(raster, partials=waves[:1])
     assert writing.write("csv", alike, device, tmp_path / "x").notes == ()
@@ -125,8 +125,8 @@ def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path
 
 def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
     content = [signal(LOUD, [1500.0] * 5, name="high"), signal([0, 0.004, 0], name="weak")]
-    made = from_actuators.write_signals(content, RANGE, tmp_path / "x")
-    (high,), (_, weak) = made.left_out, made.notes
+    created = from_actuators.write_signals(content, RANGE, tmp_path / "x")
+    (high,), (_, weak) = created.left_out, created.notes
     assert "0 to 1000 Hz" in high and high.endswith("1 (high)")
     assert "too weak" in weak and weak.endswith("1 (weak)")
 
@@ -142,8 +142,8 @@ def test_values_that_a_reader_cuts_are_told():
     }
     event = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}
     pattern = {"Version": 1.0, "Pattern": [{"Event": event}, {"ParameterCurve": curve}]}
-    (found,), _ = ahap.decode(json.dumps(pattern).encode(), "x.ahap")
-    assert found.left_out == (
+    (actual,), _ = ahap.decode(json.dumps(pattern).encode(), "x.ahap")
+    assert actual.left_out == (
         "1 values of HapticIntensityControl beyond 0 to 1, taken as the nearest",
     )
     points = [{"Time": t, "Intensity": 0.5, "Frequency": 60} for t in (0, 10, 20, 30)]
@@ -151,8 +151,8 @@ def test_values_that_a_reader_cuts_are_told():
     parameters = {"Intensity": 50, "Frequency": 80, "Curve": points}
     event = {"Type": "continuous", "RelativeTime": 0, "Duration": 30, "Parameters": parameters}
     document = {"Metadata": {"Version": 1}, "Pattern": [{"Event": event}]}
-    (found,), _ = he.decode(json.dumps(document).encode(), "x.he")
-    assert found.left_out == ("4 frequencies of curves beyond 0 to 100, taken as the nearest",)
+    (actual,), _ = he.decode(json.dumps(document).encode(), "x.he")
+    assert actual.left_out == ("4 frequencies of curves beyond 0 to 100, taken as the nearest",)
 
 
 def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
@@ -161,27 +161,27 @@ def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
     document = json.loads(path.read_text())
     document["perceptions"][0]["channels"][0]["gain"] = 2.0
     path.write_text(json.dumps(document))
-    ((found,), _) = read_signals(path)
-    (tick,) = found.transients
+    ((actual,), _) = read_signals(path)
+    (tick,) = actual.transients
     assert tick.amplitude == 1.0
-    assert "'r1c1': 1 effects are ticks louder than full scale: cut to it" in found.left_out
+    assert "'r1c1': 1 effects are ticks louder than full scale: cut to it" in actual.left_out
 
 
 def test_an_option_that_says_nothing_is_told(tmp_path):
     source = tmp_path / "a.ahap"
-    (made,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
-    made.replace(source)
+    (created,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
+    created.replace(source)
     converted = conversion.convert(source, tmp_path / "b.haptic", body="Anna")
-    assert any("--body says nothing" in each for each in converted.notes)
+    assert any("--body says nothing" in note for note in converted.notes)
     assert not any("--body" in n for n in conversion.convert(source, tmp_path / "c.he").notes)
 
 
 def test_strict_refuses_what_is_left_out(tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    (made,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
+    (created,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
     with pytest.raises(InputError, match="above 1000 Hz"):
-        conversion.convert(made, tmp_path / "b.wav", device=DEVICE.id, strict=True)
+        conversion.convert(created, tmp_path / "b.wav", device=DEVICE.id, strict=True)
     assert not (tmp_path / "b.wav").exists()
 
 
@@ -190,9 +190,9 @@ def test_strict_refuses_what_is_left_out(tmp_path):
 
 def keyframes_of(path):
     """Amplitude and frequency of a file as JSON has them: times and values, shares of the range."""
-    found = json.loads(path.read_bytes())
+    actual = json.loads(path.read_bytes())
     if path.name.endswith(".haptic"):
-        envelopes = found["signals"]["continuous"]["envelopes"]
+        envelopes = actual["signals"]["continuous"]["envelopes"]
         return [
             np.array([(point["time"], point[name]) for point in envelopes[name]]).T
             for name in ("amplitude", "frequency")
@@ -200,10 +200,10 @@ def keyframes_of(path):
     return [
         np.array(
             [
-                (each["Time"] + point["Time"], point["ParameterValue"])
-                for each in (entry.get("ParameterCurve", {}) for entry in found["Pattern"])
-                if each.get("ParameterID") == control
-                for point in each["ParameterCurveControlPoints"]
+                (item["Time"] + point["Time"], point["ParameterValue"])
+                for item in (entry.get("ParameterCurve", {}) for entry in actual["Pattern"])
+                if item.get("ParameterID") == control
+                for point in item["ParameterCurveControlPoints"]
             ]
         ).T
         for control in ("HapticIntensityControl", "HapticSharpnessControl")
@@ -214,17 +214,17 @@ def keyframes_of(path):
 @pytest.mark.parametrize("kind", ["ahap", "haptic"])
 @pytest.mark.parametrize("hertz", [(20.0, 500.0), (500.0, 20.0), (150.0, 1000.0)])
 def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
-    wanted = signals.Signal(
+    expected = signals.Signal(
         "a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0.0, 2.0], list(hertz))
     )
     written = writing.write_signals(
         FORMATS[kind],
-        [wanted],
+        [expected],
         signals.FrequencyRange(80.0, 230.0),
         tmp_path / "x",
         0.01,
     )
-    (claim,) = (each for each in written.notes if "keyframes are within" in each)
+    (claim,) = (note for note in written.notes if "keyframes are within" in note)
     percent, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
     amplitude, frequency = keyframes_of(written.files[0])
     times = np.linspace(0.0, 2.0, 2001)
@@ -234,32 +234,34 @@ def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
     wanted_hz = np.clip(np.interp(times, [0.0, 2.0], hertz), 80.0, 230.0)
     off_hz = np.abs(80.0 + 150.0 * np.interp(times, *frequency) - wanted_hz).max()
     assert off_hz <= claimed_hz + 0.05 and claimed_hz <= 1.6
-    assert any("it holds 80 to 230 Hz" in each for each in written.left_out)
+    assert any("it holds 80 to 230 Hz" in reason for reason in written.left_out)
 
 
 @pytest.mark.parametrize("kind", ["he", "openxr"])
 def test_claims_hold_of_other_formats_when_they_are_read_again(kind, tmp_path):
-    wanted = signals.Signal("a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0, 2], [20.0, 500.0]))
+    expected = signals.Signal(
+        "a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0, 2], [20.0, 500.0])
+    )
     written = writing.write_signals(
         FORMATS[kind],
-        [wanted],
+        [expected],
         signals.FrequencyRange(80.0, 230.0),
         tmp_path / "x",
         0.01,
     )
-    claim = next(each for each in written.notes if "keyframes are within" in each)
+    claim = next(note for note in written.notes if "keyframes are within" in note)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
     (read,), _ = read_signals(written.files[0])
     times = np.linspace(0.01, 1.99, 199)
     low, high = (np.clip(20.0 + 240.0 * (times + off), 80.0, 230.0) for off in (-1e-3, 1e-3))
-    found = read.frequency_hz.at(times)
-    assert (found >= low - claimed_hz - 0.05).all() and (found <= high + claimed_hz + 0.05).all()
+    actual = read.frequency_hz.at(times)
+    assert (actual >= low - claimed_hz - 0.05).all() and (actual <= high + claimed_hz + 0.05).all()
 
 
 def test_what_sounds_together_is_cut_at_every_time():
     ramp, tone = Curve.of([0.0, 1.0], [0.0, 1.0]), Curve.of([0.0], [100.0])
-    found = signals.mixed("a", [signals.Piece(0.0, 1.0, ramp, tone)] * 2)
-    assert found.amplitude.at([0.25, 0.5, 0.75]) == pytest.approx([0.5, 1.0, 1.0])
+    actual = signals.mixed("a", [signals.Piece(0.0, 1.0, ramp, tone)] * 2)
+    assert actual.amplitude.at([0.25, 0.5, 0.75]) == pytest.approx([0.5, 1.0, 1.0])
 
 
 def test_sharpness_above_its_range_stays_at_its_limit():
@@ -269,8 +271,8 @@ def test_sharpness_above_its_range_stays_at_its_limit():
     event = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}
     event["EventParameters"] = [{"ParameterID": "HapticSharpness", "ParameterValue": 0.5}]
     document = {"Version": 1.0, "Pattern": [{"Event": event}, {"ParameterCurve": curve}]}
-    (found,), _ = ahap.decode(encoded(document), "x")
-    assert found.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
+    (actual,), _ = ahap.decode(encoded(document), "x")
+    assert actual.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
 
 
 def test_no_error_is_told_as_none():
@@ -291,16 +293,18 @@ def test_errors_count_what_the_other_signal_has_near_in_time():
 @pytest.mark.parametrize("levels", [[0.0, 0.8], [0.8, 0.0], [0.5, 0.0, 0.9]])
 def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
     times = np.linspace(0.0, 2.0, len(levels))
-    wanted = signals.Signal("a", Curve(times, np.array(levels)), Curve.of([0, 2], [60.0, 300.0]))
-    found = from_actuators.write_signals([wanted], RANGE, tmp_path / "x", 0.01)
-    (claim,) = (each for each in found.notes if "keyframes are within" in each)
+    expected = signals.Signal("a", Curve(times, np.array(levels)), Curve.of([0, 2], [60.0, 300.0]))
+    actual = from_actuators.write_signals([expected], RANGE, tmp_path / "x", 0.01)
+    (claim,) = (note for note in actual.notes if "keyframes are within" in note)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
-    document = json.loads(found.files[0].read_bytes())
+    document = json.loads(actual.files[0].read_bytes())
     scale = document["timescale"]
     (band,) = document["perceptions"][0]["channels"][0]["bands"]
     for effect in band["effects"]:
-        ticks = [effect["position"] + each["relative_position"] for each in effect["keyframes"]]
-        hertz = [each["frequency_modulation"] for each in effect["keyframes"]]
+        ticks = [
+            effect["position"] + keyframe["relative_position"] for keyframe in effect["keyframes"]
+        ]
+        hertz = [keyframe["frequency_modulation"] for keyframe in effect["keyframes"]]
         at = np.linspace(ticks[0], ticks[-1], 1000)
         off = np.abs(np.interp(at, ticks, hertz) - (60.0 + 120.0 * at / scale)).max()
         assert off <= claimed_hz + 0.1 and claimed_hz <= 1.1
@@ -309,11 +313,11 @@ def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
 @pytest.mark.parametrize("kind", ["ahap", "haptic", "openxr"])
 def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_path):
     levels = Curve.of([0, 1, 2, 4, 6], [0.0, 1.0, 0.0, 0.0, 1.0])
-    wanted = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
-    found = writing.write_signals(
-        FORMATS[kind], [wanted], FrequencyRange(80.0, 230.0), tmp_path / "x", 0.01
+    expected = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
+    actual = writing.write_signals(
+        FORMATS[kind], [expected], FrequencyRange(80.0, 230.0), tmp_path / "x", 0.01
     )
-    (read,), _ = read_signals(found.files[0])
+    (read,), _ = read_signals(actual.files[0])
     assert read.frequency_hz.at([0.5, 1.0, 1.5, 5.0]) == pytest.approx(
         [117.5, 145.0, 172.5, 125.0], abs=1.6
     )
@@ -321,6 +325,6 @@ def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_
 
 def test_a_file_too_large_to_be_read_again_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr(strict_json, "MAX_BYTES", 100)
-    found = written("haptic", [signal(LOUD)], tmp_path)
-    assert len(found.files) == 1
-    assert any("is not measured" in each and "larger than" in each for each in found.notes)
+    actual = written("haptic", [signal(LOUD)], tmp_path)
+    assert len(actual.files) == 1
+    assert any("is not measured" in note and "larger than" in note for note in actual.notes)

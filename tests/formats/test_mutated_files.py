@@ -31,14 +31,14 @@ def objects(tree):
     """All objects within a document."""
     if isinstance(tree, dict):
         yield tree
-    for each in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
-        yield from objects(each)
+    for item in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        yield from objects(item)
 
 
 def changed(document):
     """Copies with one member of another value, or in another object."""
     whole = list(objects(document))
-    keys = sorted({key for each in whole for key in each})
+    keys = sorted({key for item in whole for key in item})
     for number, owner in enumerate(whole):
         for key in keys:
             for value in VALUES if key in owner else VALUES[3::5]:
@@ -51,7 +51,7 @@ def changed(document):
 @pytest.mark.parametrize("kind", SEEDS)
 def test_a_changed_file_is_refused_or_read(kind):
     info = FORMATS[kind]
-    for document in (each for seed in SEEDS[kind] for each in changed(seed)):
+    for document in (item for seed in SEEDS[kind] for item in changed(seed)):
         content = encoded(document)
         with suppress(InputError):
             info.function("check")(content, "x")

@@ -42,12 +42,12 @@ def made(values, names, felt):
 
 def same(one, other):
     for name, value in vars(one).items():
-        found = getattr(other, name)
+        actual = getattr(other, name)
         if isinstance(value, np.ndarray):
-            assert value.dtype == found.dtype and value.tobytes() == found.tobytes(), name
+            assert value.dtype == actual.dtype and value.tobytes() == actual.tobytes(), name
         elif name != "felt":
-            assert value == found, name
-    assert [each.stream for each in one.felt] == [each.stream for each in other.felt]
+            assert value == actual, name
+    assert [stream.stream for stream in one.felt] == [stream.stream for stream in other.felt]
     for a, b in zip(one.felt, other.felt, strict=True):
         assert all(
             (getattr(a, n) == getattr(b, n)).all() for n in ("indices", "strengths", "is_rendered")
@@ -60,10 +60,10 @@ def test_an_npz_keeps_every_bit(tmp_path_factory, data):
     names = data.draw(st.lists(NAMES, max_size=4, unique=True))
     rows = data.draw(st.integers(1, 4))
     values = data.draw(hnp.arrays(np.float64, (rows, len(names)), elements=EXTREME))
-    felt = FeltStream(
+    felt_stream = FeltStream(
         Stream("e", "b", "wind", "m"), np.arange(rows), np.ones(rows), np.ones(rows, bool)
     )
-    raster = made(values, names, (felt,) * data.draw(st.integers(0, 2)))
+    raster = made(values, names, (felt_stream,) * data.draw(st.integers(0, 2)))
     path = tmp_path_factory.mktemp("npz") / "x.raster.npz"
     npz_raster.write(raster, path)
     same(raster, npz_raster.read(path))
@@ -82,17 +82,17 @@ def test_large_rasters(tmp_path, shape):
 def test_numpy_reads_it(tmp_path):
     raster = raster_for(load_device("back_pad"))
     npz_raster.write(raster, tmp_path / "x.raster.npz")
-    with np.load(tmp_path / "x.raster.npz", allow_pickle=False) as found:
-        np.testing.assert_array_equal(found["values"], raster.values)
+    with np.load(tmp_path / "x.raster.npz", allow_pickle=False) as actual:
+        np.testing.assert_array_equal(actual["values"], raster.values)
 
 
 def test_a_csv_is_read_back_to_nine_digits(tmp_path):
     raster = raster_for(load_device("back_pad"))
     csv_raster.write(raster, tmp_path / "x.csv")
-    found = csv_raster.read(tmp_path / "x.csv")
-    np.testing.assert_allclose(found.values, raster.values, rtol=5e-9)
-    assert found.columns == raster.columns and found.actuators == raster.actuators
-    assert found.rate_hz == raster.rate_hz
+    actual = csv_raster.read(tmp_path / "x.csv")
+    np.testing.assert_allclose(actual.values, raster.values, rtol=5e-9)
+    assert actual.columns == raster.columns and actual.actuators == raster.actuators
+    assert actual.rate_hz == raster.rate_hz
 
 
 @pytest.mark.parametrize(
@@ -127,8 +127,8 @@ def test_damaged_archives_are_refused(tmp_path):
     raster = raster_for(load_device("back_pad"), rows=5)
     npz_raster.write(raster, tmp_path / "x.raster.npz")
     data = (tmp_path / "x.raster.npz").read_bytes()
-    with np.load(io.BytesIO(data)) as found:
-        arrays = dict(found)
+    with np.load(io.BytesIO(data)) as actual:
+        arrays = dict(actual)
     for name in arrays:
         with pytest.raises(InputError):
             npz_raster.decode(archive(**{k: v for k, v in arrays.items() if k != name}), "x")

@@ -45,12 +45,12 @@ def test_the_page_of_formats_has_a_row_for_each() -> None:
     assert list(rows) == list(EXPORTED)
     for id, files in rows.items():
         assert f"{FORMATS[id].suffix}`" in files
-        assert all(f"{each}`" in files for each in FORMATS[id].companions)
+        assert all(f"{companion}`" in files for companion in FORMATS[id].companions)
 
 
 def test_the_longest_suffix_names_the_target() -> None:
-    wanted = {"a.he": "he", "a.v1.he": "he1", "a.samples.jsonl": "jsonl", "a.b.hjif": "hjif"}
-    assert {name: target_of(Path(name)).id for name in wanted} == wanted
+    expected = {"a.he": "he", "a.v1.he": "he1", "a.samples.jsonl": "jsonl", "a.b.hjif": "hjif"}
+    assert {name: target_of(Path(name)).id for name in expected} == expected
     for name in ("a.jsonl", "a.glb", "a.hfxtrack", "a.channels.json", "a", ".csv"):
         with pytest.raises(UsageError, match=r"names no format; there are \.hjif, "):
             target_of(Path(name))

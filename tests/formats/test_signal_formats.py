@@ -34,9 +34,9 @@ def round_trip(kind, content, frequencies=RANGE):
     document, validate, decode, _ = FORMATS[kind]
     data = encoded(document(content, frequencies))
     assert validate(data, "x") == []
-    (found, *others), hertz = decode(data, "x")
+    (actual, *others), hertz = decode(data, "x")
     assert not others
-    return found, hertz
+    return actual, hertz
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -46,19 +46,19 @@ def test_a_signal_survives(kind, content):
     (few,) = simplified_signals([content])
     if few.is_silent:
         return
-    found, hertz = round_trip(kind, few)
+    actual, hertz = round_trip(kind, few)
     assert hertz.lowest_hz == pytest.approx(RANGE.lowest_hz)
     assert hertz.highest_hz == pytest.approx(RANGE.highest_hz)
     off_s = FORMATS[kind][3]
     times = np.linspace(0.0, content.duration_s, 301)[:-1]
     around = np.clip(times[:, None] + np.linspace(-2 * off_s, 2 * off_s, 41), 0, None)
     original = content.amplitude.at(around)
-    level = found.amplitude.at(times)
+    level = actual.amplitude.at(times)
     slack = 0.01 + 1e-4 + np.abs(np.diff(original, axis=1)).max(initial=0.0)
     assert np.all(level >= original.min(axis=1) - slack)
     assert np.all(level <= original.max(axis=1) + slack)
     sounds = content.amplitude.at(times) > 0.05
-    off_hz = np.abs(found.frequency_hz.at(times) - content.frequency_hz.at(times))[sounds]
+    off_hz = np.abs(actual.frequency_hz.at(times) - content.frequency_hz.at(times))[sounds]
     # .he: half a millisecond of 25 kHz a second at most, and two hundredths of the range.
     assert off_hz.max(initial=0.0) <= 1.0 + 1e-2 + off_s * (25_000 + 8_000)
 
@@ -71,28 +71,28 @@ def test_ticks_survive(kind, content):
     if kind == "ahap":
         data = encoded(ahap.ticks(few, RANGE))
         assert ahap_rules.validate(data, "x") == []
-        ((found,), _) = ahap.decode(data, "x")
+        ((actual,), _) = ahap.decode(data, "x")
     elif not few.is_silent:
-        found, _ = round_trip(kind, few)
+        actual, _ = round_trip(kind, few)
     else:
         return
-    wanted = sorted(content.transients, key=lambda each: each.time_s)
-    ticks = sorted(found.transients, key=lambda each: each.time_s)
-    assert [t.time_s for t in ticks] == pytest.approx([t.time_s for t in wanted], abs=0.6e-3)
-    for one, other in zip(ticks, wanted, strict=True):
+    transients = sorted(content.transients, key=lambda each: each.time_s)
+    ticks = sorted(actual.transients, key=lambda each: each.time_s)
+    assert [t.time_s for t in ticks] == pytest.approx([t.time_s for t in transients], abs=0.6e-3)
+    for one, second in zip(ticks, transients, strict=True):
         # Emphasis is never weaker than the envelope under it.
-        level = other.amplitude
+        level = second.amplitude
         if kind == "haptic":
-            level = max(level, float(few.amplitude.at(other.time_s)))
+            level = max(level, float(few.amplitude.at(second.time_s)))
         assert one.amplitude == pytest.approx(level, abs=0.006)
-        assert one.frequency_hz == pytest.approx(other.frequency_hz, abs=1.01)
+        assert one.frequency_hz == pytest.approx(second.frequency_hz, abs=1.01)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_one_frequency_is_kept(kind):
     (few,) = simplified_signals([signal([0.0, 1.0, 0.5, 0.0], [120.0] * 4)])
-    found, hertz = round_trip(kind, few, FrequencyRange(120.0, 120.0))
-    assert found.frequency_hz.values == pytest.approx(120.0)
+    actual, hertz = round_trip(kind, few, FrequencyRange(120.0, 120.0))
+    assert actual.frequency_hz.values == pytest.approx(120.0)
     assert hertz == FrequencyRange(120.0, 120.0)
 
 
@@ -101,9 +101,9 @@ def test_very_many_keyframes(kind):
     random = np.random.default_rng(4)
     count = 20_000  # at which what grows with its square takes minutes
     content = signal(random.random(count), rate_hz=100.0)
-    found, _ = round_trip(kind, content)
+    actual, _ = round_trip(kind, content)
     times = np.arange(0, count, 997) / 100.0
-    off = np.abs(found.amplitude.at(times) - content.amplitude.at(times))
+    off = np.abs(actual.amplitude.at(times) - content.amplitude.at(times))
     assert off.max() <= 1e-3
 
 
@@ -131,11 +131,11 @@ def test_names_that_are_no_file_names_get_files(tmp_path):
 def test_ahap_events_and_curves_keep_their_limits():
     content = signal(np.random.default_rng(1).random(10_000), rate_hz=100.0)
     pattern = ahap.document(content, RANGE)["Pattern"]
-    events = [each["Event"] for each in pattern if "Event" in each]
-    curves = [each["ParameterCurve"] for each in pattern if "ParameterCurve" in each]
-    assert max(each["EventDuration"] for each in events) <= 30.0
-    assert sum(each["EventDuration"] for each in events) == pytest.approx(99.99, abs=1e-5)
-    assert max(len(each["ParameterCurveControlPoints"]) for each in curves) == 16
+    events = [event["Event"] for event in pattern if "Event" in event]
+    curves = [event["ParameterCurve"] for event in pattern if "ParameterCurve" in event]
+    assert max(event["EventDuration"] for event in events) <= 30.0
+    assert sum(event["EventDuration"] for event in events) == pytest.approx(99.99, abs=1e-5)
+    assert max(len(curve["ParameterCurveControlPoints"]) for curve in curves) == 16
 
 
 def test_ahap_puts_ticks_beside_an_envelope_into_a_second_pattern(tmp_path):
@@ -158,11 +158,11 @@ def test_he_versions_keep_their_limits():
 def refused_at(document):
     """Pattern at which a player returns without playing: Android's, or RichTap's library."""
     last_time = last_duration = library_end = 0
-    for number, each in enumerate(document["PatternList"]):
-        start = each["AbsoluteTime"]
+    for number, item in enumerate(document["PatternList"]):
+        start = item["AbsoluteTime"]
         if number and start < max(last_time + last_duration, library_end):
             return number
-        for event in (entry["Event"] for entry in each["Pattern"]):
+        for event in (entry["Event"] for entry in item["Pattern"]):
             last_time = event["RelativeTime"]
             if event["Type"] == "continuous":
                 last_duration = event["Duration"]
@@ -183,13 +183,13 @@ def ticking(gap_s, level, count=90):
 def test_he_patterns_that_end_in_ticks_are_played(gap_s, level, tmp_path):
     content = ticking(gap_s, level)
     written = he.write([content], RANGE, tmp_path / "x")
-    found = json.loads(written.files[0].read_text())
-    assert he_rules.findings(found) == [] and refused_at(found) is None
-    assert max(len(each["Pattern"]) for each in found["PatternList"]) <= 16
+    actual = json.loads(written.files[0].read_text())
+    assert he_rules.findings(actual) == [] and refused_at(actual) is None
+    assert max(len(entry["Pattern"]) for entry in actual["PatternList"]) <= 16
     times = [
-        each["AbsoluteTime"] + entry["Event"]["RelativeTime"]
-        for each in found["PatternList"]
-        for entry in each["Pattern"]
+        item["AbsoluteTime"] + entry["Event"]["RelativeTime"]
+        for item in actual["PatternList"]
+        for entry in item["Pattern"]
         if entry["Event"]["Type"] == "transient"
     ]
     late = np.sort(times) - [1000.0 * tick.time_s for tick in content.transients]
@@ -205,14 +205,16 @@ def test_he_patterns_that_a_player_refuses_are_found():
     sound["Parameters"] = {"Intensity": 50, "Frequency": 50}
     tick = {**sound, "Type": "transient", "RelativeTime": 80}
     del tick["Duration"]
-    found = {"Metadata": {"Version": 2}, "PatternList": []}
+    actual = {"Metadata": {"Version": 2}, "PatternList": []}
     for start in (0, 100):
         pattern = [{"Event": sound}, {"Event": tick}]
-        found["PatternList"].append({"AbsoluteTime": start, "Pattern": pattern})
-    assert refused_at(found) == 1
-    assert [each.code for each in he_rules.findings(found)] == ["HE-ABSOLUTE-TIME"]  # 80 + 60
-    found["PatternList"][1]["AbsoluteTime"] = 140
-    assert he_rules.findings(found) == [] and refused_at(found) is None
+        actual["PatternList"].append({"AbsoluteTime": start, "Pattern": pattern})
+    assert refused_at(actual) == 1
+    assert [finding.code for finding in he_rules.findings(actual)] == [
+        "HE-ABSOLUTE-TIME"
+    ]  # 80 + 60
+    actual["PatternList"][1]["AbsoluteTime"] = 140
+    assert he_rules.findings(actual) == [] and refused_at(actual) is None
 
 
 def test_he_version_1_simplifies_more_or_refuses(tmp_path):
@@ -220,8 +222,8 @@ def test_he_version_1_simplifies_more_or_refuses(tmp_path):
     gentle = signal(0.5 + 0.5 * np.sin(times * 14), rate_hz=100.0)
     written = he.write_v1([gentle], RANGE, tmp_path / "x", 0.001)
     assert any("kept within" in note for note in written.notes)
-    found = json.loads(written.files[0].read_text())
-    assert len(found["Pattern"]) <= 16
+    actual = json.loads(written.files[0].read_text())
+    assert len(actual["Pattern"]) <= 16
     assert he_rules.validate(written.files[0].read_bytes(), "x") == []
     wild = signal(np.random.default_rng(1).random(3000), rate_hz=100.0)
     with pytest.raises(InputError, match=r"16 events within 50 s; version 2 holds more"):
@@ -365,9 +367,9 @@ def check(document, data):
 @pytest.mark.parametrize(("document", "place", "value", "code"), BROKEN, ids=lambda x: None)
 def test_a_broken_rule_is_found_by_its_code(document, place, value, code):
     assert check(document, encoded(document)) == []
-    found = check(document, changed(document, place, value))
-    assert code in [each.code for each in found], found
-    named = next(each for each in found if each.code == code)
+    actual = check(document, changed(document, place, value))
+    assert code in [entry.code for entry in actual], actual
+    named = next(entry for entry in actual if entry.code == code)
     last = next((str(k) for k in reversed(place) if isinstance(k, str)), "")
     assert last.split("[")[0] in named.place + named.message or place[0] in named.place
 
@@ -401,11 +403,11 @@ def test_what_is_no_document_is_refused_in_one_sentence(content, suffix, tmp_pat
 def test_a_fault_does_not_hide_behind_a_thousand_others():
     ticks = [{"Event": {"Time": 0.1, "EventType": "HapticTransient", "odd": 1}}] * 1200
     document = {"Version": 1.0, "Pattern": [*ticks, {"Event": {"Time": "no"}}]}
-    found = ahap_rules.validate(encoded(document), "x")
-    assert [each.place for each in found if each.code == "AHAP-TYPE"] == [
+    findings = ahap_rules.validate(encoded(document), "x")
+    assert [finding.place for finding in findings if finding.code == "AHAP-TYPE"] == [
         "Pattern[1200].Event.Time"
     ]
-    assert len(found) < 1100
+    assert len(findings) < 1100
     with pytest.raises(InputError, match="AHAP-TYPE"):
         ahap.decode(encoded(document), "x")
 
@@ -431,18 +433,18 @@ def test_an_ahap_of_defaults_is_read():
             }
         },
     ]
-    ((found,), hertz) = ahap.decode(encoded({"Pattern": pattern}), "folder/tap.ahap")
-    assert found.name == "tap" and hertz == ahap.DEFAULT_RANGE
-    assert [(t.time_s, t.amplitude) for t in found.transients] == [(0.5, 1.0)]
-    assert found.amplitude.at([0.9, 1.5, 2.5]).tolist() == [0.0, 1.0, 0.25]
+    ((actual,), hertz) = ahap.decode(encoded({"Pattern": pattern}), "folder/tap.ahap")
+    assert actual.name == "tap" and hertz == ahap.DEFAULT_RANGE
+    assert [(t.time_s, t.amplitude) for t in actual.transients] == [(0.5, 1.0)]
+    assert actual.amplitude.at([0.9, 1.5, 2.5]).tolist() == [0.0, 1.0, 0.25]
 
 
 def test_overlapping_he_events_add():
     loud = json.loads(json.dumps(EVENT))
     loud["Parameters"] = {"Intensity": 40, "Frequency": 50}
     entries = [{"Event": loud}, {"Event": {**loud, "RelativeTime": 50}}]
-    found = {"Metadata": {"Version": 2}, "PatternList": [{"AbsoluteTime": 0, "Pattern": entries}]}
-    ((both,), _) = he.decode(encoded(found), "two.he")
+    actual = {"Metadata": {"Version": 2}, "PatternList": [{"AbsoluteTime": 0, "Pattern": entries}]}
+    ((both,), _) = he.decode(encoded(actual), "two.he")
     assert both.amplitude.at([0.02, 0.07, 0.12]) == pytest.approx([0.4, 0.8, 0.4])
 
 
@@ -465,18 +467,18 @@ def test_the_ticks_of_an_envelope_are_a_pattern_of_their_own(tmp_path):
     written = write_signals(registry.FORMATS["ahap"], [_two_ticks()], RANGE, tmp_path / "x", 0.01)
     assert [path.name for path in written.files] == ["x.r1c1.ahap", "x.r1c1.transients.ahap"]
     envelope, ticks = (json.loads(path.read_text())["Pattern"] for path in written.files)
-    assert not any("HapticTransient" in str(each) for each in envelope)
-    events = [each["Event"] for each in ticks]
-    assert [each["EventType"] for each in events[:2]] == ["HapticTransient"] * 2
+    assert not any("HapticTransient" in str(item) for item in envelope)
+    events = [tick["Event"] for tick in ticks]
+    assert [event["EventType"] for event in events[:2]] == ["HapticTransient"] * 2
     values = [
-        (each["Time"], *(one["ParameterValue"] for one in each["EventParameters"]))
-        for each in events[:2]
+        (event["Time"], *(one["ParameterValue"] for one in event["EventParameters"]))
+        for event in events[:2]
     ]
     assert values == [pytest.approx((0.2, 0.8, 0.0)), pytest.approx((0.7, 0.4, 1.0))]
     for path in written.files:
-        assert [each for each in validate(path)[1] if each.severity == "error"] == []
+        assert [finding for finding in validate(path)[1] if finding.severity == "error"] == []
     (read,), _ = read_signals(written.files[0])
-    assert [each.time_s for each in read.transients] == pytest.approx([0.2, 0.7])
+    assert [transient.time_s for transient in read.transients] == pytest.approx([0.2, 0.7])
     assert read.amplitude.at(np.array([0.5])) == pytest.approx([0.5], abs=0.01)
 
 
@@ -486,7 +488,7 @@ def test_ticks_are_in_the_strengths_of_a_tact_file(tmp_path):
     raster, _, _ = raster_of([_two_ticks()], device, "x")  # on every motor
     written = write("tact", raster, device, tmp_path / "x")
     (path,) = written.files
-    assert [each for each in validate(path)[1] if each.severity == "error"] == []
+    assert [finding for finding in validate(path)[1] if finding.severity == "error"] == []
     (read, *_), _ = read_signals(path)
     at = read.amplitude.at(np.array([0.1, 0.21, 0.5, 0.71, 0.9]))
     assert at == pytest.approx([0.5, 0.8, 0.5, 0.5, 0.5], abs=0.06)

@@ -33,10 +33,10 @@ def played(content):
 @given(signals())
 @settings(max_examples=40, deadline=None)
 def test_each_20_ms_has_the_strongest_of_it(content):
-    found = played(content)
+    actual = played(content)
     if content.amplitude.values.max() < 0.005:
         return
-    (one,) = found
+    (one,) = actual
     for step in range(int(content.duration_s / 0.02)):
         at = (step + np.linspace(0.0, 1.0, 21)) * 0.02
         at = at[at <= content.duration_s]
@@ -67,7 +67,7 @@ def test_a_forearm_band_is_a_sleeve_on_its_side():
 
 def _levels_at(document, time_ms):
     """Strength of each dot at a time, read from a file as the Player plays it."""
-    found = {}
+    actual = {}
     for track in document["project"]["tracks"]:
         for effect in track["effects"]:
             for position, mode in effect["modes"].items():
@@ -77,8 +77,8 @@ def _levels_at(document, time_ms):
                     )
                     if start <= time_ms < end:
                         for dot in feedback["pointList"]:
-                            found[position, dot["index"]] = dot["intensity"]
-    return found
+                            actual[position, dot["index"]] = dot["intensity"]
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -99,8 +99,8 @@ def test_each_motor_of_a_suit_is_at_the_dot_of_its_configuration(name, places, t
     rows[:, 1::2] = 100.0
     written = writing.write("tact", raster_for(device, rows, len(rows)), device, tmp_path / "x")
     (file,) = written.files
-    found = _levels_at(json.loads(file.read_text()), 100)
-    assert found == {place: (k + 1) / 100.0 for k, place in enumerate(places)}
+    actual = _levels_at(json.loads(file.read_text()), 100)
+    assert actual == {location: (k + 1) / 100.0 for k, location in enumerate(places)}
     assert written.left_out == ()
 
 
@@ -135,18 +135,18 @@ def test_a_device_is_written_and_read_back(tmp_path):
     device = load_device("back_pad")
     written = writing.write("tact", raster_for(device), device, tmp_path / "scene.back_pad")
     assert [path.name for path in written.files] == ["scene.back_pad.tact"]
-    found, _ = tact.decode(written.files[0].read_bytes(), "scene.tact")
-    assert {each.name for each in found} == {f"VestBack {k}" for k in range(20)}
+    actual, _ = tact.decode(written.files[0].read_bytes(), "scene.tact")
+    assert {entry.name for entry in actual} == {f"VestBack {k}" for k in range(20)}
 
 
 def test_everything_that_the_official_parser_needs_is_there():
-    found = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
-    assert {"intervalMillis", "size", "durationMillis", "project"} <= set(found)
-    (effect,) = found["project"]["tracks"][0]["effects"]
+    actual = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
+    assert {"intervalMillis", "size", "durationMillis", "project"} <= set(actual)
+    (effect,) = actual["project"]["tracks"][0]["effects"]
     assert (
         set(effect["modes"])
         == {"VestFront", "VestBack"}
-        == set(found["project"]["layout"]["layouts"])
+        == set(actual["project"]["layout"]["layouts"])
     )
     for mode in effect["modes"].values():
         assert "dotMode" in mode and mode["pathMode"]["feedback"][0]["playbackType"] == "NONE"
@@ -156,13 +156,13 @@ def test_everything_that_the_official_parser_needs_is_there():
 def test_long_silence_ends_an_effect():
     levels = np.zeros(300)
     levels[[10, 200]] = 1.0
-    found = tact.document([signal(levels)], {"r1c1": BACK}, "Vest", "x")
-    assert len(found["project"]["tracks"][0]["effects"]) == 2
+    actual = tact.document([signal(levels)], {"r1c1": BACK}, "Vest", "x")
+    assert len(actual["project"]["tracks"][0]["effects"]) == 2
 
 
 def test_files_in_the_manner_of_other_tools_are_read():
     """Numbers as text, fades, a path, a disabled track, members that we do not know."""
-    found = json.loads(encoded(tact.document([signal([0, 0])], {"r1c1": BACK}, "Vest", "x")))
+    actual = json.loads(encoded(tact.document([signal([0, 0])], {"r1c1": BACK}, "Vest", "x")))
     dot = {
         "startTime": 0,
         "endTime": 200,
@@ -188,12 +188,12 @@ def test_files_in_the_manner_of_other_tools_are_read():
         "offsetTime": 200,
         "modes": {"VestFront": mode, "VestBack": {**mode, "mode": "PATH_MODE"}},
     }
-    found["project"]["tracks"] = [
+    actual["project"]["tracks"] = [
         {"enable": True, "effects": [effect]},
         {"enable": False, "effects": [effect]},
     ]
-    found["durationMillis"] = 400
-    read = {each.name: each for each in tact.decode(encoded(found), "x")[0]}
+    actual["durationMillis"] = 400
+    read = {entry.name: entry for entry in tact.decode(encoded(actual), "x")[0]}
     assert set(read) == {"VestFront 9", "VestBack 0", "VestBack 19"}
     assert read["VestFront 9"].amplitude.at([0.05, 0.1, 0.2, 0.31]) == pytest.approx(
         [0, 0.5, 0.25, 0]
@@ -225,33 +225,33 @@ def test_files_in_the_manner_of_other_tools_are_read():
     ],
 )
 def test_a_broken_rule_is_found_by_its_code(place, value, code):
-    found = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
-    at = found
+    actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
+    at = actual
     for key in place[:-1]:
         at = at[key]
     if value is None:
         del at[place[-1]]
     else:
         at[place[-1]] = value
-    assert code in [each.code for each in tact_rules.validate(encoded(found), "x")]
+    assert code in [finding.code for finding in tact_rules.validate(encoded(actual), "x")]
 
 
 def test_unknown_members_are_told_beside_a_project_only():
     """bHaptics' own tools keep more within a project than the player reads."""
-    found = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
-    found["project"]["more"] = found["project"]["tracks"][0]["more"] = 1
-    assert tact_rules.validate(encoded(found), "x") == []
-    found["more"] = 1
-    (finding,) = tact_rules.validate(encoded(found), "x")
+    actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
+    actual["project"]["more"] = actual["project"]["tracks"][0]["more"] = 1
+    assert tact_rules.validate(encoded(actual), "x") == []
+    actual["more"] = 1
+    (finding,) = tact_rules.validate(encoded(actual), "x")
     assert (finding.code, finding.severity) == ("TACT-UNKNOWN", "warning")
 
 
 def test_a_device_without_motors_costs_no_other(tmp_path):
     vest, soles = (load_device(name) for name in ("back_pad", "insoles"))
-    played = [(tmp_path / f"x.{each.id}", each, raster_for(each)) for each in (vest, soles)]
-    made = writing.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
-    assert [path.name for path in made.files] == ["x.back_pad.tact"]
-    (sentence,) = made.left_out
+    played = [(tmp_path / f"x.{item.id}", item, raster_for(item)) for item in (vest, soles)]
+    written = writing.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
+    assert [path.name for path in written.files] == ["x.back_pad.tact"]
+    (sentence,) = written.left_out
     assert "'insoles' has no vibration actuators on the torso" in sentence
     alone = writing.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
     assert not alone.files and "torso or a forearm" in alone.left_out[0]
@@ -264,33 +264,33 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
     calm = raster_for(phone)
     played = [(tmp_path / "x.pad", pad, wild), (tmp_path / "x.phone", phone, calm)]
-    made = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
-    names = {path.name for path in made.files}
+    written = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    names = {path.name for path in written.files}
     assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
     # The first actuator is gentle enough: it alone has a file.
     assert {name for name in names if name.endswith(".v1.he")} == {
         "x.phone.phone.v1.he",
         "x.pad.r1c1.v1.he",
     }
-    assert all("16 events" in each for each in made.left_out) and len(made.left_out) == 19
+    assert all("16 events" in reason for reason in written.left_out) and len(written.left_out) == 19
     wild.values[:, 0] = wild.values[:, 4]
-    made = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
-    assert "x.phone.phone.v1.he" in {path.name for path in made.files}
-    (sentence,) = made.left_out
+    written = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    assert "x.phone.phone.v1.he" in {path.name for path in written.files}
+    (sentence,) = written.left_out
     assert "'back_pad'" in sentence and "16 events" in sentence
 
 
 def test_a_file_of_a_suit_is_played_by_the_device_of_its_dots(tmp_path):
     """Dot 13 of the front and dot 2 of the back, by the maker's numbers, are motors of the suit."""
     lit = {"startTime": 0, "endTime": 400, "playbackType": "NONE"}
-    found = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
-    (effect,) = found["project"]["tracks"][0]["effects"]
+    actual = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
+    (effect,) = actual["project"]["tracks"][0]["effects"]
     for position, index, level in (("VestFront", 13, 0.75), ("VestBack", 2, 0.5)):
         dots = [{"index": index, "intensity": level}]
         mode = {"mode": "DOT_MODE", "pathMode": {"feedback": []}}
         mode["dotMode"] = {"dotConnected": False, "feedback": [{**lit, "pointList": dots}]}
         effect["modes"][position] = mode
-    (tmp_path / "x.tact").write_bytes(encoded(found))
+    (tmp_path / "x.tact").write_bytes(encoded(actual))
     convert(tmp_path / "x.tact", tmp_path / "x.raster.npz", device="bhaptics_tactsuit_x40")
     raster = npz_raster.read(tmp_path / "x.raster.npz")
     suit = load_device("bhaptics_tactsuit_x40")

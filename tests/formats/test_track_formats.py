@@ -115,13 +115,13 @@ def test_spots_and_actuators_are_in_the_lines(tmp_path):
     judge = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     assert not [error for line in lines for error in judge.iter_errors(line)]
-    kinds = {each["name"]: each for each in lines[0]["effects"]}
+    kinds = {effect["name"]: effect for effect in lines[0]["effects"]}
     assert kinds["Curves"]["device"] == "mango_pad"
     assert kinds["Curves"]["actuators"] == ["r1c1", "r1c2"]
     samples = [line for line in lines if line["type"] == "sample"]
     spots = [line["spot"] for line in samples if "spot" in line]
-    assert [each["centre_m"] for each in spots] == [[k / 10.0, 0.0, 1.25] for k in range(10)]
-    assert {each["radius_m"] for each in spots} == {0.03}
+    assert [spot["centre_m"] for spot in spots] == [[k / 10.0, 0.0, 1.25] for k in range(10)]
+    assert {spot["radius_m"] for spot in spots} == {0.03}
     values = [line["actuators"] for line in samples if "actuators" in line]
     assert values == [[pytest.approx(k / 20.0), pytest.approx(k / 10.0)] for k in range(10)]
 
@@ -162,7 +162,7 @@ def test_compact_lines_of_earlier_versions_are_read(tmp_path):
     path = tmp_path / "x.compact.samples.jsonl"
     path.write_bytes(b"".join(map(encoded, COMPACT_LINES)))
     header, *lines = jsonl_samples.read(path)
-    assert header == {key: each for key, each in COMPACT_HEADER.items() if key != "encoding"}
+    assert header == {key: item for key, item in COMPACT_HEADER.items() if key != "encoding"}
     loud = {"amplitude_m_s2": 10.0, "frequency_hz": 80.0}
     plain = {"type": "sample", "effect": "e", "body": "b"}
     assert lines == [
@@ -190,8 +190,8 @@ def test_compact_lines_of_earlier_versions_are_read(tmp_path):
 def test_a_broken_rule_of_compact_lines_is_found(line, change, code):
     lines = [*COMPACT_LINES]
     lines[line] = {**lines[line], **change}
-    found = jsonl_samples.validate(b"".join(map(encoded, lines)), "x")
-    assert code in [each.code for each in found]
+    actual = jsonl_samples.validate(b"".join(map(encoded, lines)), "x")
+    assert code in [entry.code for entry in actual]
 
 
 def test_a_compact_file_cannot_ask_for_all_memory():
@@ -225,10 +225,10 @@ def test_a_broken_rule_is_found_by_its_code(tmp_path, line, change, code):
     path = tmp_path / "x.samples.jsonl"
     with track_of(tmp_path, "pressure", "volume", BEAT) as track:
         jsonl_samples.write(track, path)
-    lines = [json.loads(each) for each in path.read_text(encoding="utf-8").splitlines()]
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     lines[line] = {**lines[line], **change}
-    found = jsonl_samples.validate(b"".join(encoded(each) for each in lines), "x")
-    assert code in [each.code for each in found]
+    actual = jsonl_samples.validate(b"".join(encoded(line) for line in lines), "x")
+    assert code in [entry.code for entry in actual]
 
 
 def test_more_broken_lines_than_are_told_do_no_harm(tmp_path):
@@ -236,8 +236,8 @@ def test_more_broken_lines_than_are_told_do_no_harm(tmp_path):
     with track_of(tmp_path, "pressure", "volume", BEAT) as track:
         jsonl_samples.write(track, path)
     broken = b'{"type":"set"}\n{"type":"sample","effect":[]}\n' * 400
-    found = jsonl_samples.validate(path.read_bytes() + broken, "x")
-    assert len(found) >= 1000 and {each.severity for each in found} == {"error"}
+    actual = jsonl_samples.validate(path.read_bytes() + broken, "x")
+    assert len(actual) >= 1000 and {entry.severity for entry in actual} == {"error"}
 
 
 @pytest.mark.parametrize("id", ["hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"])
@@ -267,7 +267,7 @@ def test_khronos_validator_is_asked(tmp_path):
     assert gltf_faults(tmp_path / "x.glb") == []
     document.json["accessors"][0]["count"] = 3
     (tmp_path / "x.glb").write_bytes(document.encoded())
-    assert any("/indices" in each for each in gltf_faults(tmp_path / "x.glb"))
+    assert any("/indices" in gltf_fault for gltf_fault in gltf_faults(tmp_path / "x.glb"))
 
 
 @pytest.mark.parametrize("place", [4, 8, 12, 16])
@@ -295,7 +295,7 @@ def test_a_broken_container_is_found(tmp_path, place):
 )
 def test_what_is_read_of_a_glb_is_checked(change, codes):
     content = glb_of({"asset": {"version": "2.0"}, **change}, b"")
-    assert [each.code for each in glb_reader.validate(content, "x")] == codes
+    assert [finding.code for finding in glb_reader.validate(content, "x")] == codes
 
 
 @pytest.mark.parametrize("extras", [["x"], "x", 3, {"hfx_model": 4}, {"hfx_model": "m"}, None])
@@ -310,8 +310,8 @@ def test_validate_says_whose_the_other_rules_of_gltf_are(tmp_path, capsys):
     path = tmp_path / "x.glb"
     glb.write_model(load_model("hfx-temperature-1"), path)
     assert cli.run(["validate", str(path)]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"{path}: glTF binary, valid; ") and "gltf-validator" in told
+    output = capsys.readouterr().out
+    assert output.startswith(f"{path}: glTF binary, valid; ") and "gltf-validator" in output
 
 
 @pytest.mark.parametrize(("key", "broken"), [("effects", [{}]), ("bodies", [7]), ("models", 1)])
@@ -322,7 +322,7 @@ def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, key, broken):
     header, *lines = path.read_bytes().splitlines(keepends=True)
     damaged = encoded({**json.loads(header), key: broken})
     findings = jsonl_samples.validate(b"".join([damaged, *lines]), "x")
-    assert findings and all(each.place.startswith("line 1") for each in findings)
+    assert findings and all(finding.place.startswith("line 1") for finding in findings)
 
 
 def glb_of(document, binary):

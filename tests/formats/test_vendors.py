@@ -25,7 +25,7 @@ from hfx_blender.formats.device_files import (
 
 
 def errors(findings):
-    return [each.code for each in findings if each.severity == "error"]
+    return [finding.code for finding in findings if finding.severity == "error"]
 
 
 # --- AHAP ---------------------------------------------------------------------------------------
@@ -33,8 +33,8 @@ def errors(findings):
 
 def event(kind="HapticContinuous", time=1.0, **parameters):
     listed = [{"ParameterID": key, "ParameterValue": value} for key, value in parameters.items()]
-    found = {"Time": time, "EventType": kind, "EventParameters": listed}
-    return {"Event": {**found, "EventDuration": 2.0} if "Continuous" in kind else found}
+    actual = {"Time": time, "EventType": kind, "EventParameters": listed}
+    return {"Event": {**actual, "EventDuration": 2.0} if "Continuous" in kind else actual}
 
 
 def pattern_signal(*entries):
@@ -58,18 +58,18 @@ def pattern_signal(*entries):
     ],
 )
 def test_ramps_of_an_event_are_played(parameters, times, levels, end_s):
-    found = pattern_signal(event(HapticIntensity=0.8, **parameters))
-    assert found.amplitude.at(times) == pytest.approx(levels, abs=1e-6)
-    assert found.duration_s == pytest.approx(end_s)
-    assert not any("Time" in each for each in found.left_out)
+    actual = pattern_signal(event(HapticIntensity=0.8, **parameters))
+    assert actual.amplitude.at(times) == pytest.approx(levels, abs=1e-6)
+    assert actual.duration_s == pytest.approx(end_s)
+    assert not any("Time" in reason for reason in actual.left_out)
 
 
 def test_sounds_and_ramps_of_ticks_are_named_as_lost():
-    found = pattern_signal(
+    actual = pattern_signal(
         event("AudioCustom"), event("HapticTransient", HapticIntensity=1.0, AttackTime=0.5)
     )
-    assert "1 events of the kind AudioCustom" in found.left_out
-    assert "1 parameters AttackTime of events" in found.left_out
+    assert "1 events of the kind AudioCustom" in actual.left_out
+    assert "1 parameters AttackTime of events" in actual.left_out
 
 
 def test_what_is_missing_has_its_default_value_as_in_core_haptics():
@@ -82,12 +82,12 @@ def test_what_is_missing_has_its_default_value_as_in_core_haptics():
         ({"Event": whole, "ParameterCurve": curve}, [0.5, 2.5], [0.0, 0.5]),
         ({"Event": unnamed}, [0.5, 2.5], [0.0, 1.0]),
     ):
-        found = pattern_signal(entry)
-        assert found.amplitude.at(times) == pytest.approx(levels)
-        assert any("AHAP-MISSING" in each for each in found.notes)
+        actual = pattern_signal(entry)
+        assert actual.amplitude.at(times) == pytest.approx(levels)
+        assert any("AHAP-MISSING" in note for note in actual.notes)
     endless = {key: value for key, value in whole.items() if key != "EventDuration"}
-    found = pattern_signal(event("HapticTransient", time=0.5), {"Event": endless})
-    assert "1 continuous events without a duration" in found.left_out
+    actual = pattern_signal(event("HapticTransient", time=0.5), {"Event": endless})
+    assert "1 continuous events without a duration" in actual.left_out
 
 
 def test_more_than_16_points_are_a_warning():
@@ -95,19 +95,21 @@ def test_more_than_16_points_are_a_warning():
     curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
     curve["ParameterCurveControlPoints"] = points
     document = {"Version": 1.0, "Pattern": [event(), {"ParameterCurve": curve}]}
-    (found,) = ahap_rules.findings(document)
-    assert (found.code, found.severity) == ("AHAP-CURVE-POINTS", "warning")
+    (actual,) = ahap_rules.findings(document)
+    assert (actual.code, actual.severity) == ("AHAP-CURVE-POINTS", "warning")
 
 
 def test_ticks_beside_a_pattern_are_read_with_it(tmp_path):
     tick = event("HapticTransient", time=0.25, HapticIntensity=0.5)
     for name, entry in (("x.ahap", event()), ("x.transients.ahap", tick)):
         (tmp_path / name).write_bytes(encoded({"Version": 1.0, "Pattern": [entry]}))
-    (found,), _ = files.read_signals(tmp_path / "x.ahap")
-    assert [(each.time_s, each.amplitude) for each in found.transients] == [(0.25, 0.5)]
-    assert found.amplitude.at(2.0) == 1.0
+    (actual,), _ = files.read_signals(tmp_path / "x.ahap")
+    assert [(transient.time_s, transient.amplitude) for transient in actual.transients] == [
+        (0.25, 0.5)
+    ]
+    assert actual.amplitude.at(2.0) == 1.0
     written = convert(tmp_path / "x.ahap", tmp_path / "y.ahap")
-    assert [each.name for each in written.files] == ["y.ahap", "y.transients.ahap"]
+    assert [file.name for file in written.files] == ["y.ahap", "y.transients.ahap"]
     assert "read with x.transients.ahap beside it" in written.notes
 
 
@@ -146,8 +148,8 @@ def test_what_stands_in_the_wrong_place_is_bad_input_to_every_command(
     commands = (["validate"], ["info"], ["convert", str(tmp_path / "y"), "--to", "hjif"])
     for command, *rest in commands:
         assert cli.run([command, str(path), *rest]) == 3
-        told = capsys.readouterr().err
-        assert told.count("\n") == (command != "validate") and "Traceback" not in told
+        messages = capsys.readouterr().err
+        assert messages.count("\n") == (command != "validate") and "Traceback" not in messages
 
 
 # Members that a format knows elsewhere, of any kind: no reader may look at them there.
@@ -179,8 +181,8 @@ def test_absurd_numbers_of_he_are_cut(value):
     whole["Parameters"] = {"Intensity": value, "Frequency": value, "Curve": curve}
     pattern = {"AbsoluteTime": 0, "Pattern": [{"Event": whole}] * 2}
     document = {"Metadata": {"Version": 2}, "PatternList": [pattern]}
-    (found,), _ = he.decode(encoded(document), "x")
-    assert found.amplitude.values.min() >= 0.0 and found.amplitude.values.max() <= 1.0
+    (actual,), _ = he.decode(encoded(document), "x")
+    assert actual.amplitude.values.min() >= 0.0 and actual.amplitude.values.max() <= 1.0
 
 
 # --- .haptic, .he, .tact ------------------------------------------------------------------------
@@ -200,8 +202,8 @@ def clip(amplitude, frequency=((0.0, 0.5),), metadata=None):
 def test_a_late_last_frequency_is_a_warning(late_s):
     """Lofelt's reader has no such rule, Meta's not for older files (ValidationMode)."""
     data = encoded(clip([(0.0, 0.5), (1.0, 0.5)], [(0.0, 0.5), (1.0 + late_s, 0.5)]))
-    found = haptic.validate(data, "x")
-    assert errors(found) == [] and bool(found) == (late_s > 0.0)
+    actual = haptic.validate(data, "x")
+    assert errors(actual) == [] and bool(actual) == (late_s > 0.0)
     assert haptic.decode(data, "x")[0][0].duration_s == 1.0
 
 
@@ -209,8 +211,8 @@ def test_a_late_last_frequency_is_a_warning(late_s):
 def test_an_envelope_without_duration_is_a_warning(points, tmp_path):
     """Lofelt's reader wants one breakpoint, Meta's two and time between them."""
     data = encoded(clip(points))
-    found = haptic.validate(data, "x")
-    assert [(each.code, each.severity) for each in found] == [("HAPTIC-DURATION", "warning")]
+    actual = haptic.validate(data, "x")
+    assert [(entry.code, entry.severity) for entry in actual] == [("HAPTIC-DURATION", "warning")]
     path = tmp_path / "x.haptic"
     path.write_bytes(data)
     for name in ("y.ahap", "y.he", "y.hjif", "y.openxr.json", "y.haptic"):
@@ -237,10 +239,10 @@ def test_versions_of_ahap_that_phones_do_not_play_are_warnings(version, text):
     document = {"Version": version, "Pattern": [event()]}
     if version is None:
         del document["Version"]
-    (found,) = ahap_rules.findings(document)
-    assert (found.code, found.severity) == ("AHAP-VERSION", "warning") and text in found.message
+    (actual,) = ahap_rules.findings(document)
+    assert (actual.code, actual.severity) == ("AHAP-VERSION", "warning") and text in actual.message
     notes = ahap.decode(encoded(document), "x")[0][0].notes
-    assert any("AHAP-VERSION" in each for each in notes)
+    assert any("AHAP-VERSION" in note for note in notes)
     assert ahap_rules.findings({"Version": 1, "Pattern": [event()]}) == []
 
 
@@ -262,8 +264,8 @@ def test_members_that_metas_reader_takes_as_missing_may_be_null():
 
 def pattern_event(**members):
     parameters = {"Intensity": 100, "Frequency": 50}
-    found = {"Type": "continuous", "RelativeTime": 0, "Duration": 400, "Parameters": parameters}
-    return {"Event": {**found, **members}}
+    actual = {"Type": "continuous", "RelativeTime": 0, "Duration": 400, "Parameters": parameters}
+    return {"Event": {**actual, **members}}
 
 
 def test_patterns_of_other_tools_are_read_with_a_note():
@@ -274,9 +276,9 @@ def test_patterns_of_other_tools_are_read_with_a_note():
     ]
     document = {"Metadata": {"Version": 2}, "PatternList": patterns}
     assert set(errors(he_rules.findings(document))) == {"HE-MISSING", "HE-RANGE"}
-    (found,), _ = he.decode(encoded(document), "x")
-    assert found.amplitude.at([5.9, 7.0, 60.7]).tolist() == [1.0, 0.0, 1.0]
-    assert any("HE-RANGE" in each for each in found.notes)
+    (actual,), _ = he.decode(encoded(document), "x")
+    assert actual.amplitude.at([5.9, 7.0, 60.7]).tolist() == [1.0, 0.0, 1.0]
+    assert any("HE-RANGE" in note for note in actual.notes)
     del patterns[0]["Pattern"][0]["Event"]["Type"]
     with pytest.raises(InputError, match="HE-MISSING"):
         he.decode(encoded(document), "x")
@@ -300,11 +302,11 @@ def test_a_suit_file_without_what_readers_do_not_need():
     document["durationMillis"] = 1000
     assert errors(tact_rules.findings(document))
     signals, _ = tact.decode(encoded(document), "x")
-    assert [each.name for each in signals] == ["VestFront 3", "VestFront 99"]
+    assert [signal.name for signal in signals] == ["VestFront 3", "VestFront 99"]
     assert signals[0].amplitude.at([0.05, 0.15, 0.25]).tolist() == [0.0, 0.5, 0.0]
     assert signals[0].duration_s == 1.0 and signals[1].amplitude.values.max() == 1.0
     assert "1 paths without points, which are silent" in signals[0].left_out
-    assert any("TACT-MISSING" in each for each in signals[0].notes)
+    assert any("TACT-MISSING" in note for note in signals[0].notes)
 
 
 # --- kept in conversions --------------------------------------------------------------------------
@@ -318,10 +320,10 @@ def test_silence_at_the_end_is_kept(tmp_path, suffix, is_silent):
     loud = [] if is_silent else [(0.0, 0.5), (1.0, 0.5)]
     (tmp_path / "x.haptic").write_bytes(encoded(clip([*loud, (1.001, 0.0), (7.5, 0.0)])))
     written = convert(tmp_path / "x.haptic", tmp_path / f"y.{suffix}")
-    (found,), _ = files.read_signals(written.files[0])
-    assert found.duration_s == pytest.approx(7.5, abs=0.002)
-    assert found.amplitude.at(0.5) == pytest.approx(0.0 if is_silent else 0.5, abs=0.011)
-    assert not found.amplitude.at([2.0, 7.0]).any()
+    (actual,), _ = files.read_signals(written.files[0])
+    assert actual.duration_s == pytest.approx(7.5, abs=0.002)
+    assert actual.amplitude.at(0.5) == pytest.approx(0.0 if is_silent else 0.5, abs=0.011)
+    assert not actual.amplitude.at([2.0, 7.0]).any()
     assert ("all of it is silent" in written.notes) == is_silent
 
 

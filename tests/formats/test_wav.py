@@ -36,13 +36,13 @@ def make_device(channels, modality="vibration"):
     else:
         controls = (ActuatorControl("pressure_kpa", 0, 10, 0, 10, 0),)
     kind = ActuatorType("motor", modality, controls, 0.0, 10.0)
-    place = RoomPlace(("torso",))
+    room_place = RoomPlace(("torso",))
     return DeviceConfig(
         id="device",
         name="Device",
         description="",
         actuator_types={"motor": kind},
-        actuators=tuple(Actuator(f"m{i}", kind, place) for i in range(channels)),
+        actuators=tuple(Actuator(f"m{i}", kind, room_place) for i in range(channels)),
         scheme=Scheme(),
         substitutions={},
         gain=1.0,
@@ -199,7 +199,7 @@ def test_sidecar_tells_the_channels(tmp_path):
         "full_scale_m_s2": FULL_SCALE,
         "channels": [{"channel": i, "actuator": f"m{i}"} for i in range(3)],
     }
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["x.wav", "x.wav.channels.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.wav", "x.wav.channels.json"]
 
 
 def test_a_value_that_is_no_number_is_silence_not_full_power(tmp_path):
@@ -220,9 +220,9 @@ def test_other_depths_than_the_one_that_is_written_are_read(tmp_path):
         file.setparams((2, 3, RATE, 7, "NONE", ""))
         file.writeframes(bytes(2 * 3 * 7))
     for name, form in (("float", (3, 32, True)), ("24", (2, 24, False))):
-        found, findings = wav_rules.inspect((tmp_path / f"{name}.wav").read_bytes())
-        assert [each.severity for each in findings] in ([], ["warning"])
-        assert (found.channels, found.bits, found.is_float) == form and found.frames == 7
+        actual, findings = wav_rules.inspect((tmp_path / f"{name}.wav").read_bytes())
+        assert [finding.severity for finding in findings] in ([], ["warning"])
+        assert (actual.channels, actual.bits, actual.is_float) == form and actual.frames == 7
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -233,7 +233,7 @@ def test_a_sample_that_is_no_number_is_found(tmp_path, value):
     assert wav_rules.validate(path.read_bytes(), "x") == []
     samples[99] = value
     wavfile.write(path, RATE, samples)
-    assert [each.code for each in wav_rules.validate(path.read_bytes(), "x")] == ["WAV-DATA"]
+    assert [finding.code for finding in wav_rules.validate(path.read_bytes(), "x")] == ["WAV-DATA"]
 
 
 def test_files_that_would_be_too_long_are_refused(tmp_path):

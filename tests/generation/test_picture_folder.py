@@ -73,17 +73,17 @@ def test_prompts_of_automatic1111_are_read_from_any_text_chunk(tmp_path: Path) -
         chunk(b"iTXt", b"parameters\0\1\0en\0x\0" + zlib.compress(body)),
     )
     for form in forms:
-        found = prompt_of(png.texts(picture(tmp_path / "a.png", form)))
-        assert found.words == "rough oak planks, <lora:grain:0.7>\nsecond line"
-        assert found.negative == "blurry, no cracks"
-        assert (found.seed, found.model, found.is_tiling) == (3141592653, "v1-5, pruned", True)
+        prompt = prompt_of(png.texts(picture(tmp_path / "a.png", form)))
+        assert prompt.words == "rough oak planks, <lora:grain:0.7>\nsecond line"
+        assert prompt.negative == "blurry, no cracks"
+        assert (prompt.seed, prompt.model, prompt.is_tiling) == (3141592653, "v1-5, pruned", True)
 
 
 def test_prompts_of_comfyui_are_those_that_reach_the_sampler(tmp_path: Path) -> None:
     graph = chunk(b"tEXt", b"prompt\0" + json.dumps(GRAPH).encode())
-    found = prompt_of(png.texts(picture(tmp_path / "a.png", graph)))
-    assert (found.words, found.negative, found.seed) == ("wet gravel", "shiny", 42)
-    assert (found.generator, found.model) == ("ComfyUI", "sd15.safetensors")
+    prompt = prompt_of(png.texts(picture(tmp_path / "a.png", graph)))
+    assert (prompt.words, prompt.negative, prompt.seed) == ("wet gravel", "shiny", 42)
+    assert (prompt.generator, prompt.model) == ("ComfyUI", "sd15.safetensors")
     drawn = prompt_of({"workflow": json.dumps(WORKFLOW)})
     assert (drawn.words, drawn.negative, drawn.seed) == ("denim", "torn", 77)
 
@@ -107,8 +107,8 @@ def test_a_guider_of_comfyui_has_negative_words_only_if_it_asks_for_them(
         "7": node("CLIPTextEncode", text="shiny"),
         "11": node("FluxGuidance", guidance=3.5, conditioning=["6", 0]),
     }
-    found = prompt_of({"prompt": json.dumps(graph)})
-    assert (found.words, found.negative, found.seed) == ("red brick", negative, 42)
+    prompt = prompt_of({"prompt": json.dumps(graph)})
+    assert (prompt.words, prompt.negative, prompt.seed) == ("red brick", negative, 42)
 
 
 @pytest.mark.parametrize(
@@ -145,8 +145,8 @@ def test_a_picture_becomes_a_surface_with_its_words(tmp_path: Path) -> None:
     def pixels(_path: Path) -> Any:
         return np.tile(np.array([0.0, 1.0])[None, :, None], (4, 2, 3))
 
-    made = picture_folder.generate(path, pixels, size_m=(0.04, 0.04), depth_m=1e-3, way="sobel")
-    np.testing.assert_allclose(made.height.heights_m[0], [0.0, 1e-3, 0.0, 1e-3])
-    assert made.height.tiles  # "Tiling: True"
-    assert made.record["seed"] == 3141592653 and made.record["words"].startswith("rough oak")
-    assert made.record["source"]["generator"] == "AUTOMATIC1111"
+    texture = picture_folder.generate(path, pixels, size_m=(0.04, 0.04), depth_m=1e-3, way="sobel")
+    np.testing.assert_allclose(texture.height.heights_m[0], [0.0, 1e-3, 0.0, 1e-3])
+    assert texture.height.tiles  # "Tiling: True"
+    assert texture.record["seed"] == 3141592653 and texture.record["words"].startswith("rough oak")
+    assert texture.record["source"]["generator"] == "AUTOMATIC1111"

@@ -20,9 +20,9 @@ def kind(words: str, negative: str = "") -> str:
 
 
 def test_nine_of_ten_wishes_find_their_kind() -> None:
-    found = bench.kinds()
-    assert found["asked"] == 60
-    assert found["right"] >= 54, found["wrong"]
+    kinds = bench.kinds()
+    assert kinds["asked"] == 60
+    assert kinds["right"] >= 54, kinds["wrong"]
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_degrees_and_denials_steer_by_their_sign() -> None:
 def test_comparatives_move_their_measure(row: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "COMPARATIVES", bench.COMPARATIVES[row : row + 1])
     monkeypatch.setattr(bench, "TEXELS", 192)
-    (found,) = bench.comparatives()
-    assert found["is_right"], found
+    (actual,) = bench.comparatives()
+    assert actual["is_right"], actual
 
 
 def waves(made: generated.Generated) -> tuple[float, float]:
@@ -104,11 +104,11 @@ def waves(made: generated.Generated) -> tuple[float, float]:
 def test_direction_and_size_are_those_asked_for(
     words: str, period_mm: float, direction: float
 ) -> None:
-    made = library_search.generate(words, texels=256)
-    period, found = waves(made)
+    texture = library_search.generate(words, texels=256)
+    period, actual = waves(texture)
     assert 1e3 * period == pytest.approx(period_mm, rel=0.01)
-    assert min(abs(found - direction), abs(found - direction - 90.0)) < 1.0 or (
-        direction != 45.0 and abs(found - direction) < 1.0
+    assert min(abs(actual - direction), abs(actual - direction - 90.0)) < 1.0 or (
+        direction != 45.0 and abs(actual - direction) < 1.0
     )
 
 
@@ -123,8 +123,8 @@ def test_a_turned_tile_has_no_seam() -> None:
 def test_the_same_words_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("one", "two", "three")]
     for folder, seed in zip(folders, (3, 3, 4), strict=True):
-        made = library_search.generate("worn oak", seed=seed, texels=64)
-        generated.write(made, folder, "1.0")
+        texture = library_search.generate("worn oak", seed=seed, texels=64)
+        generated.write(texture, folder, "1.0")
     one, two, three = (sorted(folder.iterdir()) for folder in folders)
     assert [p.name for p in one] == [p.name for p in two] and len(one) == 7
     assert all(a.read_bytes() == b.read_bytes() for a, b in zip(one, two, strict=True))
@@ -132,17 +132,21 @@ def test_the_same_words_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_a_record_tells_how_and_its_files_are_read_again(tmp_path: Path) -> None:
-    made = library_search.generate("wet gravel", negative="smooth", seed=7, texels=64)
-    record = generated.write(made, tmp_path, "1.0").files[-1]
-    told = json.loads(record.read_text())
-    assert (told["words"], told["negative_words"], told["seed"]) == ("wet gravel", "smooth", 7)
-    assert told["back_end"] == "library" and told["searched_not_painted"] is True
-    assert told["versions"]["hfx"] == "1.0" and len(told["files"]) == 6
+    texture = library_search.generate("wet gravel", negative="smooth", seed=7, texels=64)
+    record = generated.write(texture, tmp_path, "1.0").files[-1]
+    document = json.loads(record.read_text())
+    assert (document["words"], document["negative_words"], document["seed"]) == (
+        "wet gravel",
+        "smooth",
+        7,
+    )
+    assert document["back_end"] == "library" and document["searched_not_painted"] is True
+    assert document["versions"]["hfx"] == "1.0" and len(document["files"]) == 6
     back = generated.read(record)
-    step = np.ptp(made.height.heights_m) / 65535
-    np.testing.assert_allclose(back.height.heights_m, made.height.heights_m, atol=0.51 * step)
-    assert back.height.size_m == pytest.approx(made.height.size_m)
-    picture = tmp_path / f"{made.name}.height.png"
+    step = np.ptp(texture.height.heights_m) / 65535
+    np.testing.assert_allclose(back.height.heights_m, texture.height.heights_m, atol=0.51 * step)
+    assert back.height.size_m == pytest.approx(texture.height.size_m)
+    picture = tmp_path / f"{texture.name}.height.png"
     picture.write_bytes(picture.read_bytes()[:-20])
     with pytest.raises(InputError, match=r"height\.png.*hash differs"):
         generated.read(record)
@@ -168,5 +172,5 @@ def test_words_in_other_scripts_are_named() -> None:
 def test_no_two_wishes_have_one_name() -> None:
     long = "coarse grey gravel with small stones and some moss, "
     wishes = ("wood", "wood \u6728", "Wood!", long + "wet", long + "deep", "\u6728")
-    assert len({generated.name_of(each, "0") for each in wishes}) == len(wishes)
+    assert len({generated.name_of(effect, "0") for effect in wishes}) == len(wishes)
     assert generated.name_of("coarse grey gravel, wet", "0") == "coarse-grey-gravel-wet-0"

@@ -53,7 +53,7 @@ class Spec:
 
 def _specs() -> list[Spec]:
     vibrating = "oculus_touch phone_lra waist_belt mango_pad bhaptics_tactosy_left insoles"
-    found = [
+    actual = [
         Spec("touch", "v", "oculus_touch"),
         Spec("phone", "vv", "phone_wide_band"),
         Spec("belt", "vvv", "waist_belt"),
@@ -87,8 +87,8 @@ def _specs() -> list[Spec]:
             devices += " pressure_vest fan_heater"
         way = ("mixed", "pulses", "square")[k % 4 % 3]
         kind = kinds[k % 8]
-        found.append(Spec(f"seed_{k:02}", kind, devices, rates[k % 5], 150 + 10 * k, way=way))
-    return found
+        actual.append(Spec(f"seed_{k:02}", kind, devices, rates[k % 5], 150 + 10 * k, way=way))
+    return actual
 
 
 SPECS = _specs()
@@ -99,7 +99,7 @@ def case_of(spec: Spec, folder: Path) -> Case:
     """The clip of a spec, written into a folder."""
     seed = list(spec.name.encode())
     with _track(spec, folder, np.random.default_rng(seed)) as track:
-        return _case(track, [load_device(each) for each in spec.devices.split()], spec.name, folder)
+        return _case(track, [load_device(name) for name in spec.devices.split()], spec.name, folder)
 
 
 def cases(folder: Path, demos: Sequence[str] = DEMOS) -> Iterator[Case]:
@@ -107,14 +107,16 @@ def cases(folder: Path, demos: Sequence[str] = DEMOS) -> Iterator[Case]:
     for spec in SPECS:
         yield case_of(spec, folder)
     for name in demos:
-        made = folder / f"demo_{name}"
-        command = [sys.executable, "-m", "hfx_blender", "demo", "-o", str(made)]
+        created = folder / f"demo_{name}"
+        command = [sys.executable, "-m", "hfx_blender", "demo", "-o", str(created)]
         command += ["--scene", name, "--no-pictures"]
         subprocess.run(command, check=True, capture_output=True)
-        (path,) = made.glob("*.hfxtrack")
-        ids = {each.name.split(".")[1] for each in made.glob("*.csv")}
+        (path,) = created.glob("*.hfxtrack")
+        ids = {path.name.split(".")[1] for path in created.glob("*.csv")}
         with TrackReader(path) as track:
-            yield _case(track, [load_device(each) for each in sorted(ids)], f"demo_{name}", folder)
+            yield _case(
+                track, [load_device(number) for number in sorted(ids)], f"demo_{name}", folder
+            )
 
 
 def _case(track: TrackReader, devices: list[DeviceConfig], name: str, folder: Path) -> Case:

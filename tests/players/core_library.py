@@ -77,8 +77,8 @@ def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path
 def library() -> ctypes.CDLL:
     """The core, and what engines call of it, as a library."""
     folder = tempfile.mkdtemp(prefix="hfx_players_")
-    made = compiled(_SOURCE, Path(folder, "core.so"), "-std=c99", "-shared", "-fPIC")
-    core = ctypes.CDLL(str(made))
+    created = compiled(_SOURCE, Path(folder, "core.so"), "-std=c99", "-shared", "-fPIC")
+    core = ctypes.CDLL(str(created))
     shutil.rmtree(folder, ignore_errors=True)
     assert core.sizes(0) <= _CLIP_BYTES and core.sizes(1) <= _PLAYER_BYTES
     assert core.sizes(2) <= _BODY_BYTES
@@ -146,10 +146,10 @@ class Player:
         self._core.hfx_player_gain(self._at, ctypes.c_double(gain))
 
     def parameter(self, name: str, factor: float) -> int:
-        found = self._core.hfx_player_set_parameter(
+        actual = self._core.hfx_player_set_parameter(
             self._at, name.encode(), ctypes.c_double(factor)
         )
-        return int(found)
+        return int(actual)
 
     @property
     def is_playing(self) -> bool:
@@ -202,8 +202,12 @@ class Body:
     def weights(self, effect: int) -> F32:
         """Weights of an effect at the vertices of its model, (V,)."""
         count = ctypes.c_uint32()
-        found = self._core.hfx_body_weights(self._at, effect, ctypes.byref(count))
-        return np.ctypeslib.as_array(found, (count.value,)) if count.value else np.zeros(0, "f4")
+        body_weights = self._core.hfx_body_weights(self._at, effect, ctypes.byref(count))
+        return (
+            np.ctypeslib.as_array(body_weights, (count.value,))
+            if count.value
+            else np.zeros(0, "f4")
+        )
 
     def level(self, effect: int) -> float:
         return float(self._core.hfx_body_level(self._at, effect))

@@ -17,19 +17,19 @@ _STRANGE = (0, 1, 2, 5, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFF
 def damaged(content: bytes, random: np.random.Generator) -> Iterator[bytes]:
     """Endless changed clips: numbers replaced, bytes changed, parts cut."""
     while True:
-        found = bytearray(content)
+        actual = bytearray(content)
         for _ in range(random.integers(1, 4)):
             way = random.integers(0, 4)
-            if way == 0 and len(found) > 40:
-                del found[random.integers(24, len(found)) :]
+            if way == 0 and len(actual) > 40:
+                del actual[random.integers(24, len(actual)) :]
             elif way == 1:
-                found[random.integers(20, len(found))] = random.integers(0, 256)
+                actual[random.integers(20, len(actual))] = random.integers(0, 256)
             else:
-                at = int(random.integers(5, max(len(found) // 4, 6))) * 4
+                at = int(random.integers(5, max(len(actual) // 4, 6))) * 4
                 number = _STRANGE[random.integers(0, len(_STRANGE))]
-                if random.random() < 0.5 and at + 4 <= len(found):
-                    (old,) = struct.unpack_from("<I", found, at)
+                if random.random() < 0.5 and at + 4 <= len(actual):
+                    (old,) = struct.unpack_from("<I", actual, at)
                     number = (old + int(random.integers(-2, 3))) % 2**32
-                if at + 4 <= len(found):
-                    struct.pack_into("<I", found, at, number)
-        yield with_checksum(bytes(found))
+                if at + 4 <= len(actual):
+                    struct.pack_into("<I", actual, at, number)
+        yield with_checksum(bytes(actual))

@@ -18,13 +18,13 @@ def write_small_clip(folder: Path, name: str = "walk") -> Path:
     random = np.random.default_rng(len(name))
     rest = np.eye(4, dtype=np.float32)[:3].ravel()
     model, places = text("hfx-pressure-1"), random.uniform(-1.0, 1.0, (40, 3))
-    vertices = records("VERT", [(place, k, 2 * k, 2) for k, place in enumerate(places)])
+    vertices = records("VERT", [(position, k, 2 * k, 2) for k, position in enumerate(places)])
     skin = records("WGHT", [(k % 2, 25535 + 14465 * (k % 2)) for k in range(80)])
     filters = [
-        ("distance speed impact proximity sine".split().index(each.kind), 
-         ("multiply", "add", "maximum").index(each.operation),
-         ("centre", "axis", "time").index(each.about), controls)
-        for of in RESPONSES for each, controls in of
+        ("distance speed impact proximity sine".split().index(item.kind), 
+         ("multiply", "add", "maximum").index(item.operation),
+         ("centre", "axis", "time").index(item.about), controls)
+        for of in RESPONSES for item, controls in of
     ]  # fmt: skip
     counts = [len(of) for of in RESPONSES]
     effects = [

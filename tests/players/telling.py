@@ -36,10 +36,10 @@ class Telling:
         clips: Mapping[str, tuple[int, int, bool]] | None = None,
     ) -> None:
         controls = [c for device, _ in played for a in device.actuators for c in a.type.controls]
-        self.parameters = [each.name for each in controls]
-        self.low = np.array([each.lowest for each in controls])
-        self.high = np.array([each.highest for each in controls])
-        self.neutral = np.array([each.neutral for each in controls])
+        self.parameters = [control.name for control in controls]
+        self.low = np.array([control.lowest for control in controls])
+        self.high = np.array([control.highest for control in controls])
+        self.neutral = np.array([control.neutral for control in controls])
         self.values = np.concatenate([raster.values for _, raster in played], axis=1)
         self.rate_hz = float(played[0][1].rate_hz)
         sizes = [len(a.type.controls) for device, _ in played for a in device.actuators]
@@ -86,7 +86,7 @@ class Telling:
         self.gain_is = gain
 
     def parameter(self, name: str, factor: float) -> None:
-        self.factors[[each == name for each in self.parameters]] = factor
+        self.factors[[item == name for item in self.parameters]] = factor
 
     def stop(self) -> None:
         self.playing = False
@@ -121,14 +121,16 @@ class Telling:
 
     def strongest(self, rows: list[int]) -> F64:
         """Values of the strongest of some rows, the latest of equal ones, (C,)."""
-        found = self.neutral.copy()
-        for each in self.actuators:
-            away = self.away[rows, each.start]
-            found[each] = self.values[rows[len(rows) - 1 - int(np.argmax(away[::-1]))], each]
+        actual = self.neutral.copy()
+        for actuator in self.actuators:
+            away = self.away[rows, actuator.start]
+            actual[actuator] = self.values[
+                rows[len(rows) - 1 - int(np.argmax(away[::-1]))], actuator
+            ]
         scale = self.factors * np.where(self.strength, self.gain_is, 1.0)
         middle = np.where(self.strength, self.neutral, 0.0)
         return np.where(
-            scale == 1.0, found, np.clip(middle + scale * (found - middle), self.low, self.high)
+            scale == 1.0, actual, np.clip(middle + scale * (actual - middle), self.low, self.high)
         )
 
     @property

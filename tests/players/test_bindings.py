@@ -40,18 +40,18 @@ def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
     start = [godot, "--headless", "--path", project]
     subprocess.run([*start, "--import"], check=True)
     for script, folder in (("conformance", "."), ("body", "spatial")):
-        wanted = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / folder]
-        subprocess.run([*start, *wanted], check=True)
+        expected = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / folder]
+        subprocess.run([*start, *expected], check=True)
 
 
 def add_extension(project: Path) -> None:
     """Compile Godot's door to the core into a project that has not been opened yet."""
-    made = project / "addons" / "hfx" / "bin"
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir()
+    path = project / "addons" / "hfx" / "bin"
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir()
     sources = '#include "../native/live_body.c"\n#include "../native/godot.c"\n'
-    compiled(sources, made / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
-    (made / "hfx.gdextension").write_text(
+    compiled(sources, path / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
+    (path / "hfx.gdextension").write_text(
         '[configuration]\nentry_symbol = "hfx_haptics_begin"\ncompatibility_minimum = "4.2"\n'
         '[libraries]\nlinux = "libhfx_haptics.so"\n'
     )
@@ -63,11 +63,11 @@ def add_extension(project: Path) -> None:
 
 def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
     package = PLAYERS / "unity"
-    made = ("Tests~", "Plugins")  # not shown in Unity; compiled here
+    created = ("Tests~", "Plugins")  # not shown in Unity; compiled here
     shown = [
         path
         for path in package.rglob("*")
-        if not any(each in str(path.relative_to(package)) for each in made)
+        if not any(item in str(path.relative_to(package)) for item in created)
     ]
     assets = {path for path in shown if path.suffix != ".meta"}
     metas = {path.with_suffix("") for path in shown if path.suffix == ".meta"}
@@ -77,7 +77,7 @@ def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
         for path in shown
         if path.suffix == ".meta"
     ]
-    assert all(guids) and len({found[1] for found in guids if found}) == len(metas)
+    assert all(guids) and len({guid[1] for guid in guids if guid}) == len(metas)
 
     (sample,) = json.loads((package / "package.json").read_text())["samples"]
     clips = [PLAYERS / "godot" / "garage", package / sample["path"]]

@@ -23,8 +23,8 @@ from hfx_blender.formats.clip.container import with_checksum
 
 TEXT = b"\0touch\0m\0Hz\0amplitude_m_s2\0frequency_hz\0part\0"
 TOUCH, M, HZ, AMPLITUDE, FREQUENCY, PART = (
-    TEXT.index(b"\0" + each + b"\0") + 1
-    for each in (b"touch", b"m", b"Hz", b"amplitude_m_s2", b"frequency_hz", b"part")
+    TEXT.index(b"\0" + item + b"\0") + 1
+    for item in (b"touch", b"m", b"Hz", b"amplitude_m_s2", b"frequency_hz", b"part")
 )
 NUMBERS = (0, 0, 13107, 65535, 32768, 0)
 """Strength and frequency of three rows: 0 of 10, 2 of 10, 5 of 10."""
@@ -62,7 +62,7 @@ def test_a_clip_made_by_hand_is_read_and_played() -> None:
     assert rows.tolist() == [0, 3, 4]
     assert values == pytest.approx(np.array([[0, 60], [2, 160], [5.0000763, 60]]), abs=1e-6)
     player = Player(Clip(by_hand()))
-    frames = [player.advance(each).tolist() for each in (0.0, 0.2, 0.1, 0.1, 0.4, 0.1, 0.1)]
+    frames = [player.advance(value).tolist() for value in (0.0, 0.2, 0.1, 0.1, 0.4, 0.1, 0.1)]
     # Row 3 is felt from 0.3 s on, row 4 to the end: 1.0 s, when all has been felt.
     expected = [[0, 60], [0, 60], [2, 160], [5, 60], [5, 60], [5, 60], [0, 60]]
     assert np.array(frames) == pytest.approx(np.array(expected), abs=1e-3)
@@ -81,9 +81,9 @@ def test_a_part_loops_and_a_loop_takes_end_and_beginning_into_one_frame() -> Non
     player = Player(Clip(by_hand()))
     assert player.named("nothing") == -7 and not player.is_playing
     assert player.named("part") == 0  # 0.3 s to 0.5 s: row 3 with 2, row 4 with 5
-    found = [player.advance(each)[0] for each in (0.05, 0.1, 0.06, 0.05, 0.1)]
+    actual = [player.advance(value)[0] for value in (0.05, 0.1, 0.06, 0.05, 0.1)]
     # At 0.35, 0.45, 0.31 (again, past the end: row 4 was felt), 0.36 and 0.46 s.
-    assert found == pytest.approx([2, 5, 2, 2, 5], abs=1e-3)
+    assert actual == pytest.approx([2, 5, 2, 2, 5], abs=1e-3)
 
 
 def test_texts_are_utf_8() -> None:
@@ -168,8 +168,8 @@ def test_a_hostile_clip_is_refused_with_its_field(
     path = tmp_path / "x.hfxclip"
     path.write_bytes(content)
     assert run(["info", str(path)]) == 3
-    told = capsys.readouterr().err
-    assert field in told and str(path) in told
+    errors = capsys.readouterr().err
+    assert field in errors and str(path) in errors
     assert run(["validate", str(path)]) == 3
 
 
@@ -226,8 +226,8 @@ def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
 
 def test_no_peak_is_lost_at_random_frame_rates(tmp_path: Path) -> None:
     counts, random = Counts(), np.random.default_rng(7)
-    wanted = {"touch", "everything", "film"}
-    for case in [case_of(each, tmp_path) for each in SPECS if each.name in wanted]:
+    requested = {"touch", "everything", "film"}
+    for case in [case_of(spec, tmp_path) for spec in SPECS if spec.name in requested]:
         for _ in range(4):
             play(case, random, counts)
     assert counts.peaks > 1000
@@ -235,22 +235,28 @@ def test_no_peak_is_lost_at_random_frame_rates(tmp_path: Path) -> None:
 
 
 def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    case_of(next(each for each in SPECS if each.name == "touch"), tmp_path)
-    made = tmp_path / "made.hfxclip"
-    command = ["convert", str(tmp_path / "touch.hfxtrack"), str(made), "--device", "oculus_touch"]
+    case_of(next(spec for spec in SPECS if spec.name == "touch"), tmp_path)
+    path = tmp_path / "made.hfxclip"
+    command = [
+        "convert",
+        str(tmp_path / "touch.hfxtrack"),
+        str(path),
+        "--device",
+        "oculus_touch",
+    ]
     assert run(command) == 0
     capsys.readouterr()
-    assert run(["info", str(made), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["rows"], told["rate_hz"], told["seconds"]) == (240, 100.0, 2.4)
-    assert [each["device"] for each in told["devices"]] == ["oculus_touch"]
-    sections = clip_rules.read(made.read_bytes(), "made")
+    assert run(["info", str(path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["rows"], document["rate_hz"], document["seconds"]) == (240, 100.0, 2.4)
+    assert [name["device"] for name in document["devices"]] == ["oculus_touch"]
+    sections = clip_rules.read(path.read_bytes(), "made")
     assert sections["ACTR"]["latency_ms"].tolist() == [20.0, 20.0]
     assert sections["DEVC"]["dead_man_ms"].tolist() == [250]
     human = [bytes(sections["TEXT"])[k:].split(b"\0")[0] for k in sections["ACTR"]["human"]]
     assert human == [b"leftHand", b"rightHand"]
-    assert run(["convert", str(tmp_path / "touch.hfxtrack"), str(made)]) == 2  # no device
-    assert run(["convert", str(made), str(tmp_path / "x.csv")]) == 2
+    assert run(["convert", str(tmp_path / "touch.hfxtrack"), str(path)]) == 2  # no device
+    assert run(["convert", str(path), str(tmp_path / "x.csv")]) == 2
     assert "game clip cannot be converted" in capsys.readouterr().err
 
 
@@ -285,18 +291,18 @@ DEVICE = {
 def test_a_clip_is_played_by_the_output_process_with_its_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clip, device, log = (tmp_path / each for each in ("x.hfxclip", "touch.json", "log.jsonl"))
+    clip, device, log = (tmp_path / item for item in ("x.hfxclip", "touch.json", "log.jsonl"))
     clip.write_bytes(by_hand(TIME=struct.pack("<ddII", 20.0, 7.0, 10, 0)))
     device.write_text(json.dumps(DEVICE))
     start = ["play", str(clip), "--device", str(device), "--to", "simulator", "--path", str(log)]
     assert run(start) == 0
     rows = [json.loads(line) for line in log.read_text().splitlines()]
     sent = [(row["time_s"] - rows[0]["time_s"], *row["values"]) for row in rows if "values" in row]
-    loud = [each for each in sent if each[1] > 0.0]
+    loud = [message for message in sent if message[1] > 0.0]
     # 2 at 160 Hz from 0.15 s on, 5 at 60 Hz from 0.2 to 0.5 s, where this motor's limit is 4.
     # Late on a busy machine, never early; its 20 ms are in the rows already.
     assert loud[0][0] > 0.14 and loud[0][2] == 160.0 and loud[0][1] <= 2.001
-    assert max(each[1] for each in loud) == 4.0 and loud[-1][2] == 60.0
+    assert max(block[1] for block in loud) == 4.0 and loud[-1][2] == 60.0
     assert sent[-1][1] == 0.0 and "stop" in rows[-1]
     capsys.readouterr()
     device.write_text(json.dumps({**DEVICE, "id": "belt"}))

@@ -12,13 +12,13 @@ from core_library import ROOT, Clip, Player
 from hfx_blender.formats import files
 
 FOLDER = ROOT / "players" / "conformance"
-NAMES = sorted(each.stem for each in FOLDER.glob("*.txt"))
+NAMES = sorted(path.stem for path in FOLDER.glob("*.txt"))
 
 
 def test_the_folder_is_complete_and_small() -> None:
     assert len(NAMES) == 50
-    assert {each.stem for each in FOLDER.glob("*.hfxclip")} == set(NAMES)
-    assert sum(each.stat().st_size for each in FOLDER.rglob("*")) < 5e6
+    assert {path.stem for path in FOLDER.glob("*.hfxclip")} == set(NAMES)
+    assert sum(path.stat().st_size for path in FOLDER.rglob("*")) < 5e6
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -36,9 +36,9 @@ def test_each_value_is_as_expected(name: str) -> None:
         if word == "columns":
             assert clip.columns == int(argument)
         elif word in ("advance", "silence"):
-            found = player.advance(float(argument)) if word == "advance" else player.silence()
+            actual = player.advance(float(argument)) if word == "advance" else player.silence()
             expected = np.array(values.split(), np.float64)
-            assert (np.abs(found - expected) <= scales.slack()).all(), f"line {number}: {call}"
+            assert (np.abs(actual - expected) <= scales.slack()).all(), f"line {number}: {call}"
             advanced += 1
         elif word == "parameter":
             parameter, factor = argument.split()

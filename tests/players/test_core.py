@@ -33,11 +33,13 @@ def test_it_compiles_without_warnings(suffix: str, standard: str, tmp_path: Path
 
 def test_it_calls_nothing_but_the_named_mathematics(tmp_path: Path) -> None:
     source = '#define HFX_API extern\n#include "hfx_player.h"\n'
-    made = compiled(source, tmp_path / "x.o", "-std=c99", "-c", "-O0")
+    library = compiled(source, tmp_path / "x.o", "-std=c99", "-c", "-O0")
     nm = shutil.which("nm")
     assert nm, "the program nm, of binutils, is needed"
-    told = subprocess.run([nm, "-u", str(made)], capture_output=True, text=True, check=True)
-    called = {line.split()[-1] for line in told.stdout.splitlines()} - {"_GLOBAL_OFFSET_TABLE_"}
+    completed = subprocess.run([nm, "-u", str(library)], capture_output=True, text=True, check=True)
+    called = {line.split()[-1] for line in completed.stdout.splitlines()} - {
+        "_GLOBAL_OFFSET_TABLE_"
+    }
     assert called <= _MATH
 
 
@@ -46,18 +48,18 @@ def test_it_includes_nothing_else_and_has_its_own_licence() -> None:
         text = path.read_text()
         assert text.startswith("/* SPDX-License-Identifier: MIT\n")
         included = set(re.findall(r"#include [<\"](.*?)[>\"]", text))
-        assert included <= {"math.h", "stddef.h", "stdint.h", *(each.name for each in _SOURCES)}
+        assert included <= {"math.h", "stddef.h", "stdint.h", *(item.name for item in _SOURCES)}
     assert (CORE / "LICENSE").read_text().startswith("MIT License")
 
 
 def _lines(path: Path) -> set[str]:
     """Lines of a file without their spaces."""
-    return {"".join(each.split()) for each in path.read_text(errors="replace").splitlines()}
+    return {"".join(line.split()) for line in path.read_text(errors="replace").splitlines()}
 
 
 def test_it_shares_no_lines_with_the_product() -> None:
     core = set().union(*(_lines(path) for path in _SOURCES))
-    own = {each for each in core if len(re.sub(r"\W", "", each)) >= _SUBSTANTIVE}
+    own = {item for item in core if len(re.sub(r"\W", "", item)) >= _SUBSTANTIVE}
     ours = set().union(*(_lines(path) for path in _OURS))
     shared = own & ours
     assert len(own) > 100 and len(ours) > 10_000

@@ -23,8 +23,8 @@ def test_a_walk_is_felt_as_the_folder_says_and_nonsense_is_refused() -> None:
 
     def opened(content: bytes, number: int = 0) -> ctypes.c_void_p:
         size = ctypes.c_size_t(len(content))
-        found = core.hfx_live_open(content, size, number, ctypes.byref(error))
-        return ctypes.c_void_p(found)
+        live_open = core.hfx_live_open(content, size, number, ctypes.byref(error))
+        return ctypes.c_void_p(live_open)
 
     assert not opened(b"") and error.value == -2
     assert not opened(BYTES[:-1]) and error.value == -1
@@ -33,7 +33,7 @@ def test_a_walk_is_felt_as_the_folder_says_and_nonsense_is_refused() -> None:
     body = opened(BYTES)
     assert error.value == 0
     columns = core.hfx_live_columns(body)
-    matrices, out, felt = [], floats(columns), 0
+    matrices, out, samples = [], floats(columns), 0
     for line in (FOLDER / "walk.txt").read_text().splitlines():
         word, *rest = line.split()
         if word == "bone":
@@ -47,16 +47,16 @@ def test_a_walk_is_felt_as_the_folder_says_and_nonsense_is_refused() -> None:
             assert core.hfx_live_evaluate(body, seconds, out, columns) == 0
         else:
             effect = int(rest[0])
-            found = floats(core.hfx_live_weights(body, effect, None, 0))
-            core.hfx_live_weights(body, effect, found, len(found))
-            expected = np.zeros(len(found))
-            for each in rest[1:]:
-                vertex, _, value = each.partition(":")
+            live_open = floats(core.hfx_live_weights(body, effect, None, 0))
+            core.hfx_live_weights(body, effect, live_open, len(live_open))
+            expected = np.zeros(len(live_open))
+            for item in rest[1:]:
+                vertex, _, value = item.partition(":")
                 expected[int(vertex)] = float(value)
-            weights = np.array(found) * core.hfx_live_level(body, effect)
+            weights = np.array(live_open) * core.hfx_live_level(body, effect)
             assert np.abs(weights - expected).max() <= 1.0 / 255.0, line[:20]
-            felt += int(np.count_nonzero(expected))
-    assert felt > 10_000
+            samples += int(np.count_nonzero(expected))
+    assert samples > 10_000
     refused = (
         core.hfx_live_set_bones(body, floats(12), 12),
         core.hfx_live_set_volume(body, 99, floats(12), 12),
@@ -64,6 +64,6 @@ def test_a_walk_is_felt_as_the_folder_says_and_nonsense_is_refused() -> None:
         core.hfx_live_evaluate(body, ctypes.c_double(0.1), out, columns + 1),
         core.hfx_live_evaluate(None, ctypes.c_double(0.1), out, columns),
     )
-    assert all(each < 0 for each in refused)
+    assert all(item < 0 for item in refused)
     core.hfx_live_close(body)
     core.hfx_live_close(None)

@@ -76,12 +76,12 @@ def test_two_impacts_ring_as_in_the_engine(
 
 
 def test_an_impact_rings_at_the_weights_of_its_deepest_frame(tmp_path: Path) -> None:
-    made = bouncing(HITS[:1], (RINGING,))
-    path, bones = clip_of(made, tmp_path, 0)
+    model = bouncing(HITS[:1], (RINGING,))
+    path, bones = clip_of(model, tmp_path, 0)
     body = Body(Clip(path.read_bytes()))
-    body.set_bones(made.matrices[0, bones])
+    body.set_bones(model.matrices[0, bones])
     for row in range(60):
-        body.set_volume(0, made.block.effects[0].matrices[row, :3])
+        body.set_volume(0, model.block.effects[0].matrices[row, :3])
         body.trigger(0, 1.0)
         body.evaluate(1.0 / RATE_HZ if row else 0.0)
         since = row / RATE_HZ - 0.18  # 20 mm deep at 0.2 s, at 1 m/s
@@ -123,24 +123,26 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     assert body.evaluate(0.02)[0] == 10.0  # the motor's limit
     assert body.trigger(1, 1.0) == -6
     fan = load_device("fan_heater")
-    place = replace(fan.actuators[0].place, at_m=(0.0, 1.0, 1.0))
-    fan = replace(fan, actuators=tuple(replace(each, place=place) for each in fan.actuators))
+    position = replace(fan.actuators[0].place, at_m=(0.0, 1.0, 1.0))
+    fan = replace(
+        fan, actuators=tuple(replace(actuator, place=position) for actuator in fan.actuators)
+    )
     coarse = SpatialRecorder(scene, 2)
     coarse.add(AnimationBlock(np.arange(2), (animated,), (still,)))
-    told = write(header, [(fan, render(header, [], fan))], tmp_path / "coarse", coarse)
-    assert any("actuators at a place in the room follow no avatar: 2" in n for n in told.notes)
-    models = clip_rules.read(told.files[0].read_bytes(), "coarse")["MODL"]
+    messages = write(header, [(fan, render(header, [], fan))], tmp_path / "coarse", coarse)
+    assert any("actuators at a place in the room follow no avatar: 2" in n for n in messages.notes)
+    models = clip_rules.read(messages.files[0].read_bytes(), "coarse")["MODL"]
     assert models["level"].tolist() == [2] and models["vertices"] < sections["MODL"]["vertices"] / 3
     human = texts_at(sections, sections["BONE"]["human"])
     assert {"leftHand", "hips", "head", "rightLowerLeg"} <= set(human)
 
 
 def test_bones_have_the_names_of_common_rigs() -> None:
-    found = {
+    actual = {
         name: tuple(vars(rig_names(name)).values())
         for name in ("upperarm02.L", "finger1-2.R", "finger5-1.L", "root", "wrist.R")
     }
-    assert found == {
+    assert actual == {
         "upperarm02.L": ("leftUpperArm", "LeftArm", "upperarm_l"),
         "finger1-2.R": ("rightThumbProximal", "RightHandThumb2", "thumb_02_r"),
         "finger5-1.L": ("leftLittleProximal", "LeftHandPinky1", "pinky_01_l"),

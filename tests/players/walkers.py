@@ -124,7 +124,7 @@ def _volume(
     if k % 3 == 0:
         matrices[:, :3, 3] = matrices[count // 2, :3, 3]
     response = RESPONSES[k % len(RESPONSES)] if responds else ()
-    area = HapticVolume(_FALLOFFS[k % 3], tuple(each for each, _ in response))
+    area = HapticVolume(_FALLOFFS[k % 3], tuple(item for item, _ in response))
     controls = np.array([values for _, values in response]).reshape(len(response), WIDTH)
     effect = EffectDescription(f"e{k}", f"Volume {k}", modality, model.id, area)
     block = EffectBlock(
@@ -158,7 +158,7 @@ def bouncing(
         rows = nearest == k
         away = np.abs(times[rows] - time_s) - depth_m
         matrices[rows, 1, 3], matrices[rows, 2, 3] = skin - radius_m - away, z
-    area = HapticVolume(Falloff(), tuple(each for each, _ in filters))
+    area = HapticVolume(Falloff(), tuple(item for item, _ in filters))
     effect = EffectDescription("ball", "Ball", "vibration", model.id, area)
     response = np.tile(np.array([values for _, values in filters]), (count, 1, 1))
     animated = EffectBlock(
@@ -184,12 +184,12 @@ def _way(count: int, random: np.random.Generator) -> F64:
     scale, bend = random.uniform(0.7, 1.2), random.uniform(-0.6, 0.6)
     heading = random.uniform(0.0, 6.3) + bend * np.arange(count) / RATE_HZ
     step = 1.1 * scale / RATE_HZ * np.column_stack([np.sin(heading), -np.cos(heading)])
-    found = np.tile(np.eye(4), (count, 1, 1))
-    found[:, 0, 0] = found[:, 1, 1] = np.cos(heading)
-    found[:, 1, 0], found[:, 0, 1] = np.sin(heading), -np.sin(heading)
-    found[:, :3, :3] *= scale
-    found[:, :2, 3] = np.cumsum(step, axis=0) + random.uniform(-2.0, 2.0, 2)
-    return found
+    expected = np.tile(np.eye(4), (count, 1, 1))
+    expected[:, 0, 0] = expected[:, 1, 1] = np.cos(heading)
+    expected[:, 1, 0], expected[:, 0, 1] = np.sin(heading), -np.sin(heading)
+    expected[:, :3, :3] *= scale
+    expected[:, :2, 3] = np.cumsum(step, axis=0) + random.uniform(-2.0, 2.0, 2)
+    return expected
 
 
 def _cycle(count: int, phase: float) -> F64:

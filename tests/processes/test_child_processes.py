@@ -118,9 +118,9 @@ def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """An installation as pip makes it: a script that imports the package."""
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
-    kept = {"base": str(folder), "platbase": str(folder)}
-    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=kept))
-    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=kept))
+    stored = {"base": str(folder), "platbase": str(folder)}
+    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=stored))
+    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=stored))
     present = [path for path in sys.path if Path(path).name == "site-packages"]
     (packages / "present.pth").write_text("\n".join([str(ROOT), *present]) + "\n")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

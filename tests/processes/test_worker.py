@@ -37,16 +37,16 @@ while True:
 @pytest.fixture
 def make(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.setattr(start, "command", lambda module: processes.program(module))
-    made: list[Worker] = []
+    created: list[Worker] = []
 
     def make(source: str = ECHO, **settings: Any) -> Worker:
-        made.append(Worker(source, **settings))
-        made[-1].start()
-        return made[-1]
+        created.append(Worker(source, **settings))
+        created[-1].start()
+        return created[-1]
 
     yield make
-    for each in made:
-        each.close(0.0)
+    for item in created:
+        item.close(0.0)
 
 
 def do(worker: Worker, source: str) -> None:
@@ -58,8 +58,8 @@ def test_messages_of_any_size_come_back_in_their_order(make: Any) -> None:
     sent = [bytes([k]) * size for k, size in enumerate((0, 1, 4096, 1 << 20, 3))]
     for number, body in enumerate(sent):
         worker.send(message(MessageKind.VALUES, number, body))
-    found = [worker.receive(PATIENCE_S) for _ in sent]
-    assert found == [Message(MessageKind.VALUES, k, body) for k, body in enumerate(sent)]
+    actual = [worker.receive(PATIENCE_S) for _ in sent]
+    assert actual == [Message(MessageKind.VALUES, k, body) for k, body in enumerate(sent)]
     worker.send(message(MessageKind.ARM, 7), is_awaited=True)
     assert worker.receive(PATIENCE_S) == Message(MessageKind.ARM, 7, b"")
 
@@ -110,21 +110,21 @@ def test_something_else_than_messages_is_a_fault(make: Any, written: bytes, faul
 
 
 def test_callbacks_get_every_message_then_the_end(make: Any) -> None:
-    told: list[Any] = []
+    messages: list[Any] = []
     ended = threading.Event()
 
     def take(_worker: Worker, found: Message) -> str | None:
-        told.append(found.device)
+        messages.append(found.device)
         return "is wrong" if found.device == 3 else None
 
     def end(_worker: Worker, reason: str) -> None:
-        told.append(reason)
+        messages.append(reason)
         ended.set()
 
     worker = make(received=take, ended=end)
     for number in (1, 2, 3, 4):
         worker.send(message(MessageKind.ARM, number))
-    assert ended.wait(PATIENCE_S) and told == [1, 2, 3, "is wrong"]
+    assert ended.wait(PATIENCE_S) and messages == [1, 2, 3, "is wrong"]
 
 
 def test_the_input_ends_with_what_is_to_be_sent(make: Any) -> None:
@@ -159,9 +159,9 @@ def test_of_200_that_are_killed_at_any_moment_none_is_lost(make: Any) -> None:
             time.sleep(0.003 * delay)
             worker.kill()
         for worker in workers:
-            found = []
-            while (each := worker.receive(PATIENCE_S)) is not None:
-                found.append(each)
-            whole = [Message(MessageKind.VALUES, n, bodies[n]) for n in range(len(found))]
-            assert found == whole and not worker.fault, batch
+            actual = []
+            while (receive := worker.receive(PATIENCE_S)) is not None:
+                actual.append(receive)
+            whole = [Message(MessageKind.VALUES, n, bodies[n]) for n in range(len(actual))]
+            assert actual == whole and not worker.fault, batch
             assert worker.wait(PATIENCE_S) == -signal.SIGKILL

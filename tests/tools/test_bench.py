@@ -73,12 +73,12 @@ ROWS = (row("preview", 1.0, 0.2), row("standard", 2.0, 0.05), row("3mm,5ms", 8.0
 
 def test_measurements_that_are_shown_together_have_one_caption() -> None:
     here = {**machine.describe(), "date": "2026-01-02T03:04:05+00:00", "blender": None}
-    with_blender = [{**here, "blender": each} for each in ("4.5.1 LTS", "5.2.0", "4.5.1 LTS")]
+    with_blender = [{**here, "blender": item} for item in ("4.5.1 LTS", "5.2.0", "4.5.1 LTS")]
     later = {**here, "date": "2026-01-03T00:00:00+00:00", "load": 3.0}
-    found = machine.as_one_line([later, here, *with_blender])
-    assert found.startswith(f"hfx {here['hfx']}, Blender 4.5.1 LTS and 5.2.0, Python ")
-    assert found.endswith(", 2026-01-02 and 2026-01-03")
-    assert found.count("numpy") == found.count(str(here["processor"])) == 1
+    one_line = machine.as_one_line([later, here, *with_blender])
+    assert one_line.startswith(f"hfx {here['hfx']}, Blender 4.5.1 LTS and 5.2.0, Python ")
+    assert one_line.endswith(", 2026-01-02 and 2026-01-03")
+    assert one_line.count("numpy") == one_line.count(str(here["processor"])) == 1
 
 
 def test_the_front_is_what_nothing_beats() -> None:
@@ -94,20 +94,20 @@ def test_what_is_dearer_by_no_more_than_noise_is_on_the_front() -> None:
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Figures of matplotlib that charts are drawn in."""
-    kept: list[Any] = []
+    stored: list[Any] = []
 
     @contextmanager
     def chart(*arguments: Any) -> Iterator[Any]:
         with charts.chart(*arguments) as figure:
-            kept.append(figure)
+            stored.append(figure)
             yield figure
 
     monkeypatch.setattr(trade_chart, "chart", chart)
-    return kept
+    return stored
 
 
 def points(panel: Any) -> list[tuple[float, float]]:
-    return [tuple(each.get_offsets()[0].tolist()) for each in panel.collections]
+    return [tuple(collection.get_offsets()[0].tolist()) for collection in panel.collections]
 
 
 def test_what_bounds_no_error_is_a_cross_beside_the_front(
@@ -118,7 +118,7 @@ def test_what_bounds_no_error_is_a_cross_beside_the_front(
     trade_chart.draw(result(*ROWS), tmp_path / "without.svg")
     for panel in figures[0].axes:
         assert points(panel)[0][0] == 0.5
-        cross, *circles = (len(each.get_paths()[0]) for each in panel.collections)
+        cross, *circles = (len(collection.get_paths()[0]) for collection in panel.collections)
         assert cross == 4 and all(count > 4 for count in circles)  # two strokes; arcs
     for panel in (*figures[0].axes, *figures[1].axes):
         (line,) = panel.lines
@@ -134,9 +134,9 @@ def test_the_chart_has_a_point_for_each_setting_and_panel(
     assert points(skin) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, % of what is felt
     assert points(actuators) == points(skin)
     assert points(onsets) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, ms
-    texts = [each.text for each in ET.parse(chart).iter("{http://www.w3.org/2000/svg}text")]
+    texts = [item.text for item in ET.parse(chart).iter("{http://www.w3.org/2000/svg}text")]
     assert texts.count("preview") == texts.count("standard") == 3
-    assert any("A <hall> & more\\x07" in (each or "") for each in texts)
+    assert any("A <hall> & more\\x07" in (text or "") for text in texts)
     trade_chart.draw(result(row("exact", 1.0, 0.0)), tmp_path / "single.svg")
 
 
@@ -163,10 +163,10 @@ def test_a_history_grows_and_is_never_damaged(tmp_path: Path) -> None:
 
 
 def test_a_measurement_describes_itself() -> None:
-    found = machine.describe()
-    assert found["hfx"] and found["numpy"] == np.__version__ and found["processors"] >= 1
-    assert json.loads(json.dumps(found)) == found
-    assert found["numpy"] in machine.as_line(found)
+    actual = machine.describe()
+    assert actual["hfx"] and actual["numpy"] == np.__version__ and actual["processors"] >= 1
+    assert json.loads(json.dumps(actual)) == actual
+    assert actual["numpy"] in machine.as_line(actual)
 
 
 def test_whole_numbers_judge_the_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,9 +184,9 @@ def test_whole_numbers_judge_the_formulas(monkeypatch: pytest.MonkeyPatch) -> No
 def test_the_winding_number_judges_meshes() -> None:
     pytest.importorskip("igl")
     (name, (vertices, triangles)), _ = volumes.bench_meshes().items()
-    found = volumes.measure_mesh(name, vertices, triangles, 2000, 1, np.random.default_rng(2))
-    assert (found["wrong"], found["judged"]) == (0, 2000)
-    assert found["trimesh_differs"] in (None, 0)
+    actual = volumes.measure_mesh(name, vertices, triangles, 2000, 1, np.random.default_rng(2))
+    assert (actual["wrong"], actual["judged"]) == (0, 2000)
+    assert actual["trimesh_differs"] in (None, 0)
 
 
 def test_what_is_added_to_measure_economy_touches_nothing() -> None:

@@ -18,7 +18,7 @@ STREAM = Stream("e", "b", "pressure", "m")
 
 
 def run(indices, sets, weights=None, set_of=None) -> SampleRun:
-    vertices = np.concatenate([np.array(each, np.int32) for each in sets])
+    vertices = np.concatenate([np.array(indices, np.int32) for indices in sets])
     count = len(indices)
     return SampleRun(
         stream=STREAM,
@@ -26,7 +26,7 @@ def run(indices, sets, weights=None, set_of=None) -> SampleRun:
         times_s=np.array(indices) / 100.0,
         levels=np.ones(count),
         parameters=np.ones((count, 1)),
-        offsets=np.concatenate([[0], np.cumsum([len(each) for each in sets])]),
+        offsets=np.concatenate([[0], np.cumsum([len(indices) for indices in sets])]),
         vertices=vertices,
         weights=np.ones(len(vertices), np.float32) if weights is None else np.float32(weights),
         sets=None if set_of is None else np.array(set_of),
@@ -36,8 +36,8 @@ def run(indices, sets, weights=None, set_of=None) -> SampleRun:
 def test_missed_and_extra_contacts_and_their_skin():
     areas = np.array([1.0, 2.0, 4.0, 8.0]) * 1e-4
     reference = trade_errors.contacts_of([run([3, 4], [[0, 1]], set_of=[0, 0]), run([5], [[2]])])
-    other = trade_errors.contacts_of([run([3, 4], [[0, 1], [1, 3]], [1.0, 0.5, 1.0, 1.0])])
-    error = trade_errors.contact_error(other[STREAM], reference[STREAM], areas)
+    contacts = trade_errors.contacts_of([run([3, 4], [[0, 1], [1, 3]], [1.0, 0.5, 1.0, 1.0])])
+    error = trade_errors.contact_error(contacts[STREAM], reference[STREAM], areas)
     at = trade_errors.VERTICES
     assert error.missed.tolist() == [4 * at + 0, 5 * at + 2]
     assert error.extra.tolist() == [4 * at + 3]
@@ -55,21 +55,21 @@ def test_the_distance_to_the_boundary_from_both_sides(shape):
     to_shape = np.diag([5.0, 5.0, 5.0, 1.0])
     away = np.array([0.1, 0.15, 0.199, 0.201, 0.25, 0.3])
     points = np.stack([away, np.zeros(6), np.zeros(6)])
-    found = trade_errors.boundary_distance_m(shape, to_shape, points)
-    assert found == pytest.approx(np.abs(away - 0.2), rel=0.15)
+    distance_m = trade_errors.boundary_distance_m(shape, to_shape, points)
+    assert distance_m == pytest.approx(np.abs(away - 0.2), rel=0.15)
     assert np.isinf(trade_errors.boundary_distance_m(shape, to_shape, points + 10.0)).all()
 
 
 def test_events_are_joined_over_short_gaps():
-    found = trade_errors.events(np.array([10, 11, 12, 14, 40, 41]), 100.0)
-    assert found.tolist() == [[0.10, 0.15], [0.40, 0.42]]
+    events = trade_errors.events(np.array([10, 11, 12, 14, 40, 41]), 100.0)
+    assert events.tolist() == [[0.10, 0.15], [0.40, 0.42]]
     assert len(trade_errors.events(np.zeros(0, np.int64), 100.0)) == 0
 
 
 def test_onsets_are_matched_within_a_window():
     reference = np.array([[1.0, 1.5], [2.0, 2.01], [3.0, 3.2]])
-    other = np.array([[1.02, 1.5], [2.99, 3.0], [9.0, 9.1]])
-    error = trade_errors.onset_error(other, reference)
+    second = np.array([[1.02, 1.5], [2.99, 3.0], [9.0, 9.1]])
+    error = trade_errors.onset_error(second, reference)
     assert error.errors_s == pytest.approx([0.02, -0.01])
     assert (error.missed, error.extra) == (1, 1)
     assert trade_errors.onset_error(np.zeros((0, 2)), reference).missed == 3
@@ -78,8 +78,8 @@ def test_onsets_are_matched_within_a_window():
 def test_onsets_are_matched_with_the_nearest():
     """Not with that of an event that ends just before: that was told to be early by its length."""
     reference = np.array([[0.332, 1.19], [1.215, 2.644]])
-    other = np.array([[0.34, 1.20], [1.22, 2.65]])
-    error = trade_errors.onset_error(other, reference)
+    second = np.array([[0.34, 1.20], [1.22, 2.65]])
+    error = trade_errors.onset_error(second, reference)
     assert error.errors_s == pytest.approx([0.008, 0.005])
     assert (error.missed, error.extra) == (0, 0)
 
@@ -92,8 +92,8 @@ def raster(values) -> tuple[Raster, object]:
         actuators=(SimpleNamespace(id="a", type=SimpleNamespace(strength=control)),)
     )
     times = np.arange(len(values)) / 100.0
-    found = Raster("d", "b", ("a",), columns, times, Fraction(100), values, np.zeros(1), (), ())
-    return found, device
+    actual = Raster("d", "b", ("a",), columns, times, Fraction(100), values, np.zeros(1), (), ())
+    return actual, device
 
 
 def test_amplitudes_are_shares_of_full_scale():

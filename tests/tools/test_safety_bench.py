@@ -91,10 +91,10 @@ def run(kind: Scripted, rounds: int) -> safety_stops.Trials:
 
 def test_what_never_played_is_repeated_and_what_was_never_silent_is_not() -> None:
     kind = Scripted(0.1, NotPlayedError, 0.2, NotSilentError, 0.3)
-    found = run(kind, 4)
-    assert found.times_s == [0.1, 0.2, 0.3]
-    assert (found.never_silent, found.not_played, kind.recovered) == (1, 1, 2)
-    row = safety.result_row("operator stops", found)
+    completed = run(kind, 4)
+    assert completed.times_s == [0.1, 0.2, 0.3]
+    assert (completed.never_silent, completed.not_played, kind.recovered) == (1, 1, 2)
+    row = safety.result_row("operator stops", completed)
     assert row["trials"] == 4
     assert not safety.is_within(row)
     assert "1 never silent, 1 repeated" in safety.as_text({"operator stops": row})
@@ -106,9 +106,9 @@ def test_a_device_that_hardly_ever_plays_ends_the_measurement() -> None:
 
 
 def test_a_stop_between_values_is_no_gap() -> None:
-    found = gaps_of([loud(1.0), loud(1.25), stop(1.5), stop(1.5), quiet(2.0), quiet(2.5)])
-    assert found.times_s == [0.25, 0.5]
-    assert found.not_played == 1
+    gaps = gaps_of([loud(1.0), loud(1.25), stop(1.5), stop(1.5), quiet(2.0), quiet(2.5)])
+    assert gaps.times_s == [0.25, 0.5]
+    assert gaps.not_played == 1
 
 
 @pytest.mark.parametrize(
@@ -144,23 +144,23 @@ def test_a_table_is_made_of_records_of_some_rows_idle_and_busy() -> None:
 
 
 def test_every_row_has_who_measures_it() -> None:
-    other = {"gap beside hostile scripts", "limiter", "opened files"}
-    assert set(safety.ROWS) == set(safety.KINDS) | other
+    second = {"gap beside hostile scripts", "limiter", "opened files"}
+    assert set(safety.ROWS) == set(safety.KINDS) | second
 
 
 def test_rounds_are_shared_by_those_that_work_at_a_time(tmp_path: Path) -> None:
-    found = safety_stops.run("x", lambda folder: Scripted(0.1), 3, tmp_path, 7)
-    assert found.count == 9 and found.times_s == [0.1] * 9
+    completed = safety_stops.run("x", lambda folder: Scripted(0.1), 3, tmp_path, 7)
+    assert completed.count == 9 and completed.times_s == [0.1] * 9
     with pytest.raises(InputError, match="does not play"):
-        other = tmp_path / "other"
-        other.mkdir()
-        safety_stops.run("x", lambda folder: Scripted(NotPlayedError), 2, other, 7)
+        second = tmp_path / "other"
+        second.mkdir()
+        safety_stops.run("x", lambda folder: Scripted(NotPlayedError), 2, second, 7)
 
 
 def test_nothing_gets_through_the_limiter() -> None:
-    found = safety_values.limiter(200_000)
-    assert found["trials"] >= 200_000
-    assert found["faults"] == 0
+    actual = safety_values.limiter(200_000)
+    assert actual["trials"] >= 200_000
+    assert actual["faults"] == 0
 
 
 @pytest.mark.parametrize(

@@ -45,10 +45,10 @@ class Recorder:
         self.is_closed = True
 
     def ends_in_stops(self) -> bool:
-        return len(self.given) > 3 and all(isinstance(each, str) for each in self.given[-3:])
+        return len(self.given) > 3 and all(isinstance(block, str) for block in self.given[-3:])
 
     def loud(self) -> list[np.ndarray]:
-        return [each for each in self.given if not isinstance(each, str) and each[::2].any()]
+        return [block for block in self.given if not isinstance(block, str) and block[::2].any()]
 
 
 @pytest.fixture(autouse=True)
@@ -91,10 +91,10 @@ class Playing:
 
 @pytest.fixture
 def played() -> Iterator[Playing]:
-    found = Playing()
-    yield found
-    found.output.goes_on.set()
-    found.thread.close("the test is over")
+    actual = Playing()
+    yield actual
+    actual.output.goes_on.set()
+    actual.thread.close("the test is over")
 
 
 def test_values_arrive_and_stay(played: Playing) -> None:
@@ -122,7 +122,7 @@ def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing)
     count = len(played.output.given)
     played.thread.arm()
     played.until(lambda: len(played.output.given) > count + 3)
-    assert not any(each[::2].any() for each in played.output.given[count:])
+    assert not any(block[::2].any() for block in played.output.given[count:])
 
 
 def test_an_output_is_stopped_as_soon_as_it_is_open(opening: Opening) -> None:
@@ -137,7 +137,7 @@ def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing
     played.thread.arm()
     count = len(played.output.given)
     played.until(lambda: len(played.output.given) > count + 3)
-    assert not any(each[::2].any() for each in played.output.given[count:])
+    assert not any(block[::2].any() for block in played.output.given[count:])
     played.thread.feed(playing())
     played.until(lambda: played.output.given[-1][::2].any())
 
@@ -179,14 +179,14 @@ def test_nonsense_is_silence(played: Playing, nonsense: np.ndarray) -> None:
 
 def test_more_than_is_allowed_is_cut(played: Playing) -> None:
     played.play(playing(1e9))
-    assert max(each[::2].max() for each in played.output.loud()) == 15.0
+    assert max(block[::2].max() for block in played.output.loud()) == 15.0
 
 
 def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
     played.thread.pulse(2)
     played.until(played.output.loud)
     played.until(lambda: not played.output.given[-1][::2].any())
-    strengths = np.array([each[::2] for each in played.output.loud()])
+    strengths = np.array([block[::2] for block in played.output.loud()])
     assert np.flatnonzero(strengths.any(axis=0)).tolist() == [2]
     assert 0.5 * PULSE_SHARE * 15.0 < strengths.max() <= PULSE_SHARE * 15.0
 
@@ -228,9 +228,9 @@ class Opening:
 
     def _told(self, event: str, _device: int, **_: Any) -> None:
         if event == "connected":  # whoever arms it just now has to wait
-            other = threading.Thread(target=self.thread.arm)
-            other.start()
-            other.join(0.05)
+            second = threading.Thread(target=self.thread.arm)
+            second.start()
+            second.join(0.05)
         self.events.append(event)
 
     def until(self, event: str) -> None:
@@ -242,10 +242,10 @@ class Opening:
 
 @pytest.fixture
 def opening() -> Iterator[Opening]:
-    found = Opening()
-    yield found
-    found.opens.set()
-    found.thread.close("the test is over")
+    actual = Opening()
+    yield actual
+    actual.opens.set()
+    actual.thread.close("the test is over")
 
 
 def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from_playing(
@@ -295,13 +295,13 @@ def test_a_freeze_stops_what_plays(played: Playing) -> None:
 def test_a_thread_that_was_closed_leaves_no_thread_behind() -> None:
     before = threading.active_count()
     for _ in range(5):
-        found = Playing()
-        found.play()
-        found.thread.close("bye")
-        found.thread.wait_closed()
+        actual = Playing()
+        actual.play()
+        actual.thread.close("bye")
+        actual.thread.wait_closed()
     end = time.monotonic() + PATIENCE_S
     while threading.active_count() > before:
-        assert time.monotonic() < end, [each.name for each in threading.enumerate()]
+        assert time.monotonic() < end, [thread.name for thread in threading.enumerate()]
         time.sleep(0.002)
 
 
@@ -314,5 +314,5 @@ def test_what_cannot_be_opened_leaves_no_thread_behind() -> None:
         DeviceThread(0, DEVICE, refuse, lambda *_, **__: None).start()
     end = time.monotonic() + PATIENCE_S
     while threading.active_count() > before:
-        assert time.monotonic() < end, [each.name for each in threading.enumerate()]
+        assert time.monotonic() < end, [thread.name for thread in threading.enumerate()]
         time.sleep(0.002)

@@ -128,8 +128,8 @@ def test_after_a_stop_everything_begins_from_silence(
     played.thread.arm()
     played.thread.feed(playing(3.0))
     played.run(0.05)
-    felt = [strength for _, strength in played.port.strengths()[stopped:]]
-    assert next(strength for strength in felt if strength) == pytest.approx(expected, rel=1e-3)
+    strengths = [strength for _, strength in played.port.strengths()[stopped:]]
+    assert next(strength for strength in strengths if strength) == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None:
@@ -145,10 +145,10 @@ def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None
 @pytest.fixture
 def client(monkeypatch: pytest.MonkeyPatch) -> LiveClient:
     FakeWorker.replace(monkeypatch, host_pipe)
-    found = LiveClient()
-    found.start()
-    found.devices["band"] = DeviceState(1, "band", "armed")
-    return found
+    live_client = LiveClient()
+    live_client.start()
+    live_client.devices["band"] = DeviceState(1, "band", "armed")
+    return live_client
 
 
 def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> None:
@@ -157,7 +157,7 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.arm()
     client.send("band", playing())
     client.stop_all("enough")
-    kinds = [each.kind for each in messages(io.BytesIO(next(written)))]
+    kinds = [item.kind for item in messages(io.BytesIO(next(written)))]
     assert kinds == [MessageKind.STOP, MessageKind.ARM, MessageKind.STOP]  # else it is armed after
     client.heartbeat()
     assert next(written) == message(MessageKind.HEARTBEAT)  # no values
@@ -231,14 +231,14 @@ def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> Non
 
 def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_module, "MAX_DEVICES", 2)
-    told: list[tuple[str, int, str]] = []
-    host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    reported: list[tuple[str, int, str]] = []
+    host = Host(lambda event, number, text="", **_: reported.append((event, number, text)))  # type: ignore[arg-type]
     wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
     for number in (1, 2, 3):
         host.receive(Message(MessageKind.CONNECT, number, wish))
     host.silence("the test is over")
-    assert ("lost", 3, "more than 2 devices") in told
-    assert not any(event == "lost" for event, number, _ in told if number < 3)
+    assert ("lost", 3, "more than 2 devices") in reported
+    assert not any(event == "lost" for event, number, _ in reported if number < 3)
 
 
 def test_a_port_that_leads_elsewhere_is_refused(
@@ -307,16 +307,16 @@ def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun(
 def test_a_script_that_answers_without_being_asked_is_not_heard(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = FakeWorker.replace(monkeypatch, script_process)
+    workers = FakeWorker.replace(monkeypatch, script_process)
     answers: list[Any] = []
     faults: list[str] = []
     script = ScriptProcess({}, faults.append, lambda text: None)
     script.start()
-    made[0].says(MessageKind.READY)
+    workers[0].says(MessageKind.READY)
     script.ask(b"", answers.append)
-    made[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
+    workers[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
     assert len(answers) == 1 and not faults
-    made[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
+    workers[0].says(MessageKind.ANSWER, encode_values(playing()), 1)
     assert len(answers) == 1
     assert faults == ["its script sent an answer without a question"]
 
@@ -331,8 +331,8 @@ def test_a_script_can_only_take_so_much_memory() -> None:
         "print(resource.getrlimit(resource.RLIMIT_AS)[0] == script_worker.MAX_MEMORY,"
         " resource.getrlimit(resource.RLIMIT_CORE)[0], os.nice(0) > before)"
     )
-    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
-    assert found.stdout.split() == ["True", "0", "True"], found.stderr
+    completed = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert completed.stdout.split() == ["True", "0", "True"], completed.stderr
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes by /proc")
@@ -424,26 +424,26 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
     def broken() -> Any:
         raise RuntimeError("of somebody's")
 
-    told: list[tuple[str, str]] = []
+    reported: list[tuple[str, str]] = []
     thread = DeviceThread(
-        0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text))
+        0, DEVICE, broken, lambda event, _, text="", **__: reported.append((event, text))
     )
     thread.start()
     end = time.monotonic() + PATIENCE_S
-    while not told:
+    while not reported:
         assert time.monotonic() < end
         time.sleep(0.002)
-    assert told == [("lost", "cannot be opened: of somebody's")]
+    assert reported == [("lost", "cannot be opened: of somebody's")]
 
 
 def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     thread, _ = lane_of(DEVICE)
-    told: list[tuple[str, bool]] = []
-    monkeypatch.setattr(thread, "stop", lambda reason: told.append((reason, thread.is_closed)))
+    reported: list[tuple[str, bool]] = []
+    monkeypatch.setattr(thread, "stop", lambda reason: reported.append((reason, thread.is_closed)))
     thread.close("bye")
-    assert told == [("bye", False)] and thread.is_closed
+    assert reported == [("bye", False)] and thread.is_closed
     thread.close("again")
-    assert len(told) == 1
+    assert len(reported) == 1
 
 
 class Asked:
@@ -502,11 +502,11 @@ def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> 
     thread.script = Asked()  # type: ignore[assignment]
     thread.arm()
     thread.feed(playing())
-    told: list[str] = []
+    reported: list[str] = []
 
-    thread.fault = told.append  # type: ignore[method-assign]
+    thread.fault = reported.append  # type: ignore[method-assign]
     thread.turn()
-    assert told == ["its script did not answer within 100 ms"] and not output.given
+    assert reported == ["its script did not answer within 100 ms"] and not output.given
 
 
 def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
@@ -566,23 +566,25 @@ def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.Monke
 def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told: list[tuple[str, int, str]] = []
-    host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    reported: list[tuple[str, int, str]] = []
+    host = Host(lambda event, number, text="", **_: reported.append((event, number, text)))  # type: ignore[arg-type]
     host.receive(Message(MessageKind.CONNECT, 5, encode_json({"configuration": "none_such"})))
-    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host.device_threads
+    assert (
+        reported[0][:2] == ("lost", 5) and "none_such" in reported[0][2] and not host.device_threads
+    )
 
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
-    asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
+    requests = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host.take_rendered(Message(kind, 1, encode_values(playing())), asked)
-        host.take_rendered(Message(kind, 2, encode_values(playing())), asked)
-    assert [each.split(":")[0] for each in thread.told] == ["feed", "fault"]
+        host.take_rendered(Message(kind, 1, encode_values(playing())), requests)
+        host.take_rendered(Message(kind, 2, encode_values(playing())), requests)
+    assert [item.split(":")[0] for item in thread.told] == ["feed", "fault"]
     thread.told.clear()
     thread.is_armed = False
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host.take_rendered(Message(kind, 1, encode_values(playing())), asked)
+        host.take_rendered(Message(kind, 1, encode_values(playing())), requests)
     host.fail_rendering("it has ended")
     assert not thread.told
     thread.is_armed = True

@@ -31,9 +31,9 @@ def strengths(values: np.ndarray) -> np.ndarray:
 
 
 def full(guard: Guard, amplitude: float = 15.0) -> np.ndarray:
-    wanted = guard.neutral.copy()
-    wanted[::2] = amplitude
-    return wanted
+    expected = guard.neutral.copy()
+    expected[::2] = amplitude
+    return expected
 
 
 anything = st.one_of(
@@ -44,11 +44,11 @@ anything = st.one_of(
 @given(st.lists(anything, min_size=16, max_size=16), anything)
 @settings(deadline=None, max_examples=300)
 def test_whatever_is_asked_every_value_is_finite_and_in_range(wanted, step_s):
-    found = Guard(DEVICE).limited(wanted, step_s)
+    limited = Guard(DEVICE).limited(wanted, step_s)
     controls = [c for a in DEVICE.actuators for c in a.type.controls]
-    assert np.isfinite(found).all()
-    assert (found >= [c.lowest for c in controls]).all()
-    assert (found <= [c.highest for c in controls]).all()
+    assert np.isfinite(limited).all()
+    assert (limited >= [c.lowest for c in controls]).all()
+    assert (limited <= [c.highest for c in controls]).all()
 
 
 @pytest.mark.parametrize(
@@ -62,11 +62,11 @@ def test_what_is_not_one_number_for_each_column_is_silence(wanted: Any):
 
 def test_not_a_number_silences_its_actuator_only():
     guard = Guard(DEVICE)
-    wanted = full(guard)
-    wanted[3] = math.nan  # the second motor's frequency
-    found = guard.limited(wanted, STEP)
-    assert found[2] == 0.0
-    assert strengths(found)[[0, 2, 3, 4, 5, 6, 7]].tolist() == [15.0] * 7
+    expected = full(guard)
+    expected[3] = math.nan  # the second motor's frequency
+    limited = guard.limited(expected, STEP)
+    assert limited[2] == 0.0
+    assert strengths(limited)[[0, 2, 3, 4, 5, 6, 7]].tolist() == [15.0] * 7
 
 
 def test_rises_are_slowed_and_falls_are_not():
@@ -92,14 +92,14 @@ def test_a_set_point_on_the_other_side_of_neutral_rises_from_neutral():
     )
     guard = Guard(device)
     (column,) = [i for i, a in enumerate(device.actuators) if a.type.modality == "temperature"]
-    wanted = guard.neutral.copy()
+    expected = guard.neutral.copy()
     neutral = guard.neutral[column]
-    wanted[column] = neutral + 5.0
+    expected[column] = neutral + 5.0
     for _ in range(10):
-        warm = guard.limited(wanted, STEP)[column]
+        warm = guard.limited(expected, STEP)[column]
     assert warm == neutral + 5.0
-    wanted[column] = neutral - 5.0
-    assert guard.limited(wanted, STEP)[column] == pytest.approx(neutral - 1.0)
+    expected[column] = neutral - 5.0
+    assert guard.limited(expected, STEP)[column] == pytest.approx(neutral - 1.0)
 
 
 def test_what_was_on_too_long_rests():
@@ -132,5 +132,5 @@ def test_wild_values_of_a_whole_minute_stay_in_range():
     low, high = np.array([c.lowest for c in controls]), np.array([c.highest for c in controls])
     wild = rng.normal(0, 200, (3000, 16))
     wild[rng.random(wild.shape) < 0.02] = np.nan
-    found = np.array([guard.limited(row, STEP) for row in wild])
-    assert np.isfinite(found).all() and (found >= low).all() and (found <= high).all()
+    actual = np.array([guard.limited(row, STEP) for row in wild])
+    assert np.isfinite(actual).all() and (actual >= low).all() and (actual <= high).all()

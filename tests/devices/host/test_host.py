@@ -259,25 +259,27 @@ def test_a_port_that_stalls_stops_its_device_only(
         "open_output",
         lambda device, to: stalling if to["kind"] == "stalling" else opened(device, to),
     )
-    told: list[tuple[str, int, str]] = []
-    made = host.Host(lambda event, number=0, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    messages: list[tuple[str, int, str]] = []
+    script_host = host.Host(
+        lambda event, number=0, text="", **_: messages.append((event, number, text))
+    )  # type: ignore[arg-type]
     reading, writing = os.pipe()
     threads = [
-        threading.Thread(target=made.read, args=(os.fdopen(reading, "rb"),)),
-        threading.Thread(target=made.watch),
+        threading.Thread(target=script_host.read, args=(os.fdopen(reading, "rb"),)),
+        threading.Thread(target=script_host.watch),
     ]
-    for each in threads:
-        each.start()
+    for thread in threads:
+        thread.start()
     end = time.monotonic() + PATIENCE_S
 
     def live_until(is_true: Callable[[], object]) -> None:
         while not is_true():
-            assert time.monotonic() < end, told
+            assert time.monotonic() < end, messages
             for number in (1, 2):
                 os.write(writing, message(MessageKind.VALUES, number, encode_values(playing())))
-            if any(event == "frozen" and number == 1 for event, number, _ in told):
+            if any(event == "frozen" and number == 1 for event, number, _ in messages):
                 os.write(writing, message(MessageKind.ARM, 1))  # this process was late itself
-                told[:] = [each for each in told if each[0] != "frozen"]
+                messages[:] = [finding for finding in messages if finding[0] != "frozen"]
             time.sleep(0.005)
 
     try:
@@ -288,16 +290,16 @@ def test_a_port_that_stalls_stops_its_device_only(
                 writing,
                 message(MessageKind.CONNECT, number, wish) + message(MessageKind.ARM, number),
             )
-        live_until(lambda: any(event == "fault" and number == 2 for event, number, _ in told))
-        assert any(number == 2 and "does not answer" in text for _, number, text in told)
+        live_until(lambda: any(event == "fault" and number == 2 for event, number, _ in messages))
+        assert any(number == 2 and "does not answer" in text for _, number, text in messages)
         count = len(rows_of(log))
         live_until(lambda: len(list(filter(is_loud, rows_of(log)[count:]))) > 5)
     finally:
         stalling.go.set()
         os.close(writing)
-        for each in threads:
-            each.join(PATIENCE_S)
-    made.silence("the end")
+        for thread in threads:
+            thread.join(PATIENCE_S)
+    script_host.silence("the end")
     assert not is_loud(rows_of(log)[-1])
 
 

@@ -166,12 +166,12 @@ def test_no_late_answer_of_what_renders_is_played_after(
 def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
     session = Session()
     session.receive(MessageKind.MOMENT, EVERY_DEVICE)
-    other = Played(session.clock)
-    other.thread.arm()
-    session.host.device_threads[1] = other.thread
+    second = Played(session.clock)
+    second.thread.arm()
+    session.host.device_threads[1] = second.thread
     session.host.take_rendered(Message(MessageKind.ANSWER, 1, encode_values(frame())), {})
-    other.run(0.1)
-    assert other.port.last_loud_s() == -1.0
+    second.run(0.1)
+    assert second.port.last_loud_s() == -1.0
 
 
 def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
@@ -242,30 +242,30 @@ def started(
     monkeypatch: pytest.MonkeyPatch,
 ) -> tuple[ScriptProcess, FakeWorker, list[str], FakeClock]:
     """A script that has been started and is ready."""
-    made = FakeWorker.replace(monkeypatch, script_process)
+    workers = FakeWorker.replace(monkeypatch, script_process)
     clock, faults = FakeClock(), []
     script = ScriptProcess({}, faults.append, lambda text: None, clock)
     script.start()
-    return script, made[0], faults, clock
+    return script, workers[0], faults, clock
 
 
 def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found: list[str] = []
+    actual: list[str] = []
     values = encode_values(frame())
     script, worker, faults, _ = started(monkeypatch)
-    script.ask(b"first", lambda values: found.append("first"))
-    script.ask(b"second", lambda values: found.append("second"))  # the first was not told yet
+    script.ask(b"first", lambda values: actual.append("first"))
+    script.ask(b"second", lambda values: actual.append("second"))  # the first was not told yet
     worker.says(MessageKind.READY)
     worker.says(MessageKind.ANSWER, values, 1)
     worker.ends()
-    assert found == ["second"] and faults == ["its script has ended"]
+    assert actual == ["second"] and faults == ["its script has ended"]
     script, worker, faults, _ = started(monkeypatch)
     worker.says(MessageKind.READY)
-    script.ask(b"first", lambda values: found.append("wrong"))
+    script.ask(b"first", lambda values: actual.append("wrong"))
     worker.says(MessageKind.ANSWER, values, 7)
-    assert found == ["second"] and faults == ["its script sent an answer without a question"]
+    assert actual == ["second"] and faults == ["its script sent an answer without a question"]
 
 
 def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once(
@@ -308,11 +308,11 @@ def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
 
 def test_a_pause_of_one_device_leaves_the_others_and_buys_no_time() -> None:
     session = Session()
-    other = Played(session.clock)
-    session.host.device_threads[2] = other.thread
+    second = Played(session.clock)
+    session.host.device_threads[2] = second.thread
     session.stream(0.1)
-    other.thread.feed(frame())
+    second.thread.feed(frame())
     session.receive(MessageKind.PAUSE, 1)
-    run([session.played, other], 0.1)
-    assert not session.played.port.is_loud() and other.port.is_loud()
+    run([session.played, second], 0.1)
+    assert not session.played.port.is_loud() and second.port.is_loud()
     assert session.host.patience_s == HEARTBEAT_S

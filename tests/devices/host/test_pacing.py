@@ -38,9 +38,9 @@ def test_from_frame_to_frame_strengths_go_straight_and_frequencies_jump():
     ramp.aim(playing(0.0), 1.0)
     second = np.tile([8.0, 200.0], 8)
     ramp.aim(second, 1.04)  # the next frame is expected 40 ms later
-    found = np.array([ramp.at(1.04 + k * TICK) for k in range(5)])
-    assert found[:, 0] == pytest.approx([2.0, 4.0, 6.0, 8.0, 8.0])
-    assert (found[:, 1] == 200.0).all()
+    actual = np.array([ramp.at(1.04 + k * TICK) for k in range(5)])
+    assert actual[:, 0] == pytest.approx([2.0, 4.0, 6.0, 8.0, 8.0])
+    assert (actual[:, 1] == 200.0).all()
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 0.3), st.floats(0.0, 15.0)), min_size=1, max_size=20))
@@ -73,8 +73,8 @@ def test_what_is_asked_again_and_again_is_reached_however_late_it_is_looked_at(r
     ramp.aim(playing(), 0.0)
     for k in range(1, 20):  # one look at each frame, on a machine that is busy
         ramp.aim(playing(2.0), k / rate)
-        found = ramp.at(k / rate)
-    assert found[0] == 2.0
+        actual = ramp.at(k / rate)
+    assert actual[0] == 2.0
 
 
 @pytest.mark.parametrize("rate", [24.0, 25.25, 33.6, 50.4])
@@ -84,9 +84,9 @@ def test_the_last_step_of_a_ramp_does_not_wait_for_the_next_frame(rate):
         ramp.aim(playing(8.0 + k), k / rate)
         due = k / rate
         while due < (k + 1) / rate:
-            found, at = ramp.at(due), due
+            actual, at = ramp.at(due), due
             due = ramp.next_s(due + TICK, due)
-        assert found[0] == 8.0 + k and at < (k + 1) / rate
+        assert actual[0] == 8.0 + k and at < (k + 1) / rate
 
 
 def test_silence_is_not_ramped_to_and_only_by_the_actuators_that_are_to_be_silent():
@@ -96,8 +96,8 @@ def test_silence_is_not_ramped_to_and_only_by_the_actuators_that_are_to_be_silen
     values = playing(4.0)
     values[0] = 0.0
     ramp.aim(values, 0.04)
-    found = ramp.at(0.04)
-    assert found[0] == 0.0 and found[2] == 7.0
+    actual = ramp.at(0.04)
+    assert actual[0] == 0.0 and actual[2] == 7.0
 
 
 def test_not_a_number_is_forgotten_with_the_next_frame():
@@ -113,17 +113,17 @@ def test_an_actuator_changes_no_more_often_than_it_can():
     device = updating_every(50.0)
     pace = Pace(device, TICK)
     rng = np.random.default_rng(1)
-    found = np.array([pace.paced(playing(rng.uniform(1, 15)), k * TICK)[0] for k in range(100)])
-    changes = np.flatnonzero(np.diff(found)) + 1
+    actual = np.array([pace.paced(playing(rng.uniform(1, 15)), k * TICK)[0] for k in range(100)])
+    changes = np.flatnonzero(np.diff(actual)) + 1
     assert len(changes) > 15
     assert np.diff(changes).min() >= 5
 
 
 def test_a_contact_shorter_than_an_interval_is_given_when_its_turn_comes():
     pace = Pace(updating_every(50.0), TICK)
-    asked = [2.0, 2.0, 15.0, 2.0, 2.0, 2.0, 2.0, 2.0]
-    found = [pace.paced(playing(s), k * TICK)[0] for k, s in enumerate(asked)]
-    assert found == [2.0] * 5 + [15.0] * 3
+    requests = [2.0, 2.0, 15.0, 2.0, 2.0, 2.0, 2.0, 2.0]
+    actual = [pace.paced(playing(s), k * TICK)[0] for k, s in enumerate(requests)]
+    assert actual == [2.0] * 5 + [15.0] * 3
 
 
 def test_silence_does_not_wait_for_an_interval():

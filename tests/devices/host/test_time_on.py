@@ -62,7 +62,7 @@ class Tally:
     def connected(self) -> Guard:
         guard = Guard(self.device)
         if self.accounts:
-            guard.share([BudgetUse(each, self.names) for each in self.accounts])
+            guard.share([BudgetUse(account, self.names) for account in self.accounts])
         return guard
 
     def pass_time(self, seconds: float) -> None:
@@ -76,9 +76,9 @@ class Tally:
 
     def step(self, amplitude: float, step_s: float = STEP_S) -> bool:
         self.pass_time(step_s)
-        wanted = self.guard.neutral.copy()
-        wanted[::2] = amplitude
-        self._is_on = bool(self.guard.limited(wanted, step_s)[0])
+        expected = self.guard.neutral.copy()
+        expected[::2] = amplitude
+        self._is_on = bool(self.guard.limited(expected, step_s)[0])
         return self._is_on
 
     def stop(self, played_s: float, now_s: float) -> None:
@@ -111,8 +111,8 @@ def test_short_silences_empty_the_account_by_their_share_only(every):
 def test_who_rests_by_himself_enough_is_never_held_off():
     tally = Tally(limited(2.0, 1.0))
     for k in range(3000):
-        wanted = 15.0 if k % 200 < 100 else 0.0
-        assert tally.step(wanted) == bool(wanted)
+        expected = 15.0 if k % 200 < 100 else 0.0
+        assert tally.step(expected) == bool(expected)
 
 
 def test_weak_counts_as_strong_does():
@@ -135,9 +135,9 @@ def test_a_stall_allows_no_more_than_a_short_step_does():
     at = {}
     for stall_s in (0.05, 3.0, 1e9):
         guard = Guard(limited(math.inf, 1.0, slew_per_s=10.0))
-        wanted = np.tile([15.0, 100.0], 8)
-        guard.limited(wanted, 0.02)
-        at[stall_s] = guard.limited(wanted, stall_s)[0]
+        expected = np.tile([15.0, 100.0], 8)
+        guard.limited(expected, 0.02)
+        at[stall_s] = guard.limited(expected, stall_s)[0]
     assert at[0.05] == at[3.0] == at[1e9] == pytest.approx(0.2 + 0.5)
 
 
@@ -146,8 +146,8 @@ def test_a_clock_that_stands_is_no_rest_and_ends_what_is_on(step_s):
     tally = Tally(limited(2.0, 1.0))
     for _ in range(150):
         tally.step(15.0)
-    wanted = np.tile([15.0, 100.0], 8)
-    while tally.guard.limited(wanted, step_s)[0]:
+    expected = np.tile([15.0, 100.0], 8)
+    while tally.guard.limited(expected, step_s)[0]:
         pass
     for _ in range(1000):
         tally.guard.limited(tally.guard.neutral, step_s)  # no rest
@@ -213,14 +213,14 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 60)), max_size=30))
 def test_two_connections_of_one_device_share_one_account(pieces):
     account = DutyBudget()
-    one, other = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
-    for each in (one, other):
-        each.guard.record_rest(1000.0)
-        each.guard.reset()
+    one, alternative = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
+    for item in (one, alternative):
+        item.guard.record_rest(1000.0)
+        item.guard.reset()
     on_s = off_s = 0.0
     for first, second, times in pieces:
         for _ in range(times):
-            is_on = [one.step(15.0 * first), other.step(15.0 * second)]
+            is_on = [one.step(15.0 * first), alternative.step(15.0 * second)]
             on_s += STEP_S * any(is_on)
             off_s += STEP_S * (not any(is_on))
     assert on_s <= 1.0 * (1.0 + off_s / 0.5) + 3.0 * STEP_S
@@ -231,14 +231,14 @@ def test_two_connections_of_one_device_share_one_account(pieces):
 
 def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
     """Accounts of a device that was on for so long and was stopped then."""
-    kept, now_s = DutyBudgetStore(folder, clock), clock.now()
-    tally = Tally(limited(2.0, 1.0), (kept.budget("it"),))
+    stored, now_s = DutyBudgetStore(folder, clock), clock.now()
+    tally = Tally(limited(2.0, 1.0), (stored.budget("it"),))
     tally.guard.record_rest(now_s)
     tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
         tally.step(15.0)
     tally.guard.record_silence(0.0, now_s)
-    return kept
+    return stored
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
@@ -261,10 +261,10 @@ def clock() -> FakeClock:
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     """The clock that users set."""
-    found = FakeClock()
-    found.now_s = 1e9
-    monkeypatch.setattr(duty_budget_store, "time", type("Time", (), {"time": found.now}))
-    return found
+    fake_clock = FakeClock()
+    fake_clock.now_s = 1e9
+    monkeypatch.setattr(duty_budget_store, "time", type("Time", (), {"time": fake_clock.now}))
+    return fake_clock
 
 
 def test_an_account_outlives_its_process(tmp_path, clock, wall):
@@ -290,12 +290,12 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotoni
 
 
 def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
-    kept = DutyBudgetStore(tmp_path, clock)
-    tally = Tally(limited(2.0, 1.0), (kept.budget("it"),))
+    budget_store = DutyBudgetStore(tmp_path, clock)
+    tally = Tally(limited(2.0, 1.0), (budget_store.budget("it"),))
     tally.guard.record_rest(1000.0)
     tally.guard.reset()
     tally.step(15.0)
-    kept.save()  # and no more
+    budget_store.save()  # and no more
     assert left_s(tmp_path, clock) == 0.0
 
 
@@ -311,9 +311,9 @@ def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
 
 def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
     (tmp_path / "file").write_text("")
-    kept = used(tmp_path / "file" / "folder", 1.5, clock)
-    kept.save()
-    kept.save()
+    stored = used(tmp_path / "file" / "folder", 1.5, clock)
+    stored.save()
+    stored.save()
     assert len(caplog.records) <= 2  # told once when read, once when written
 
 
@@ -321,7 +321,7 @@ def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
 
 
 def names_of(found: Sequence[Identity]) -> list[str]:
-    return [each.name for each in found]
+    return [entry.name for entry in found]
 
 
 USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
@@ -330,27 +330,27 @@ USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
     for each in (USB, replace(USB, name="/dev/ttyACM7")):
         monkeypatch.setattr(duty_budget_store, "serial_ports", lambda each=each: [each])
-        found = identities(BAND, {"kind": "serial", "port": each.name})
-        assert names_of(found) == ["usb 2341:0043 75"]
+        actual = identities(BAND, {"kind": "serial", "port": each.name})
+        assert names_of(actual) == ["usb 2341:0043 75"]
 
 
 def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monkeypatch):
     monkeypatch.setattr(duty_budget_store, "serial_ports", list)
-    found = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
-    assert names_of(found) == ["port /dev/ttyACM0", "device forearm_band_left"]
+    actual = identities(BAND, {"kind": "serial", "port": "/dev/ttyACM0"})
+    assert names_of(actual) == ["port /dev/ttyACM0", "device forearm_band_left"]
 
 
 def test_a_simulator_is_known_by_its_configuration_whatever_its_log():
     targets: list[dict[str, Any]] = [{"kind": "simulator"}, {"kind": "simulator", "path": "a"}]
-    assert len({identities(BAND, each) for each in targets}) == 1
+    assert len({identities(BAND, target) for target in targets}) == 1
     assert identities(BAND, {}) != identities(load_device("forearm_band_right"), {})
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1", "LOCALHOST"])
 def test_a_program_on_this_computer_is_one_by_whatever_name(host):
     device = load_device("bhaptics_tactosy_left")
-    found = identities(device, {"kind": "websocket", "host": host})
-    assert found == identities(device, {"kind": "websocket"})
+    actual = identities(device, {"kind": "websocket", "host": host})
+    assert actual == identities(device, {"kind": "websocket"})
 
 
 def osc(
@@ -396,16 +396,16 @@ def test_a_copy_under_another_id_drives_the_same_hardware(tmp_path, target, addr
 
 def test_actuators_are_known_by_their_addresses_in_whatever_order(tmp_path):
     one, two = osc(tmp_path / "d", "one"), osc(tmp_path / "d", "two", reverse=True)
-    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
-    assert first.name == other.name and first.slots == other.slots[::-1]
+    (first,), (alternative,) = (identities(item, {"kind": "udp"}) for item in (one, two))
+    assert first.name == alternative.name and first.slots == alternative.slots[::-1]
     assert len(set(first.slots)) == len(one.actuators)
 
 
 def test_another_place_behind_the_same_port_is_other_hardware(tmp_path):
     one = osc(tmp_path / "d", "one")
     two = osc(tmp_path / "d", "two", "/second/{actuator}/{control}")
-    (first,), (other,) = (identities(each, {"kind": "udp"}) for each in (one, two))
-    assert first.name == other.name and not set(first.slots) & set(other.slots)
+    (first,), (alternative,) = (identities(item, {"kind": "udp"}) for item in (one, two))
+    assert first.name == alternative.name and not set(first.slots) & set(alternative.slots)
 
 
 def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
@@ -417,7 +417,7 @@ def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
         actuators=vest.actuators[:20],
         output=replace(vest.output, encoder=replace(vest.output.encoder, dots=dots[:20])),
     )
-    (whole,), (part,) = (identities(each, {"kind": "websocket"}) for each in (vest, half))
+    (whole,), (part,) = (identities(item, {"kind": "websocket"}) for item in (vest, half))
     assert whole.name == part.name and part.slots == whole.slots[:20]
 
 
@@ -433,11 +433,11 @@ def test_a_link_to_a_port_is_the_port(tmp_path, monkeypatch):
     monkeypatch.setattr(duty_budget_store, "serial_ports", list)
     (tmp_path / "by-id").symlink_to("/dev/null")
     for name in (tmp_path / "by-id", "/dev/null"):
-        found = identities(BAND, {"kind": "serial", "port": str(name)})
-        assert found[0].name == "port /dev/null"
+        actual = identities(BAND, {"kind": "serial", "port": str(name)})
+        assert actual[0].name == "port /dev/null"
     names = [
-        identities(BAND, {"kind": "serial", "port": f"/dev/{each}.usbmodem1"})[0].name
-        for each in ("tty", "cu")  # macOS has both for one port
+        identities(BAND, {"kind": "serial", "port": f"/dev/{item}.usbmodem1"})[0].name
+        for item in ("tty", "cu")  # macOS has both for one port
     ]
     assert len(set(names)) == 1
 
@@ -447,37 +447,37 @@ def test_channels_of_sound_cards_are_hardware():
         {"kind": "audio"},
         {"kind": "audio", "interface": "3", "first_channel": 2},
     ]
-    (first,), (shifted,) = (identities(BAND, each) for each in targets)
+    (first,), (shifted,) = (identities(BAND, target) for target in targets)
     assert first.name == shifted.name and first.slots[1:] == shifted.slots[:-1]
 
 
 def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
-    found = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
-    one, other = DutyBudgetStore(tmp_path, clock), DutyBudgetStore(tmp_path, clock)
-    with one.claimed(found):
-        with pytest.raises(OutputLostError, match="another process"), other.claimed(found):
+    actual = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
+    one, alternative = DutyBudgetStore(tmp_path, clock), DutyBudgetStore(tmp_path, clock)
+    with one.claimed(actual):
+        with pytest.raises(OutputLostError, match="another process"), alternative.claimed(actual):
             pass
-        with one.claimed(found):  # another device of the same process
+        with one.claimed(actual):  # another device of the same process
             pass
-        with pytest.raises(OutputLostError, match="another process"), other.claimed(found):
+        with pytest.raises(OutputLostError, match="another process"), alternative.claimed(actual):
             pass
-    with other.claimed(found):
+    with alternative.claimed(actual):
         pass
 
 
 def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
     """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
-    device, found = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
+    device, actual = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
     processes = [DutyBudgetStore(tmp_path, clock) for _ in range(2)]
     on_s = []
     for process, steps in ((processes[0], 80), (processes[1], 70), (processes[0], 1000)):
-        with process.claimed(found) as uses:
+        with process.claimed(actual) as uses:
             guard = Guard(device)
             guard.share(uses)
             guard.record_rest(clock.now())
             guard.reset()
-            wanted = np.tile([15.0, 100.0], 8)
-            done = [bool(guard.limited(wanted, STEP_S)[0]) for _ in range(steps)]
+            expected = np.tile([15.0, 100.0], 8)
+            done = [bool(guard.limited(expected, STEP_S)[0]) for _ in range(steps)]
             on_s.append(STEP_S * (done.index(False) if False in done else steps))
             guard.record_silence(0.0, clock.now())
     assert on_s == pytest.approx([0.8, 0.7, 0.5])
@@ -485,27 +485,27 @@ def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
 
 def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
     """Each is on for its 2 s, and rests while the other plays."""
-    kept, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
+    stored, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
     names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
-    wanted = np.tile([15.0, 100.0], 8)
+    expected = np.tile([15.0, 100.0], 8)
     with (
-        kept.claimed([Identity("udp x", names[0])]) as a,
-        kept.claimed([Identity("udp x", names[1])]) as b,
+        stored.claimed([Identity("udp x", names[0])]) as a,
+        stored.claimed([Identity("udp x", names[1])]) as b,
     ):
-        one, other = Guard(device), Guard(device)
-        for guard, uses in ((one, a), (other, b)):
+        one, alternative = Guard(device), Guard(device)
+        for guard, uses in ((one, a), (alternative, b)):
             guard.share(uses)
             guard.record_rest(clock.now())
             guard.reset()
-        first = [bool(one.limited(wanted, STEP_S)[0]) for _ in range(201)]
+        first = [bool(one.limited(expected, STEP_S)[0]) for _ in range(201)]
         second = []
         for _ in range(200):
             one.limited(one.neutral, STEP_S)
-            second.append(bool(other.limited(wanted, STEP_S)[0]))
+            second.append(bool(alternative.limited(expected, STEP_S)[0]))
         third = []
         for _ in range(200):
-            third.append(bool(one.limited(wanted, STEP_S)[0]))
-            other.limited(other.neutral, STEP_S)
+            third.append(bool(one.limited(expected, STEP_S)[0]))
+            alternative.limited(alternative.neutral, STEP_S)
     assert first == [True] * 200 + [False]
     assert all(second) and all(third)
 
@@ -565,7 +565,7 @@ def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, bet
         kind["maximum_on_s"], kind["rest_s"] = 1.0, 3600.0
     (folder / "mine.json").write_text(json.dumps({**content, "id": "mine"}))
     logs = [tmp_path / f"{k}.jsonl" for k in range(3)]
-    wanted = np.tile([10.0, 100.0], 8)
+    expected = np.tile([10.0, 100.0], 8)
 
     def connect(log: Path) -> None:
         client.connect("it", "mine_left", {"kind": "simulator", "path": str(log)}, folder=folder)
@@ -581,7 +581,7 @@ def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, bet
             wait(
                 client,
                 lambda until=until: time.monotonic() > until,
-                lambda client=client: client.send("it", wanted),
+                lambda client=client: client.send("it", expected),
             )
             if between == "stop":
                 client.stop_all()

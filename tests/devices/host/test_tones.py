@@ -39,10 +39,12 @@ def values(amplitude: float, hz: float = LOW) -> np.ndarray:
 
 def tones(*pairs: tuple[float, float]) -> Tones:
     """Tones 0, 1, ... of amplitude and frequency at every actuator."""
-    found = np.array(pairs, np.float64).reshape(-1, 2)
+    actual = np.array(pairs, np.float64).reshape(-1, 2)
     ones = np.ones(WIDTH)
     return Tones(
-        np.arange(len(pairs)), found[:, :1] * ones[None], np.clip(found[:, 1:], 0, 1e9) * ones[None]
+        np.arange(len(pairs)),
+        actual[:, :1] * ones[None],
+        np.clip(actual[:, 1:], 0, 1e9) * ones[None],
     )
 
 
@@ -61,32 +63,32 @@ def strength_of(found: Tones, hz: float) -> float:
 
 
 def test_a_frame_with_tones_is_played_as_their_sum():
-    found = played(Sounding(PAD), both())
-    assert strength_of(found, LOW) == pytest.approx(3.0)
-    assert strength_of(found, HIGH) == pytest.approx(2.0)
+    actual = played(Sounding(PAD), both())
+    assert strength_of(actual, LOW) == pytest.approx(3.0)
+    assert strength_of(actual, HIGH) == pytest.approx(2.0)
 
 
 def test_values_without_tones_are_one_tone():
-    found = played(Sounding(PAD), values(4.0, 120.0))
-    assert found.numbers.tolist() == [LONE]
-    assert found.amplitudes[0].tolist() == [4.0] * WIDTH
-    assert found.frequencies_hz[0].tolist() == [120.0] * WIDTH
+    actual = played(Sounding(PAD), values(4.0, 120.0))
+    assert actual.numbers.tolist() == [LONE]
+    assert actual.amplitudes[0].tolist() == [4.0] * WIDTH
+    assert actual.frequencies_hz[0].tolist() == [120.0] * WIDTH
 
 
 def test_strengths_of_tones_go_straight_and_what_is_gone_fades():
     sounding = Sounding(PAD)
     played(sounding, both(3.0, 2.0))
     columns = sounding.split(frame_of(values(6.0), tones((6.0, LOW))))
-    found = sounding.at(0.5, columns, columns)
-    assert strength_of(found, LOW) == pytest.approx(4.5)
-    assert strength_of(found, HIGH) == pytest.approx(1.0)
+    actual = sounding.at(0.5, columns, columns)
+    assert strength_of(actual, LOW) == pytest.approx(4.5)
+    assert strength_of(actual, HIGH) == pytest.approx(1.0)
 
 
 def test_tones_are_turned_down_as_the_guard_turns_down_their_strength():
     sounding = Sounding(PAD)
     columns = sounding.split(both(3.0, 2.0))
-    found = sounding.at(1.0, columns, 0.5 * columns)
-    assert strength_of(found, LOW) == pytest.approx(1.5)
+    actual = sounding.at(1.0, columns, 0.5 * columns)
+    assert strength_of(actual, LOW) == pytest.approx(1.5)
     silent = sounding.at(1.0, columns, values(0.0))
     assert not silent.amplitudes.any()
 
@@ -96,8 +98,8 @@ def test_a_test_pulse_is_heard_where_no_tone_sounds():
     silent = sounding.split(values(0.0))
     pulse = silent.copy()
     pulse[4] = 2.0
-    found = sounding.at(1.0, silent, pulse)
-    assert found.amplitudes.sum(axis=0).tolist() == [0.0, 0.0, 2.0] + [0.0] * (WIDTH - 3)
+    actual = sounding.at(1.0, silent, pulse)
+    assert actual.amplitudes.sum(axis=0).tolist() == [0.0, 0.0, 2.0] + [0.0] * (WIDTH - 3)
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
@@ -111,14 +113,14 @@ def test_whatever_the_tones_are_their_sum_keeps_the_limits(pairs, strength, shar
     sounding = Sounding(PAD)
     frame = frame_of(values(5.0), tones(*pairs))
     with np.errstate(all="ignore"):
-        asked = sounding.split(frame)
+        requests = sounding.split(frame)
         passed = values(min(max(np.nan_to_num(strength), 0.0), MOST))
-        found = sounding.at(share, asked, passed)
+        actual = sounding.at(share, requests, passed)
     frequency = PAD.actuators[0].type.controls[1]
-    assert np.isfinite(found.amplitudes).all() and (found.amplitudes >= 0.0).all()
-    assert (found.amplitudes.sum(axis=0) <= MOST * (1.0 + 1e-12)).all()
-    assert (found.frequencies_hz >= frequency.lowest).all()
-    assert (found.frequencies_hz <= frequency.highest).all()
+    assert np.isfinite(actual.amplitudes).all() and (actual.amplitudes >= 0.0).all()
+    assert (actual.amplitudes.sum(axis=0) <= MOST * (1.0 + 1e-12)).all()
+    assert (actual.frequencies_hz >= frequency.lowest).all()
+    assert (actual.frequencies_hz <= frequency.highest).all()
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((2, 20)), np.zeros(2 * WIDTH + 5)])
@@ -140,11 +142,11 @@ def partial(name: str, amplitude: float, hz: float) -> Partial:
 
 def test_effects_of_one_frequency_are_one_tone_and_of_too_many_the_strongest_stay():
     numbers = {f"e{k}": k for k in range(100)}
-    found = of_partials(
+    actual = of_partials(
         [partial("e3", 1.0, LOW), partial("e5", 2.0, HIGH), partial("e7", 4.0, LOW)], numbers, 2
     )
-    assert found.numbers.tolist() == [3, 5]
-    assert found.amplitudes[:, 0].tolist() == [5.0, 2.0]
+    assert actual.numbers.tolist() == [3, 5]
+    assert actual.amplitudes[:, 0].tolist() == [5.0, 2.0]
     many = [partial(f"e{k}", 1.0 + k, 50.0 + 2 * k) for k in range(100)]
     assert sorted(of_partials(many, numbers, 2).numbers) == list(range(100 - MAX_TONES, 100))
 
@@ -174,9 +176,9 @@ class Stream:
     def close(self) -> None: ...
 
     def ask(self, count: int) -> np.ndarray:
-        found = np.zeros((count, self.settings["channels"]), np.float32)
-        self.settings["callback"](found, count, None, None)
-        return found
+        expected = np.zeros((count, self.settings["channels"]), np.float32)
+        self.settings["callback"](expected, count, None, None)
+        return expected
 
 
 @pytest.fixture
@@ -248,23 +250,23 @@ def test_sums_are_alike_at_any_block_size(sizes):
     total = sum(sizes)
 
     def sound(blocks: list[int]) -> np.ndarray:
-        made = SumOfTones(["sine"] * WIDTH, RATE_HZ)
-        made.aim(tones((0.4, LOW), (0.3, HIGH)))
-        first = np.concatenate([made.block(count) for count in blocks])
-        made.aim(tones((0.1, 90.0)))
-        return np.concatenate([first, *(made.block(count) for count in blocks)])
+        created = SumOfTones(["sine"] * WIDTH, RATE_HZ)
+        created.aim(tones((0.4, LOW), (0.3, HIGH)))
+        first = np.concatenate([created.block(count) for count in blocks])
+        created.aim(tones((0.1, 90.0)))
+        return np.concatenate([first, *(created.block(count) for count in blocks)])
 
     np.testing.assert_allclose(sound(sizes), sound([total]), atol=1e-9)
 
 
 def test_tones_of_one_frequency_are_in_phase_however_they_begin():
-    made = SumOfTones(["sine"], RATE_HZ)
+    created = SumOfTones(["sine"], RATE_HZ)
     one = np.array([[0.4]]), np.array([[LOW]])
-    made.aim(Tones(np.array([0]), *one))
-    made.block(1234)
-    made.aim(Tones(np.array([0, 1]), *(np.vstack([each, each]) for each in one)))
-    made.block(4800)
-    assert np.abs(made.block(RATE_HZ // 10)).max() == pytest.approx(0.8, abs=1e-3)
+    created.aim(Tones(np.array([0]), *one))
+    created.block(1234)
+    created.aim(Tones(np.array([0, 1]), *(np.vstack([item, item]) for item in one)))
+    created.block(4800)
+    assert np.abs(created.block(RATE_HZ // 10)).max() == pytest.approx(0.8, abs=1e-3)
 
 
 class Ears:
@@ -297,7 +299,9 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     now = SYSTEM.now()
     for k in range(8):
         thread.step(now + 0.01 * k, 0.01, newest if k == 0 else None, thread.generation)
-    sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
+    sums = [
+        np.hypot(strength_of(message, LOW), strength_of(message, HIGH)) for message in ears.heard
+    ]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
 
@@ -314,5 +318,7 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     now = SYSTEM.now()
     for k in range(3):
         thread.step(now + 0.01 * k, 0.01, frame if k == 0 else None, thread.generation)
-    sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
+    sums = [
+        np.hypot(strength_of(message, LOW), strength_of(message, HIGH)) for message in ears.heard
+    ]
     assert sums == pytest.approx([1.0, 2.0, 3.0])

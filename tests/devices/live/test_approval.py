@@ -24,20 +24,20 @@ SCRIPT = "def render(haptics):\n    return haptics.values * 0.5\n"
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's own devices, each with a script; none is approved."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
-    made = tmp_path / "devices"
-    made.mkdir()
-    monkeypatch.setenv("HFX_DEVICES", str(made))
+    path = tmp_path / "devices"
+    path.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(path))
     text = (resources.device_configs() / "forearm_band.json").read_text()
     for name in ("one", "two"):
-        (made / f"{name}.json").write_text(text.replace('"forearm_band"', f'"{name}"'))
-        (made / f"{name}.py").write_text(f"# {name}\n{SCRIPT}")
-    return made
+        (path / f"{name}.json").write_text(text.replace('"forearm_band"', f'"{name}"'))
+        (path / f"{name}.py").write_text(f"# {name}\n{SCRIPT}")
+    return path
 
 
 def script(name: str) -> approval.DeviceScript:
-    found = approval.script_of(f"{name}_left")
-    assert found is not None
-    return found
+    actual = approval.script_of(f"{name}_left")
+    assert actual is not None
+    return actual
 
 
 def test_a_withdrawal_takes_back_this_approval_only(folder):
@@ -65,15 +65,15 @@ def test_many_who_approve_at_once_lose_nothing(folder):
     begin = threading.Barrier(len(names))
 
     def work(name: str) -> None:
-        found = script(name)
+        actual = script(name)
         begin.wait()
-        approval.approve(found)
+        approval.approve(actual)
 
     threads = [threading.Thread(target=work, args=(name,)) for name in names]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
     assert all(script(name).is_approved for name in names)
 
 
@@ -105,18 +105,18 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
         folder=folder,
         script=script("one").as_request(),
     )
-    told = encode_haptics(1.5, [], playing())
+    haptics = encode_haptics(1.5, [], playing())
     wait(
         client,
         lambda: any(map(is_loud, rows_of(log))),
-        lambda: client.send_haptics("it", told),
+        lambda: client.send_haptics("it", haptics),
     )
     cli.run(["device", "revoke", "two_left"])  # of another: it plays on
     count = len(rows_of(log))
     wait(
         client,
         lambda: any(map(is_loud, rows_of(log)[count:])),
-        lambda: client.send_haptics("it", told),
+        lambda: client.send_haptics("it", haptics),
     )
     named = "one_left" if by == "name" else script("one").fingerprint[:12]
     assert cli.run(["device", "revoke", named]) == 0
@@ -124,7 +124,7 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
     assert not client.devices["it"].is_armed
     assert not is_loud(rows_of(log)[-1])
     client.arm("it")
-    wait(client, lambda: any("withdrawn" in each.text for each in client.events()))
+    wait(client, lambda: any("withdrawn" in event.text for event in client.events()))
     assert not client.devices["it"].is_armed
 
 
@@ -144,7 +144,7 @@ def test_the_command_line_shows_approves_lists_and_withdraws(folder, capsys):
     assert code == 0 and str(folder / "one.py") in out and mark in out
     assert script("one").is_approved and not script("two").is_approved
     listed = json.loads(hfx(capsys, "scripts", "--json")[1])["scripts"]
-    assert {each["hash"]: each["is_approved"] for each in listed} == {
+    assert {item["hash"]: item["is_approved"] for item in listed} == {
         mark: True,
         script("two").fingerprint: False,
     }

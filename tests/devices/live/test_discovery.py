@@ -62,7 +62,7 @@ def test_what_is_not_there_is_told_with_what_is(wanted):
 
 def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
     on_both = found_devices([device()], PORTS)
-    assert [each.port for each in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
+    assert [item.port for item in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
     assert found_devices([device("OTHER-*"), replace(device(), brand=None)], PORTS) == [
         Found(BAND, "/dev/ttyACM1", "a board", "OTHER-3")
     ]
@@ -103,24 +103,24 @@ def test_each_device_of_a_buttplug_server_is_listed(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(buttplug, "devices_at", lambda host, port: served)
     how = ButtplugEncoder("Lush", ((0, "Vibrate"),))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", 12345))
-    found = found_devices([replace(device(), output=output)], [])
-    assert [each.unit for each in found] == ["Lush (left)", "Lush #4", "Lush #5"]
-    assert found[0].description == "Lush (left) at a program on 127.0.0.1:12345"
+    actual = found_devices([replace(device(), output=output)], [])
+    assert [entry.unit for entry in actual] == ["Lush (left)", "Lush #4", "Lush #5"]
+    assert actual[0].description == "Lush (left) at a program on 127.0.0.1:12345"
 
 
 def test_programs_are_asked_once_for_all_devices_behind_them(monkeypatch):
     behind = [load_device("bhaptics_tactsuit_x40"), load_device("bhaptics_tactosy_left")]
-    asked: list[tuple[str, int]] = []
+    requests: list[tuple[str, int]] = []
 
     def answering(host: str, port: int) -> bool:
-        asked.append((host, port))
+        requests.append((host, port))
         return True
 
     monkeypatch.setattr(discovery, "answers", answering)
-    found = found_devices(behind, [])
-    assert [each.device for each in found] == [each.id for each in behind]
-    assert {each.port for each in found} == {""}  # as configured
-    assert len(asked) == 1
+    actual = found_devices(behind, [])
+    assert [entry.device for entry in actual] == [item.id for item in behind]
+    assert {entry.port for entry in actual} == {""}  # as configured
+    assert len(requests) == 1
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
     assert found_devices(behind, []) == []
 

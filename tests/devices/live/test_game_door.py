@@ -48,10 +48,10 @@ class Game:
 
 @pytest.fixture
 def game() -> Iterator[Game]:
-    found = Game()
-    yield found
-    found.socket.close()
-    found.door.close()
+    actual = Game()
+    yield actual
+    actual.socket.close()
+    actual.door.close()
 
 
 def datagram(number: int, strength: float, token: bytes = TOKEN, count: int = COLUMNS) -> bytes:

@@ -149,9 +149,9 @@ def test_late_actuators_are_given_later_samples(track: Path) -> None:
     with PlayedTrack(track) as played:
         sent = played.frame(0.45, later_s={40.0: 0.49, 60.0: 0.51})
         assert not sent.runs and not sent.later[40.0]
-        found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
-    assert list(found.runs) == [] and list(found.later[40.0]) == []
-    (later,) = found.later[60.0]
+        live_frame = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
+    assert list(live_frame.runs) == [] and list(live_frame.later[40.0]) == []
+    (later,) = live_frame.later[60.0]
     assert later.parameters.tolist() == [[10.0, 100.0]]
     assert len(later.vertices) == len(felt(STREAMS[0], 1.0, 1.0).vertices)
 

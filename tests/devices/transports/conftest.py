@@ -20,15 +20,15 @@ class Terminal:
         self.name = os.ttyname(self.slave)
 
     def read(self, wait_s=0.2, least=1):
-        found = b""
-        while len(found) < least and select.select([self.master], [], [], wait_s)[0]:
-            found += os.read(self.master, 65536)
-        return found
+        actual = b""
+        while len(actual) < least and select.select([self.master], [], [], wait_s)[0]:
+            actual += os.read(self.master, 65536)
+        return actual
 
     def close(self):
-        for each in (self.master, self.slave):
-            if each is not None:
-                os.close(each)
+        for item in (self.master, self.slave):
+            if item is not None:
+                os.close(item)
         self.master = self.slave = None
 
     def vanish(self):
@@ -37,10 +37,10 @@ class Terminal:
 
 @pytest.fixture
 def terminal():
-    found = Terminal()
-    yield found
-    if found.master is not None:
-        found.close()
+    actual = Terminal()
+    yield actual
+    if actual.master is not None:
+        actual.close()
 
 
 @pytest.fixture(autouse=True)

@@ -43,8 +43,8 @@ def serve() -> Iterator[Any]:
         return servers[-1]
 
     yield started
-    for each in servers:
-        each.close()
+    for item in servers:
+        item.close()
 
 
 @pytest.mark.parametrize(

@@ -52,13 +52,13 @@ def test_a_board_answers_its_configuration_and_plays(board):
 def test_values_without_or_for_another_configuration_are_refused(board):
     play(board, 0)
     assert board.levels == SILENT
-    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+    assert [wire.decode_stopped(reply.payload) for reply in board.replies()] == [Reason.REFUSED]
     crc = configured(board)
     play(board, crc)
     board.replies()
     play(board, crc ^ 1, sequence=2)
     assert board.levels == SILENT
-    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+    assert [wire.decode_stopped(reply.payload) for reply in board.replies()] == [Reason.REFUSED]
 
 
 def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(board):
@@ -69,7 +69,7 @@ def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(b
     board.replies()
     board.wait(1)
     assert board.levels == SILENT
-    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.NO_VALUES]
+    assert [wire.decode_stopped(reply.payload) for reply in board.replies()] == [Reason.NO_VALUES]
     play(board, crc, sequence=2)
     assert board.levels == SILENT
     crc = configured(board, session=2)
@@ -107,7 +107,7 @@ def test_stop_is_always_taken_and_disarms(board):
     board.replies()
     board.take(wire.encode_frame(FrameKind.STOP, 3))  # an old number does not matter
     assert board.levels == SILENT
-    assert [wire.decode_stopped(each.payload) for each in board.replies()] == [Reason.ASKED]
+    assert [wire.decode_stopped(reply.payload) for reply in board.replies()] == [Reason.ASKED]
     play(board, crc, sequence=501)
     assert board.levels == SILENT
 
@@ -343,8 +343,8 @@ def test_garbage_never_makes_a_sound_or_a_crash(library, pieces):
 def test_any_stuffed_bytes_are_understood_as_python_does(library, content):
     board = Board(library)
     board.take(content + b"\0")
-    found = wire.decode_frame(content)
-    if found is None or found.kind not in (FrameKind.STOP, FrameKind.VALUES, FrameKind.CONFIGURE):
+    frame = wire.decode_frame(content)
+    if frame is None or frame.kind not in (FrameKind.STOP, FrameKind.VALUES, FrameKind.CONFIGURE):
         assert board.replies() == []
 
 

@@ -26,21 +26,21 @@ VALUES = np.tile([1.0, 100.0], 8)
 
 def opened(kind: str, path: Path):
     """An open output, which must not take its time."""
-    found: list[object] = []
+    actual: list[object] = []
 
     def work() -> None:
         try:
-            found.append(open_output(BAND, {"kind": kind, "path": str(path)}))
+            actual.append(open_output(BAND, {"kind": kind, "path": str(path)}))
         except OutputLostError as error:
-            found.append(error)
+            actual.append(error)
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     thread.join(10.0)
-    assert found, "it hangs"
-    if isinstance(found[0], OutputLostError):
-        raise found[0]
-    return found[0]
+    assert actual, "it hangs"
+    if isinstance(actual[0], OutputLostError):
+        raise actual[0]
+    return actual[0]
 
 
 def test_a_log_that_has_another_name_stays_as_it_is(tmp_path):

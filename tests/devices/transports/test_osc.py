@@ -21,13 +21,13 @@ def read(content):
     """
     if content.startswith(b"#bundle\0"):
         assert content[8:16] == bytes(7) + b"\1"  # "immediately"
-        found, at = [], 16
+        actual, at = [], 16
         while at < len(content):
             size = int.from_bytes(content[at : at + 4], "big")
-            found += read(content[at + 4 : at + 4 + size])
+            actual += read(content[at + 4 : at + 4 + size])
             at += 4 + size
         assert at == len(content)
-        return found
+        return actual
     address, at = read_string(content, 0)
     types, at = read_string(content, at)
     assert types == ",f" and len(content) == at + 4 and len(content) % 4 == 0
@@ -44,10 +44,10 @@ def read_string(content, at):
 
 @pytest.fixture
 def listener():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        found.settimeout(60.0)
-        yield found
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as actual:
+        actual.bind(("127.0.0.1", 0))
+        actual.settimeout(60.0)
+        yield actual
 
 
 def opened(listener, how, *types, **facts):
@@ -56,10 +56,10 @@ def opened(listener, how, *types, **facts):
 
 
 def received(listener, datagrams=1):
-    found = []
+    actual = []
     for _ in range(datagrams):
-        found += read(listener.recv(65536))
-    return found
+        actual += read(listener.recv(65536))
+    return actual
 
 
 def test_a_message_is_these_bytes():  # after the examples of the specification
@@ -116,12 +116,12 @@ def test_a_large_device_goes_in_datagrams_that_pass_a_network(listener):
     how = OscEncoder(("/hfx/{device}/{actuator}",), True, True)
     output = opened(listener, how, *[vibration(fixed=True)] * count)
     output.send(np.tile([5.0, 175.0], count))
-    found = {}
-    while len(found) < count:
+    actual = {}
+    while len(actual) < count:
         content = listener.recv(65536)
         assert len(content) <= MAX_DATAGRAM
-        found.update(read(content))
-    assert found == {f"/hfx/bench/a{i}": [0.5] for i in range(count)}
+        actual.update(read(content))
+    assert actual == {f"/hfx/bench/a{i}": [0.5] for i in range(count)}
     output.close()
 
 

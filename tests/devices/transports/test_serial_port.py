@@ -113,7 +113,7 @@ def test_a_frame_is_finished_before_the_newest_one_follows(terminal):
     content += terminal.read(wait_s=0.1, least=1 << 20)
     assert content.endswith(b"Z")
     body = content[:-1]
-    assert all(body.count(each) in (0, 1000) for each in {bytes([b]) for b in body})
+    assert all(body.count(byte) in (0, 1000) for byte in {bytes([b]) for b in body})
     port.close()
 
 

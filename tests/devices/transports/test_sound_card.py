@@ -42,9 +42,9 @@ class Stream:
         self.calls.append("close")
 
     def ask(self, count: int) -> np.ndarray:
-        found = np.full((count, self.settings["channels"]), np.nan, np.float32)
-        self.settings["callback"](found, count, None, None)
-        return found
+        expected = np.full((count, self.settings["channels"]), np.nan, np.float32)
+        self.settings["callback"](expected, count, None, None)
+        return expected
 
 
 @pytest.fixture
@@ -65,20 +65,20 @@ SILENT = np.array([0.0, 100.0, 29.0, 0.0, 100.0])
 
 
 def test_a_channel_of_a_card_is_one_devices(card: Any) -> None:
-    found = card(interface="Card", first_channel=1)
+    actual = card(interface="Card", first_channel=1)
     with pytest.raises(OutputLostError, match="channel from 2 on of Card is open already"):
         card(interface="Card", first_channel=2)
     assert Stream.made[-1].calls == ["close"], "never started"
     card(interface="Card", first_channel=3).close()
-    found.close()
+    actual.close()
     card(interface="Card", first_channel=1).close()
 
 
 def test_each_motor_has_a_channel_of_its_own_amplitude_and_frequency(card: Any) -> None:
-    found = card(interface="Card", first_channel=2)
+    actual = card(interface="Card", first_channel=2)
     (stream,) = Stream.made
     assert stream.settings["channels"] == 3 and stream.calls == ["start"]
-    found.send(LOUD)
+    actual.send(LOUD)
     stream.ask(4800)  # the ramp
     block = stream.ask(RATE_HZ // 2)
     assert not block[:, 0].any(), "channels before the first are silent"
@@ -89,19 +89,19 @@ def test_each_motor_has_a_channel_of_its_own_amplitude_and_frequency(card: Any) 
 
 
 def test_no_frequency_above_1000_hz_is_played(card: Any) -> None:
-    found = card()
+    actual = card()
     (stream,) = Stream.made
-    found.send(np.array([5.0, 9000.0, 29.0, 0.0, 100.0]))
+    actual.send(np.array([5.0, 9000.0, 29.0, 0.0, 100.0]))
     stream.ask(4800)
     assert np.argmax(np.abs(np.fft.rfft(stream.ask(RATE_HZ // 2)[:, 0]))) * 2 == 1000
 
 
 def test_a_stop_is_silence_within_5_ms_and_without_a_click(card: Any) -> None:
-    found = card()
+    actual = card()
     (stream,) = Stream.made
-    found.send(LOUD)
+    actual.send(LOUD)
     before = stream.ask(4800)
-    found.stop()
+    actual.stop()
     after = stream.ask(480)
     assert not after[241:].any()
     steepest = 2.0 * np.pi * 200.0 / RATE_HZ + 1.0 / 240
@@ -111,31 +111,31 @@ def test_a_stop_is_silence_within_5_ms_and_without_a_click(card: Any) -> None:
 def test_a_card_falls_silent_by_itself_without_values(
     card: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = card()
+    actual = card()
     (stream,) = Stream.made
     now = [100.0]
     monkeypatch.setattr(sound_card.time, "monotonic", lambda: now[0])
-    found.send(LOUD)
+    actual.send(LOUD)
     now[0] += 0.2
     stream.ask(480)
     assert stream.ask(480).any()
     now[0] += 0.1
     stream.ask(480)
     assert not stream.ask(480).any()
-    found.send(LOUD)
+    actual.send(LOUD)
     stream.ask(480)
     assert stream.ask(480).any()
 
 
 def test_a_card_that_goes_is_told_and_one_that_was_closed_is_not(card: Any) -> None:
-    found = card()
+    actual = card()
     Stream.made[0].settings["finished_callback"]()
     with pytest.raises(OutputLostError, match="unplugged"):
-        found.send(LOUD)
-    other = card()
-    other.close()
+        actual.send(LOUD)
+    second = card()
+    second.close()
     assert Stream.made[1].calls == ["start", "stop", "close"]
-    other.send(SILENT)
+    second.send(SILENT)
 
 
 def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,8 +149,8 @@ def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPat
 
 
 def test_any_device_that_vibrates_can_be_opened_on_a_card(card: Any) -> None:
-    found = opening.open_output(device(vibration()), {"kind": "audio", "interface": "3"})
-    assert isinstance(found, SoundCard)
+    output = opening.open_output(device(vibration()), {"kind": "audio", "interface": "3"})
+    assert isinstance(output, SoundCard)
     assert Stream.made[0].settings["device"] == 3
     for wrong in ({"interface": 3}, {"first_channel": 0}, {"first_channel": True}):
         with pytest.raises(OutputLostError):
@@ -162,35 +162,35 @@ def test_a_card_plays_the_waveforms_of_its_actuators(card: Any) -> None:
     kinds = [
         replace(plain, name=w, takes_waveform=True, waveform=w) for w in ("square", "sine", "noise")
     ]
-    found = SoundCard(device(*kinds))
+    actual = SoundCard(device(*kinds))
     (stream,) = Stream.made
-    found.send(np.tile([5.0, 100.0], 3))  # half of what they may get
+    actual.send(np.tile([5.0, 100.0], 3))  # half of what they may get
     stream.ask(4800)
     block = stream.ask(RATE_HZ)
     assert (np.abs(block) <= 0.5 + 1e-6).all()
     # Power at the same peak: of a square 1, of a sine 1/2, of noise 13/35.
     power = (block.astype(np.float64) ** 2).mean(axis=0) / 0.25
     assert power == pytest.approx([1.0, 0.5, 13 / 35], abs=0.04)
-    found.stop()
+    actual.stop()
     stream.ask(240)
     assert not stream.ask(480).any()
 
 
 def test_phase_goes_on_through_changes_of_frequency() -> None:
-    found = Oscillators(["sine"], RATE_HZ)
+    oscillators = Oscillators(["sine"], RATE_HZ)
     parts = []
     for hz in (80.0, 250.0, 31.0, 400.0):
-        found.aim(np.ones(1), np.array([hz]))
-        parts.append(found.block(1000))
+        oscillators.aim(np.ones(1), np.array([hz]))
+        parts.append(oscillators.block(1000))
     wave = np.concatenate(parts)[240:, 0]
     assert np.abs(np.diff(wave)).max() <= 2.0 * np.pi * 400.0 / RATE_HZ * 1.01
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 100.0), (np.inf, 100.0), (1.0, np.nan), (-1.0, 100.0)])
 def test_what_is_no_number_is_silence(bad: tuple[float, float]) -> None:
-    found = Oscillators(["sine"], RATE_HZ)
-    found.aim(np.ones(1), np.array([100.0]))
-    found.block(480)
-    found.aim(np.array(bad[:1]), np.array(bad[1:]))
-    found.block(240)
-    assert not found.block(480).any()
+    oscillators = Oscillators(["sine"], RATE_HZ)
+    oscillators.aim(np.ones(1), np.array([100.0]))
+    oscillators.block(480)
+    oscillators.aim(np.array(bad[:1]), np.array(bad[1:]))
+    oscillators.block(240)
+    assert not oscillators.block(480).any()

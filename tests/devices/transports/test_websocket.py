@@ -71,8 +71,8 @@ def serve():
         return servers[-1]
 
     yield started
-    for each in servers:
-        each.close()
+    for item in servers:
+        item.close()
 
 
 @pytest.mark.parametrize("size", [0, 1, 125, 126, 65535, 65536, 200_000])
@@ -197,7 +197,7 @@ def test_silent_positions_are_turned_off_and_then_left_alone(serve):
         output.send(values)
         time.sleep(0.03)
     server.wait(lambda: len(server.heard) == 3)
-    kinds = [[each["Type"] for each in message["Submit"]] for message in server.heard]
+    kinds = [[item["Type"] for item in message["Submit"]] for message in server.heard]
     assert kinds == [["frame"] * 2, ["turnOff"] * 2, ["frame"] * 2]
     output.close()
 
@@ -225,8 +225,8 @@ def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
     there = {"3": {**EDGE, "DeviceName": name}}
 
     def answer(messages):
-        for each in messages:
-            ((kind, content),) = each.items()
+        for item in messages:
+            ((kind, content),) = item.items()
             if kind == "RequestServerInfo":
                 yield [
                     {
@@ -240,8 +240,8 @@ def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
                     }
                 ]
             elif kind == "RequestDeviceList":
-                found = there if devices is None else devices
-                yield [{"DeviceList": {"Id": content["Id"], "Devices": found}}]
+                actual = there if devices is None else devices
+                yield [{"DeviceList": {"Id": content["Id"], "Devices": actual}}]
             else:
                 yield [{"Ok": {"Id": content["Id"]}}]
 
@@ -255,7 +255,7 @@ def lovense(server, name="Lovense"):
 
 
 def received_of_kind(server, kind):
-    return [each[kind] for message in server.heard for each in message if kind in each]
+    return [item[kind] for message in server.heard for item in message if kind in item]
 
 
 def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
@@ -311,26 +311,26 @@ def lush(server, device_id="a", name="Lush", unit=""):
 
 def levels(server):
     return {
-        each["DeviceIndex"]: each["Command"]["Vibrate"]["Value"]
-        for each in received_of_kind(server, "OutputCmd")
+        item["DeviceIndex"]: item["Command"]["Vibrate"]["Value"]
+        for item in received_of_kind(server, "OutputCmd")
     }
 
 
 def test_two_devices_of_one_name_are_each_driven_by_one_of_ours(serve):
     server = serve(intiface(devices=lushes("left", "right")))
-    one, other = lush(server, "one"), lush(server, "other")
-    assert (one.chosen_device, other.chosen_device) == ("Lush (left)", "Lush (right)")
+    one, alternative = lush(server, "one"), lush(server, "other")
+    assert (one.chosen_device, alternative.chosen_device) == ("Lush (left)", "Lush (right)")
     one.send(np.array([5.0, 175.0]))
-    other.send(np.array([10.0, 175.0]))
+    alternative.send(np.array([10.0, 175.0]))
     server.wait(lambda: len(levels(server)) == 2)
     assert levels(server) == {0: 10, 1: 20}
     assert len(server.connections) == 1, "many servers take one client only"
     with pytest.raises(OutputLostError, match=r"'Lush \(left\)' of the server is open already"):
         lush(server, "third")
     one.close()
-    other.send(np.array([5.0, 175.0]))
+    alternative.send(np.array([5.0, 175.0]))
     lush(server, "third").close()
-    other.close()
+    alternative.close()
 
 
 @pytest.mark.parametrize(
@@ -439,10 +439,10 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
     monkeypatch.setattr(buttplug, "ANSWER_S", 0.3)
     with pytest.raises(OutputLostError, match=expected):
         lovense(serve(answer))
-    left = [each for each in threading.enumerate() if each.name.startswith("ws://")]
-    for each in left:
-        each.join(10.0)
-    assert not any(each.is_alive() for each in left)
+    left = [thread for thread in threading.enumerate() if thread.name.startswith("ws://")]
+    for item in left:
+        item.join(10.0)
+    assert not any(item.is_alive() for item in left)
 
 
 @pytest.mark.parametrize(
@@ -498,7 +498,7 @@ def test_any_bytes_of_a_server_end_the_connection_and_nothing_else(content):
     assert re.search("closed|not a frame|too long|binary|UTF-8", fault_of(connection))
     connection.close()
     server.close()
-    assert all(isinstance(each, str) for each in heard)
+    assert all(isinstance(message, str) for message in heard)
 
 
 def deaf_intiface():

@@ -30,14 +30,14 @@ def test_cobs_has_no_zero_and_comes_back(content):
 @given(st.binary(max_size=300))
 def test_any_bytes_are_understood_or_dropped(content):
     wire.decode_cobs(content)
-    for each in wire.Receiver().take(content):
-        assert zlib.crc32(each.payload) >= 0
+    for item in wire.Receiver().take(content):
+        assert zlib.crc32(item.payload) >= 0
 
 
 @given(st.integers(0, 255), st.integers(0, 65535), st.binary(max_size=70), st.binary(max_size=40))
 def test_a_frame_is_found_behind_any_garbage(kind, sequence, payload, garbage):
-    found = wire.Receiver().take(garbage + wire.encode_frame(kind, sequence, payload))
-    assert found[-1] == wire.Frame(kind, sequence, payload)
+    actual = wire.Receiver().take(garbage + wire.encode_frame(kind, sequence, payload))
+    assert actual[-1] == wire.Frame(kind, sequence, payload)
 
 
 @given(st.binary(min_size=1, max_size=70), st.data())

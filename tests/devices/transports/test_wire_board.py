@@ -49,9 +49,9 @@ def library(tmp_path_factory):
 
 @pytest.fixture
 def board(library, terminal):
-    found = LiveBoard(library, terminal)
-    yield found
-    found.close()
+    live_board = LiveBoard(library, terminal)
+    yield live_board
+    live_board.close()
 
 
 def opened(terminal):
@@ -157,6 +157,6 @@ def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):
     for _ in range(3_000):
         output.send(HALF)
     output.stop()
-    found = wire.Receiver().take(terminal.read(wait_s=0.1, least=1 << 20))
-    assert [each.kind for each in found[-3:]] == [wire.FrameKind.STOP] * 3
+    actual = wire.Receiver().take(terminal.read(wait_s=0.1, least=1 << 20))
+    assert [entry.kind for entry in actual[-3:]] == [wire.FrameKind.STOP] * 3
     output.close()

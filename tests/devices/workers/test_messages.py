@@ -35,9 +35,9 @@ from hfx_blender.processes.messages import (
     )
 )
 def test_messages_come_out_of_a_stream_as_they_went_in(sent):
-    stream = io.BytesIO(b"".join(message(*each) for each in sent))
-    found = [read_message(stream) for _ in sent]
-    assert found == [Message(*each) for each in sent]
+    stream = io.BytesIO(b"".join(message(*item) for item in sent))
+    messages = [read_message(stream) for _ in sent]
+    assert messages == [Message(*item) for item in sent]
     assert read_message(stream) is None
 
 
@@ -108,11 +108,11 @@ def test_arrays_keep_their_names_types_and_shapes():
         "b": np.zeros((0, 3), np.float32),
         "c": np.array([1.5, np.nan]),
     }
-    content, found = decode_arrays(encode_arrays({"x": [1, "y"]}, arrays))
+    content, actual = decode_arrays(encode_arrays({"x": [1, "y"]}, arrays))
     assert content == {"x": [1, "y"]}
     for name, array in arrays.items():
-        assert found[name].dtype == array.dtype
-        assert np.array_equal(found[name], array, equal_nan=name == "c")
+        assert actual[name].dtype == array.dtype
+        assert np.array_equal(actual[name], array, equal_nan=name == "c")
 
 
 @given(st.binary(max_size=120), st.integers(0, 60))

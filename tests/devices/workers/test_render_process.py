@@ -111,20 +111,22 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
     ]
     later = {30.0: [felt(STREAMS[1], 1.0, 90.0)], 100.0: []}
     sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), later)
-    found = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
-    assert (found.time_s, found.gains) == (2.5, {7: 0.5})
-    assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
-    assert [len(found.later[ms]) for ms in (30.0, 100.0)] == [1, 0]
-    assert found.later[30.0][0].parameters.tolist() == [[1.0, 90.0]]
-    for before, after in zip(runs, found.runs, strict=True):
+    live_frame = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
+    assert (live_frame.time_s, live_frame.gains) == (2.5, {7: 0.5})
+    assert (
+        live_frame.play_space is not None and live_frame.play_space.tolist() == np.eye(4).tolist()
+    )
+    assert [len(live_frame.later[ms]) for ms in (30.0, 100.0)] == [1, 0]
+    assert live_frame.later[30.0][0].parameters.tolist() == [[1.0, 90.0]]
+    for before, after in zip(runs, live_frame.runs, strict=True):
         assert after.stream == before.stream
         names = "levels parameters offsets vertices weights positions focus"
         for name in names.split():
-            one, other = getattr(before, name), getattr(after, name)
-            assert (one is None) == (other is None)
+            one, second = getattr(before, name), getattr(after, name)
+            assert (one is None) == (second is None)
             if one is not None:
-                assert other.tolist() == one.tolist(), name
-    got = found.runs[1].drive
+                assert second.tolist() == one.tolist(), name
+    got = live_frame.runs[1].drive
     assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
     assert got.values.tolist() == [[0.5, 0.25]]
     empty = decode_live_frame(encode_live_frame(LiveFrame(0.0, []), places()), STREAMS)
@@ -152,37 +154,37 @@ def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int,
     """Answers of the worker, by device."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
-    found = {}
-    for each in renderers.answers(encode_live_frame(shown, places())):
-        length = int.from_bytes(each[:4], "little")
-        found[int.from_bytes(each[5:7], "little")] = each[7:]
-        assert len(each) == 7 + length
-    return found
+    actual = {}
+    for item in renderers.answers(encode_live_frame(shown, places())):
+        length = int.from_bytes(item[:4], "little")
+        actual[int.from_bytes(item[5:7], "little")] = item[7:]
+        assert len(item) == 7 + length
+    return actual
 
 
 def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_played():
     devices = worn(BAND, 1), worn("mango_pad", 2)
     shown = moment(3.0, 2.0)
-    found = answered(devices, shown)
-    for each in devices:
-        device = load_device(each.configuration)
+    actual = answered(devices, shown)
+    for item in devices:
+        device = load_device(item.configuration)
         renderer = MomentRenderer(HEADER, device)
         expected = renderer.values(shown.runs)
         width = sum(a.type.takes_waveform for a in device.actuators)
         tones = of_partials(renderer.tones(), {"low": 0, "high": 1}, width)
         assert expected.any()
         assert len(tones.numbers) == (2 if width else 0)
-        assert decode_values(found[each.number]).tolist() == frame_of(expected, tones).tolist()
+        assert decode_values(actual[item.number]).tolist() == frame_of(expected, tones).tolist()
 
 
 def test_gain_and_mute_are_of_one_device():
     devices = worn(BAND, 1), worn(BAND, 2), worn("mango_pad", 3), worn("mango_pad", 4)
-    found = answered(devices, moment(4.0, gains={2: 0.5, 4: 0.0}))
-    whole, half = decode_values(found[1])[::2], decode_values(found[2])[::2]
+    actual = answered(devices, moment(4.0, gains={2: 0.5, 4: 0.0}))
+    whole, half = decode_values(actual[1])[::2], decode_values(actual[2])[::2]
     assert whole.any() and half.tolist() == (0.5 * whole).tolist()
     columns = 2 * len(load_device("mango_pad").actuators)
-    assert decode_values(found[3])[:columns:2].any()
-    muted = decode_values(found[4])
+    assert decode_values(actual[3])[:columns:2].any()
+    muted = decode_values(actual[4])
     assert not muted[:columns:2].any()
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
 
@@ -217,9 +219,9 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
         raise RuntimeError("of somebody's")
 
     monkeypatch.setattr(renderers.rendered[1].renderer, "ahead", broken)
-    one, other = renderers.answers(encode_live_frame(moment(), places()))
+    one, second = renderers.answers(encode_live_frame(moment(), places()))
     assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
-    assert other[4] == MessageKind.ANSWER
+    assert second[4] == MessageKind.ANSWER
 
 
 def test_what_renders_ends_with_the_output_process():
@@ -246,15 +248,15 @@ def test_one_question_at_a_time_and_the_newest_moment_only(played: list[FakeWork
     for content in (b"early", b"newer"):
         process.show(content, {})
     worker = played[-1]
-    assert [each.body for each in worker.sent] == [b"scene"]
+    assert [item.body for item in worker.sent] == [b"scene"]
     worker.says(MessageKind.READY)
     worker.says(MessageKind.READY)
     process.show(b"now", {})
-    assert [each.body for each in worker.sent] == [b"scene", b"newer", b"now"]
+    assert [item.body for item in worker.sent] == [b"scene", b"newer", b"now"]
     process.close()
     assert worker.is_killed
     process.restart()
-    assert [each.body for each in played[-1].sent] == [b"scene"] and played[-1] is not worker
+    assert [item.body for item in played[-1].sent] == [b"scene"] and played[-1] is not worker
 
 
 def test_nothing_is_rendered_before_a_scene_is_described() -> None:
@@ -354,9 +356,9 @@ class Asked:
 
 @pytest.fixture
 def asked() -> Iterator[Asked]:
-    found = Asked()
-    yield found
-    found.process.close()
+    actual = Asked()
+    yield actual
+    actual.process.close()
 
 
 def test_each_answer_brings_back_what_was_asked(asked: Asked) -> None:
@@ -364,7 +366,7 @@ def test_each_answer_brings_back_what_was_asked(asked: Asked) -> None:
     for k in range(25):
         asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
         asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
-    assert [each[1].generation for each in asked.answered] == list(range(25))
+    assert [item[1].generation for item in asked.answered] == list(range(25))
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
@@ -383,10 +385,10 @@ def test_of_moments_that_wait_the_newest_is_asked_unless_it_is_forgotten(
     for _ in range(3):
         worker.says(MessageKind.ANSWER, b"", 1)
         worker.says(MessageKind.READY)
-    bodies = [each.body for each in worker.sent]
+    bodies = [item.body for item in worker.sent]
     assert bodies == [b"scene", b"moment 0", *([] if is_forgotten else [b"moment 2"])]
     expected = [0] if is_forgotten else [0, 2]
-    assert [each[1].generation for each in answered if each][: len(expected)] == expected
+    assert [item[1].generation for item in answered if item][: len(expected)] == expected
 
 
 def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:

@@ -19,9 +19,9 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "device-scripts.md"
 
 
 def examples() -> list[str]:
-    found = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(found) == 4
-    return found[1:]
+    matches = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(matches) == 4
+    return matches[1:]
 
 
 def run(source: str, haptics: Haptics) -> np.ndarray:
@@ -44,7 +44,7 @@ def of_modality(modality: str, ids: tuple[str, ...]) -> DeviceConfig:
     heater = load_device("fan_heater")
     kind = next(a.type for a in heater.actuators if a.type.modality == modality)
     one = next(a for a in heater.actuators if a.type is kind)
-    return replace(heater, actuators=tuple(replace(one, id=each) for each in ids))
+    return replace(heater, actuators=tuple(replace(one, id=number) for number in ids))
 
 
 def test_warmth_pulses_faster_when_it_is_warmer() -> None:
@@ -54,8 +54,8 @@ def test_warmth_pulses_faster_when_it_is_warmer() -> None:
     def beats(temperature: float) -> int:
         warm = effect("temperature", gains, temperature_c=temperature)
         times = np.arange(0.0, 10.0, 0.01)
-        found = [run(examples()[0], told(band, warm, time_s=t))[0] for t in times]
-        return int(np.count_nonzero((np.array(found[1:]) > 0) & (np.array(found[:-1]) == 0)))
+        actual = [run(examples()[0], told(band, warm, time_s=t))[0] for t in times]
+        return int(np.count_nonzero((np.array(actual[1:]) > 0) & (np.array(actual[:-1]) == 0)))
 
     assert beats(29.0) == 10  # 1 Hz
     assert beats(39.0) == 20  # 2 Hz
@@ -75,7 +75,7 @@ def test_wind_comes_from_the_fan_that_it_blows_from() -> None:
     east = effect(
         "wind", [1.0, 1.0], speed_m_s=3.0, direction_x=1.0, direction_y=0.0, direction_z=0.0
     )
-    found = run(examples()[2], told(fans, east))
-    assert found[0] == pytest.approx(3.0)
-    assert found[count] == 0.0
+    completed = run(examples()[2], told(fans, east))
+    assert completed[0] == pytest.approx(3.0)
+    assert completed[count] == 0.0
     assert run(examples()[2], told(fans)).tolist() == told(fans).neutral.tolist()

@@ -50,20 +50,20 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveClient]:
     """Output process for all of these tests, and one list of approvals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path_factory.mktemp("data")))
-        made = LiveClient()
-        yield made
-        made.close()
+        live_client = LiveClient()
+        yield live_client
+        live_client.close()
 
 
 @pytest.fixture
 def folder(client: LiveClient, tmp_path: Path) -> Path:
     """The user's own devices; nothing is approved."""
     resources.approved_scripts().unlink(missing_ok=True)
-    made = tmp_path / "devices"
-    made.mkdir()
+    path = tmp_path / "devices"
+    path.mkdir()
     text = (resources.device_configs() / "forearm_band.json").read_text()
-    (made / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
-    return made
+    (path / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
+    return path
 
 
 def haptics(values: np.ndarray | None = None) -> bytes:
@@ -113,14 +113,14 @@ def test_a_script_that_does_not_answer_stops_its_device_and_no_other(
     folder: Path, log: Path, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(patient_host.VARIABLE, "2.0")
-    made = LiveClient()
+    live_client = LiveClient()
     try:
-        _stops_only_its_device(made, folder, log, tmp_path, name)
+        _stops_only_its_device(live_client, folder, log, tmp_path, name)
     finally:
-        made.close()
+        live_client.close()
 
 
-@pytest.mark.parametrize("name", [each for each in HOSTILE if each not in ("hangs", "sleeps")])
+@pytest.mark.parametrize("name", [item for item in HOSTILE if item not in ("hangs", "sleeps")])
 def test_a_faulty_script_stops_its_device_and_no_other(
     client: LiveClient, folder: Path, log: Path, tmp_path: Path, name: str
 ) -> None:
@@ -130,8 +130,8 @@ def test_a_faulty_script_stops_its_device_and_no_other(
 def _stops_only_its_device(
     client: LiveClient, folder: Path, log: Path, tmp_path: Path, name: str
 ) -> None:
-    other = tmp_path / "other.jsonl"
-    play(client, "other", other)
+    second = tmp_path / "other.jsonl"
+    play(client, "other", second)
     connect(client, folder, HOSTILE[name], log)
 
     def feed() -> None:
@@ -141,10 +141,10 @@ def _stops_only_its_device(
     wait(client, lambda: client.devices["scripted"].state == "fault", feed)
     assert "script" in client.devices["scripted"].text
     wait(client, lambda: "stop" in rows_of(log)[-1])
-    count = len(rows_of(other))
+    count = len(rows_of(second))
     wait(
         client,
-        lambda: len(rows_of(other)) > count + 5 and is_loud(rows_of(other)[-1]),
+        lambda: len(rows_of(second)) > count + 5 and is_loud(rows_of(second)[-1]),
         feed,
     )
     assert "stop" in rows_of(log)[-1]
@@ -327,9 +327,9 @@ def run_of(vertices: list[int], weights: list[float]) -> SampleRun:
 def test_haptic_data_come_through_whole() -> None:
     gains = np.linspace(0.0, 1.0, 8)
     body = encode_haptics(1.5, [(run_of([3, 7], [0.25, 1.0]), gains)], playing())
-    found = decode_haptics(body, DEVICE)
-    (effect,) = found.felt
-    assert (found.time_s, effect.name, effect.modality, effect.level) == (1.5, "rain", "wind", 0.5)
+    actual = decode_haptics(body, DEVICE)
+    (effect,) = actual.felt
+    assert (actual.time_s, effect.name, effect.modality, effect.level) == (1.5, "rain", "wind", 0.5)
     assert effect.parameters == {
         "speed_m_s": 4.0,
         "direction_x": 0.0,
@@ -341,16 +341,16 @@ def test_haptic_data_come_through_whole() -> None:
     assert effect.gains.tolist() == gains.tolist()
     assert effect.positions.shape == (2, 3)
     assert effect.depth_m is None
-    assert found.values.tolist() == playing().tolist()
-    assert found.strongest("wind") is effect
-    assert found.strongest("pressure") is None
+    assert actual.values.tolist() == playing().tolist()
+    assert actual.strongest("wind") is effect
+    assert actual.strongest("pressure") is None
 
 
 def test_answers_are_columns_or_names_or_nothing() -> None:
-    told = decode_haptics(haptics(), DEVICE)
-    assert as_values(None, told).tolist() == [0.0, 100.0] * 8
-    assert as_values(tuple(playing(3.0)), told).tolist() == [3.0, 100.0] * 8
-    by_name = as_values({"m1": 2, "m3": {"frequency_hz": 80}}, told)
+    messages = decode_haptics(haptics(), DEVICE)
+    assert as_values(None, messages).tolist() == [0.0, 100.0] * 8
+    assert as_values(tuple(playing(3.0)), messages).tolist() == [3.0, 100.0] * 8
+    by_name = as_values({"m1": 2, "m3": {"frequency_hz": 80}}, messages)
     assert by_name[:6].tolist() == [2.0, 100.0, 0.0, 100.0, 0.0, 80.0]
 
 

@@ -48,8 +48,8 @@ def test_smoothing_keeps_what_is_even_and_softens_an_edge():
     hand = on_part(MODEL, "hand_palm")
     soft = areas.smooth(MODEL, hand, 4)
     assert soft.min() >= 0.0 and soft.max() <= 1.0
-    one, other = MODEL.triangles[:, 0], MODEL.triangles[:, 1]
-    assert np.abs(soft[one] - soft[other]).max() < np.abs(hand[one] - hand[other]).max()
+    one, second = MODEL.triangles[:, 0], MODEL.triangles[:, 1]
+    assert np.abs(soft[one] - soft[second]).max() < np.abs(hand[one] - hand[second]).max()
 
 
 def test_mirroring_twice_is_nothing_and_sides_change():
@@ -64,36 +64,36 @@ def test_mirroring_twice_is_nothing_and_sides_change():
 def test_symmetrising_copies_one_side_and_keeps_the_middle():
     rng = np.random.default_rng(0)
     weights = rng.random(len(MODEL))
-    found = areas.symmetric(MODEL, weights, LEFT)
+    actual = areas.symmetric(MODEL, weights, LEFT)
     own = MODEL.side != RIGHT
-    assert np.array_equal(found[own], weights[own])
-    assert np.array_equal(found, found[MODEL.mirror])
+    assert np.array_equal(actual[own], weights[own])
+    assert np.array_equal(actual, actual[MODEL.mirror])
 
 
 def test_blends_by_hand():
-    one, other = np.array([0.0, 0.5, 0.9]), np.array([0.3, 0.5, 0.9])
-    assert areas.blended(one, other, "replace").tolist() == [0.3, 0.5, 0.9]
-    assert areas.blended(one, other, "add") == pytest.approx([0.3, 1.0, 1.0])
-    assert areas.blended(one, other, "subtract") == pytest.approx([0.0, 0.0, 0.0])
-    assert areas.blended(one, other, "multiply") == pytest.approx([0.0, 0.25, 0.81])
+    one, second = np.array([0.0, 0.5, 0.9]), np.array([0.3, 0.5, 0.9])
+    assert areas.blended(one, second, "replace").tolist() == [0.3, 0.5, 0.9]
+    assert areas.blended(one, second, "add") == pytest.approx([0.3, 1.0, 1.0])
+    assert areas.blended(one, second, "subtract") == pytest.approx([0.0, 0.0, 0.0])
+    assert areas.blended(one, second, "multiply") == pytest.approx([0.0, 0.25, 0.81])
     with pytest.raises(ValueError, match="replace, add"):
-        areas.blended(one, other, "xor")  # type: ignore[arg-type]
+        areas.blended(one, second, "xor")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("target", [MODEL, COARSE, FINE], ids=["same", "coarse", "fine"])
 def test_a_whole_part_stays_whole_on_another_model(target):
     for part in ("torso", "hand_palm", "forearm"):
-        found = areas.transferred(MODEL, on_part(MODEL, part), target)
-        assert found == pytest.approx(on_part(target, part))
+        actual = areas.transferred(MODEL, on_part(MODEL, part), target)
+        assert actual == pytest.approx(on_part(target, part))
 
 
 def test_a_patch_keeps_its_place_and_roughly_its_area():
     centre = np.array([0.0, 0.03, 1.2])
     weights = (np.linalg.norm(MODEL.vertices - centre, axis=1) < 0.1).astype(float)
-    found = areas.transferred(MODEL, weights, FINE)
+    actual = areas.transferred(MODEL, weights, FINE)
     area = weights @ MODEL.areas_m2
-    assert found @ FINE.areas_m2 == pytest.approx(area, rel=0.1)
-    middle = (found * FINE.areas_m2) @ FINE.vertices / (found @ FINE.areas_m2)
+    assert actual @ FINE.areas_m2 == pytest.approx(area, rel=0.1)
+    middle = (actual * FINE.areas_m2) @ FINE.vertices / (actual @ FINE.areas_m2)
     expected = (weights * MODEL.areas_m2) @ MODEL.vertices / area
     assert np.linalg.norm(middle - expected) < 0.005
 

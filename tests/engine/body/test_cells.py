@@ -96,8 +96,8 @@ def test_distance_is_measured_along_the_skin_by_an_exact_method(
             start = np.array([int(away.argmin())])
             ends = np.arange(len(points))
             empty = np.zeros(0, np.int64)
-            found = igl.exact_geodesic(points, faces, start, empty, ends, empty)
-            distance.append(np.asarray(found).ravel() + away.min())
+            exact_geodesic = igl.exact_geodesic(points, faces, start, empty, ends, empty)
+            distance.append(np.asarray(exact_geodesic).ravel() + away.min())
         ours = np.array(distance)[np.searchsorted(seeds, owner[used]), np.arange(len(used))]
         least = np.min(distance, axis=0)
         # The nearest fine vertex is up to one spacing beside the seed.
@@ -159,9 +159,9 @@ def test_a_variant_has_the_same_cells_on_its_own_pressure_model(
 ) -> None:
     origin = {"canonical": {"id": coarse.id, "hash": coarse.content_hash}}
     variant = replace(coarse, id=f"{coarse.id}+0123abcd", provenance=origin)
-    name, found = cell_of_skin(variant)
+    name, actual = cell_of_skin(variant)
     assert name == "hfx-pressure-1+0123abcd"
-    assert np.array_equal(found, owner)
+    assert np.array_equal(actual, owner)
 
 
 def test_a_model_as_it_stands_on_an_avatar_has_the_same_cells(

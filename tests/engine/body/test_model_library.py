@@ -74,8 +74,8 @@ def test_the_place_is_the_platforms_or_the_one_that_is_named(
 
 def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    made, shipped = (model.load_model(f"hfx-pressure-1{end}") for end in (SUFFIX, ""))
-    assert made.vertices == pytest.approx(1.1 * shipped.vertices)
+    created, shipped = (model.load_model(f"hfx-pressure-1{end}") for end in (SUFFIX, ""))
+    assert created.vertices == pytest.approx(1.1 * shipped.vertices)
     avatar = model.load_avatar(f"hfx-avatar-1{SUFFIX}")
     assert avatar.vertices == pytest.approx(1.1 * model.load_avatar().vertices)
     entries, faults = model_library.installed()
@@ -88,10 +88,10 @@ def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> N
 
 def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    made, coarse_of = at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
+    created, coarse_of = at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
     shipped, same = at_level(model.load_model("hfx-pressure-1"), 1)
     assert np.array_equal(coarse_of, same)
-    assert made.vertices == pytest.approx(1.1 * shipped.vertices)
+    assert created.vertices == pytest.approx(1.1 * shipped.vertices)
     fine, owner = temperature_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
     assert fine == f"hfx-pressure-1{SUFFIX}"
     assert len(owner) == len(model.load_model(fine))
@@ -100,11 +100,11 @@ def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path)
 def test_canonical_ids_stand_on_the_variant_exactly(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
     fitted = variants.fitted_to(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))
-    assert [each.model_id for each in fitted] == list(model.manifest()["models"])
-    for each in fitted:
-        shipped = model.load_model(each.model_id)
-        assert each.model_hash == shipped.content_hash
-        assert each.of(shipped).vertices == pytest.approx(1.1 * shipped.vertices)
+    assert [model_id.model_id for model_id in fitted] == list(model.manifest()["models"])
+    for item in fitted:
+        shipped = model.load_model(item.model_id)
+        assert item.model_hash == shipped.content_hash
+        assert item.of(shipped).vertices == pytest.approx(1.1 * shipped.vertices)
 
 
 def test_the_same_set_twice_is_no_fault(own: Path, variant: Path) -> None:
@@ -168,14 +168,14 @@ def test_a_broken_set_is_told_and_hides_no_other(
     assert model.load_model(f"hfx-pressure-1{SUFFIX}") is not None
     with pytest.raises(
         InputError, match=r"'nobody' is unknown\. Available: hfx-pressure-1"
-    ) as told:
+    ) as messages:
         model.load_model("nobody")
-    assert message in str(told.value) and f"hfx-pressure-1{SUFFIX}" in str(told.value)
+    assert message in str(messages.value) and f"hfx-pressure-1{SUFFIX}" in str(messages.value)
 
 
 def test_a_variant_of_another_edition_is_refused(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    found = model.load_model(f"hfx-temperature-1{SUFFIX}")
-    found.provenance["canonical"]["hash"] = "0" * 64
+    actual = model.load_model(f"hfx-temperature-1{SUFFIX}")
+    actual.provenance["canonical"]["hash"] = "0" * 64
     with pytest.raises(InputError, match="a variant of another edition of 'hfx-temperature-1'"):
         variants.fitted_to(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))

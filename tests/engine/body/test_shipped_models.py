@@ -218,9 +218,9 @@ def test_avatar_places_lead_back_to_the_vertices(shipped: model.PerceptualModel)
     corners = avatar.vertices[shipped.avatar_vertices].astype(float)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    place = np.einsum("ij,ijk->ik", shipped.avatar_weights, corners)
-    place += shipped.avatar_offset_m[:, None] * normal
-    missed = np.linalg.norm(place - shipped.vertices, axis=1)
+    products = np.einsum("ij,ijk->ik", shipped.avatar_weights, corners)
+    products += shipped.avatar_offset_m[:, None] * normal
+    missed = np.linalg.norm(products - shipped.vertices, axis=1)
     # Beside a ridge the nearest place is on an edge, and the way there not along a normal.
     assert np.percentile(missed, 99) < 3e-4 and missed.max() < 2e-3
     assert np.abs(shipped.avatar_offset_m).max() < 6e-3

@@ -19,11 +19,11 @@ from hfx_blender.engine.body.skin_distance import SkinDistances
 def test_on_a_flat_patch_the_way_is_straight(seed: int, x: float, y: float) -> None:
     points = np.random.default_rng(seed).uniform(0.0, 0.45, (500, 3)) * [1, 1, 0]
     skin = SkinDistances(points, Delaunay(points[:, :2]).simplices)
-    place = skin.nearest(np.array([x, y, 0.03]))
-    vertices, distances = skin.around(place, 0.1)
-    assert place.point == pytest.approx([x, y, 0.0], abs=1e-12)
-    assert place.weights @ points[place.corners] == pytest.approx(place.point)
-    straight = np.linalg.norm(points - place.point, axis=1)
+    spot = skin.nearest(np.array([x, y, 0.03]))
+    vertices, distances = skin.around(spot, 0.1)
+    assert spot.point == pytest.approx([x, y, 0.0], abs=1e-12)
+    assert spot.weights @ points[spot.corners] == pytest.approx(spot.point)
+    straight = np.linalg.norm(points - spot.point, axis=1)
     # Slivers of a random triangulation make a detour now and then.
     assert set(vertices) <= set(np.flatnonzero(straight <= 0.1))
     assert np.median(np.abs(distances - straight[vertices])) < 1e-9
@@ -53,19 +53,19 @@ def test_the_way_does_not_jump_from_finger_to_finger() -> None:
     fingers = np.flatnonzero((model.part == PARTS.index("fingers")) & (model.side == 1))
     tip = fingers[np.argmin(model.vertices[fingers, 2])]
     skin = SkinDistances(model.vertices, model.triangles)
-    place = model.vertices[tip].astype(np.float64)
-    vertices, distances = skin.around(skin.nearest(place), 0.04)
-    near = np.flatnonzero(np.linalg.norm(model.vertices - place, axis=1) <= 0.04)
+    position = model.vertices[tip].astype(np.float64)
+    vertices, distances = skin.around(skin.nearest(position), 0.04)
+    near = np.flatnonzero(np.linalg.norm(model.vertices - position, axis=1) <= 0.04)
     assert set(vertices) < set(near) and len(near) > 1.2 * len(vertices)
-    assert (distances >= np.linalg.norm(model.vertices[vertices] - place, axis=1) - 1e-6).all()
+    assert (distances >= np.linalg.norm(model.vertices[vertices] - position, axis=1) - 1e-6).all()
 
 
 def test_what_was_asked_before_does_not_matter() -> None:
     model = load_model("hfx-temperature-1")
     used = SkinDistances(model.vertices, model.triangles)
-    for place in ([0.0, 0.1, 1.2], [0.02, 0.1, 1.2], [0.1, 0.1, 1.3], [0.0, 0.1, 1.2]):
+    for position in ([0.0, 0.1, 1.2], [0.02, 0.1, 1.2], [0.1, 0.1, 1.3], [0.0, 0.1, 1.2]):
         fresh = SkinDistances(model.vertices, model.triangles)
-        places = [each.nearest(np.array(place)) for each in (used, fresh)]
+        places = [item.nearest(np.array(position)) for item in (used, fresh)]
         assert (places[0].corners == places[1].corners).all()
-        one, other = used.around(places[0], 0.1), fresh.around(places[1], 0.1)
-        assert (one[0] == other[0]).all() and one[1] == pytest.approx(other[1], abs=1e-12)
+        one, second = used.around(places[0], 0.1), fresh.around(places[1], 0.1)
+        assert (one[0] == second[0]).all() and one[1] == pytest.approx(second[1], abs=1e-12)

@@ -71,10 +71,10 @@ def test_a_path_through_several_places_visits_them() -> None:
 
 
 def test_one_place_is_a_path_that_does_not_move() -> None:
-    place = np.array([[0.01, 0.02, 0.0]])
-    for path in (FLAT.straight(place), FLAT.curve(place), FLAT.traced(place)[0]):
-        assert path == pytest.approx(place)
-    assert FLAT.traced(place)[1] == pytest.approx([0.0])
+    position = np.array([[0.01, 0.02, 0.0]])
+    for path in (FLAT.straight(position), FLAT.curve(position), FLAT.traced(position)[0]):
+        assert path == pytest.approx(position)
+    assert FLAT.traced(position)[1] == pytest.approx([0.0])
 
 
 def test_a_traced_path_knows_where_each_place_is() -> None:
@@ -111,5 +111,5 @@ def test_a_traced_path_needs_no_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
     with_it, without = (SkinPaths(model.vertices, model.triangles) for _ in range(2))
     expected, shares = with_it.traced(with_it.on_skin(places))
     monkeypatch.setitem(sys.modules, "scipy.spatial", None)
-    path, found = without.traced(without.on_skin(places))
-    assert path == pytest.approx(expected, abs=1e-12) and found == pytest.approx(shares)
+    path, actual = without.traced(without.on_skin(places))
+    assert path == pytest.approx(expected, abs=1e-12) and actual == pytest.approx(shares)

@@ -59,18 +59,18 @@ def weights_at(time, rows):
 def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, speed):
     """Vertex by vertex: many clusters, of which the volumes reach some."""
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
-    found, counted = samples_and_counts(scene, block, PAPER)
+    actual, counted = samples_and_counts(scene, block, PAPER)
     with by_reference():
         expected, others = samples_and_counts(scene, block, PAPER)
-    assert counted[0] == others[0] and found.keys() == expected.keys()
-    for name, rows in found.items():
+    assert counted[0] == others[0] and actual.keys() == expected.keys()
+    for name, rows in actual.items():
         for time in {row[0] for row in (*rows, *expected[name])}:
-            one, other = weights_at(time, rows), weights_at(time, expected[name])
+            one, second = weights_at(time, rows), weights_at(time, expected[name])
             # What only rounding puts on one side of a boundary has no weight to speak of.
-            vertices = one.keys() | other.keys()
+            vertices = one.keys() | second.keys()
             np.testing.assert_allclose(
                 [one.get(v, 0.0) for v in vertices],
-                [other.get(v, 0.0) for v in vertices],
+                [second.get(v, 0.0) for v in vertices],
                 *(0, 2e-7),
                 err_msg=f"{name} at {time}",
             )
@@ -79,15 +79,15 @@ def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, spe
 def test_the_library_was_asked(monkeypatch):
     """Else the test above compares the reference with itself."""
     scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
-    asked = []
+    requests = []
     begin = compiled_contacts.begin
-    monkeypatch.setattr(compiled_contacts, "begin", lambda *a: asked.append(1) or begin(*a))
+    monkeypatch.setattr(compiled_contacts, "begin", lambda *a: requests.append(1) or begin(*a))
     samples_and_counts(scene, block, PAPER)
-    assert asked
-    asked.clear()
+    assert requests
+    requests.clear()
     with by_reference():
         samples_and_counts(scene, block, PAPER)
-    assert not asked
+    assert not requests
 
 
 numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1e-9, 1e9, 1e12, 1e13, np.nan, np.inf])
@@ -111,10 +111,10 @@ def test_places_are_those_of_numpy(entries, scale, shape):
     # The volume stands, and is another at first; only some rows are asked for.
     matrices, shapes = np.repeat(matrix[None], 4, 0), (Sphere(), shape)
     which = np.array([0, 1, 1, 1], np.int32)
-    found = PlacedTarget(
+    placed_target = PlacedTarget(
         shapes, which, matrices, np.repeat(body[None], 4, 0), np.array([1, 3]), *FLAT, FARTHEST
     )
-    assert (found.is_usable == usable[0]).all()
+    assert (placed_target.is_usable == usable[0]).all()
     if usable[0]:
         size, boxes = np.abs(inverse).max(), world_bounds(shape, matrix[None])
         expected = inverse @ body
@@ -128,7 +128,7 @@ def test_places_are_those_of_numpy(entries, scale, shape):
             ("to_world", body, 0.0),
             ("turns", 0.0, 0.0),
         ):
-            given = found.part(part)
+            given = placed_target.part(part)
             value = np.broadcast_to(value, given.shape)
             assert (np.abs(given - value) <= near + 1e-9 * np.abs(value)).all(), part
 
@@ -137,8 +137,10 @@ def test_shapes_and_rows_that_are_not_there_are_refused():
     matrices = np.repeat(np.eye(4)[None], 2, 0)
     for which in (-1, 1):
         shape_index, rows = np.full(2, which, np.int32), np.array([0])
-        found = PlacedTarget((Sphere(),), shape_index, matrices, matrices, rows, *FLAT, FARTHEST)
-        assert not found.is_usable.any()
+        placed_target = PlacedTarget(
+            (Sphere(),), shape_index, matrices, matrices, rows, *FLAT, FARTHEST
+        )
+        assert not placed_target.is_usable.any()
     for row in (-1, 2):
         rows = np.array([row])
         with pytest.raises(IndexError, match="of a block of 2"):

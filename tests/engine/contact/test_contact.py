@@ -117,9 +117,9 @@ def test_contacts_are_those_of_every_vertex(name: str, falloff: Falloff, seed: i
     matrices, shape = _placed(seed), SHAPES[name]
     expected = _defined(matrices, [shape] * TIMES, falloff)
     assert 20 < np.count_nonzero(expected) < expected.size / 2
-    found = _dense(_find(matrices, (shape,), falloff))
-    assert ((found > 0) == (expected > 0)).all()
-    assert np.abs(found - expected).max() < 1e-9
+    actual = _dense(_find(matrices, (shape,), falloff))
+    assert ((actual > 0) == (expected > 0)).all()
+    assert np.abs(actual - expected).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", ["cuboid", "sphere", "capsule"])
@@ -136,13 +136,13 @@ def test_large_volumes_enclose_whole_clusters(name: str) -> None:
 
 def test_points_are_in_shape_space() -> None:
     matrices = _placed(2)
-    found = _find(matrices, (Sphere(),), Falloff(), own_sets=True, with_details=True)
-    assert found.sets.tolist() == list(range(len(found.rows)))
-    assert found.details.places.shape == (3, len(found.vertices))
-    for row, j in zip(found.rows, found.sets, strict=True):
-        part = slice(found.offsets[j], found.offsets[j + 1])
-        world = matrices[row, :3, :3] @ found.details.places[:, part] + matrices[row, :3, 3:]
-        assert np.abs(world.T - WORLD[row, found.vertices[part]]).max() < 1e-12
+    actual = _find(matrices, (Sphere(),), Falloff(), own_sets=True, with_details=True)
+    assert actual.sets.tolist() == list(range(len(actual.rows)))
+    assert actual.details.places.shape == (3, len(actual.vertices))
+    for row, j in zip(actual.rows, actual.sets, strict=True):
+        part = slice(actual.offsets[j], actual.offsets[j + 1])
+        world = matrices[row, :3, :3] @ actual.details.places[:, part] + matrices[row, :3, 3:]
+        assert np.abs(world.T - WORLD[row, actual.vertices[part]]).max() < 1e-12
 
 
 def test_shapes_may_change_over_time() -> None:
@@ -150,29 +150,29 @@ def test_shapes_may_change_over_time() -> None:
     which = np.array([0, 1, 2, 1, 0, 2], np.int32)
     shapes = (Sphere(), Cuboid(), _octahedron())
     expected = _defined(matrices, [shapes[k] for k in which], Falloff(FalloffKind.LINEAR))
-    found = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which))
-    assert np.abs(found - expected).max() < 1e-9
+    actual = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which))
+    assert np.abs(actual - expected).max() < 1e-9
     rows = [1, 2, 5]
-    some = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which, rows=rows))
-    assert np.abs(some[rows] - expected[rows]).max() < 1e-9
-    assert not np.delete(some, rows, axis=0).any()
+    examples = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which, rows=rows))
+    assert np.abs(examples[rows] - expected[rows]).max() < 1e-9
+    assert not np.delete(examples, rows, axis=0).any()
 
 
 def test_a_set_that_stays_is_held_once() -> None:
     still = PoseBlock(POSE.valid, np.repeat(POSE.to_world[:1], TIMES, 0), POSE.bones[[0] * TIMES])
     matrices = np.repeat(_placed(0)[:1], TIMES, axis=0)
     matrices[4:, 0, 3] += 0.1
-    found = _find(matrices, (Sphere(),), Falloff(), posed=still)
-    assert found.rows.tolist() == list(range(TIMES))
-    assert found.sets.tolist() == [0, 0, 0, 0, 1, 1]
+    actual = _find(matrices, (Sphere(),), Falloff(), posed=still)
+    assert actual.rows.tolist() == list(range(TIMES))
+    assert actual.sets.tolist() == [0, 0, 0, 0, 1, 1]
 
 
 def test_times_without_contact_are_left_out() -> None:
     matrices = _placed(6)
     matrices[[0, 3], 2, 3] += 100.0
     counters = Counters()
-    found = _find(matrices, (Sphere(),), Falloff(), counters=counters)
-    assert found.rows.tolist() == [1, 2, 4, 5]
+    actual = _find(matrices, (Sphere(),), Falloff(), counters=counters)
+    assert actual.rows.tolist() == [1, 2, 4, 5]
     assert counters.volume_tests == TIMES
     assert counters.clusters_tested == TIMES * len(SKIN.clusters)
     matrices[:, 2, 3] += 100.0
@@ -186,8 +186,8 @@ def test_volumes_that_cannot_be_are_not_felt(broken: float) -> None:
     matrices = _placed(6)
     matrices[2, :3, 1] = broken
     counters = Counters()
-    found = _find(matrices, (Sphere(),), Falloff(), counters=counters)
-    assert found.rows.tolist() == [0, 1, 3, 4, 5]
+    actual = _find(matrices, (Sphere(),), Falloff(), counters=counters)
+    assert actual.rows.tolist() == [0, 1, 3, 4, 5]
     assert list(counters.warnings.values()) == [1]
     matrices[:, :3, 1] = broken
     assert len(_find(matrices, (Sphere(),), Falloff()).rows) == 0
@@ -200,7 +200,7 @@ def test_a_vertex_on_the_boundary_is_inside() -> None:
     matrix[0, :3, 3] = vertex - (1.0, 0.0, 0.0)
     rounding = 4 * np.finfo(np.float64).eps  # of the way to the vertex and back
     matrix[0, :3, :3] *= 1.0 + rounding
-    found = _find(matrix, (Cuboid(),), Falloff(), posed=still)
-    assert 5 in found.vertices
+    actual = _find(matrix, (Cuboid(),), Falloff(), posed=still)
+    assert 5 in actual.vertices
     matrix[0, :3, :3] *= 1.0 - 1e-9
     assert 5 not in _find(matrix, (Cuboid(),), Falloff(), posed=still).vertices

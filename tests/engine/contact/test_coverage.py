@@ -110,8 +110,8 @@ def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> 
         patch = _Patch(skin, cluster)
         corners = model.vertices[patch.vertices].astype(np.float64)
         one = corners[patch.around[:, 0]] - corners[patch.unit_of]
-        other = corners[patch.around[:, 1]] - corners[patch.unit_of]
-        doubled = np.linalg.norm(np.cross(one, other), axis=1)
+        second = corners[patch.around[:, 1]] - corners[patch.unit_of]
+        doubled = np.linalg.norm(np.cross(one, second), axis=1)
         ring = np.stack([patch.unit_of, *patch.around.T], axis=1)
         edge, side, inner, inner_2 = _places(model, patch.vertices[ring])
         # A quad from the corner over both edge places: two triangles over the inner place.
@@ -119,9 +119,9 @@ def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> 
         ratios.append(
             np.bincount(patch.unit_of, share * doubled, patch.units) / model.areas_m2[patch.cells]
         )
-    found = np.concatenate(ratios)
-    assert np.percentile(found, [1, 99]) == pytest.approx([0.8, 1.25], abs=0.05)
-    assert np.median(found) == pytest.approx(1.0, abs=0.01)
+    actual = np.concatenate(ratios)
+    assert np.percentile(actual, [1, 99]) == pytest.approx([0.8, 1.25], abs=0.05)
+    assert np.median(actual) == pytest.approx(1.0, abs=0.01)
 
 
 def test_samples_are_as_near_as_the_tolerance_asks() -> None:
@@ -143,20 +143,22 @@ def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tole
         patch = _Patch(skin, cluster)
         rings = np.stack([patch.unit_of, *patch.around.T], axis=1)
         corners = model.vertices[patch.vertices[rings]].astype(np.float64)
-        wanted = sample_distance_m(tolerance, spacing)[patch.vertices[patch.unit_of]]
+        requested = sample_distance_m(tolerance, spacing)[patch.vertices[patch.unit_of]]
         for quad in range(0, len(rings), 3):
             along, across = corners[quad, 1:] - corners[quad, 0]
             steps = int(patch.steps[quad])
             first = int(patch.sample_starts[quad])
-            one, other = table.samples[:2, first : first + steps * steps]
+            one, second = table.samples[:2, first : first + steps * steps]
             edge, side, inner, inner_2 = _places(model, patch.vertices[rings[quad]])
             ticks = np.linspace(0.0, 1.0, 4)
             for k in range(steps * steps):
                 s, t = np.meshgrid((k // steps + ticks) / steps, (k % steps + ticks) / steps)
                 ways = (s * (1 - t) * edge + s * t * inner - one[k])[..., None] * along + (
-                    (1 - s) * t * side + s * t * inner_2 - other[k]
+                    (1 - s) * t * side + s * t * inner_2 - second[k]
                 )[..., None] * across
-                farthest = max(farthest, float(np.linalg.norm(ways, axis=2).max()) / wanted[quad])
+                farthest = max(
+                    farthest, float(np.linalg.norm(ways, axis=2).max()) / requested[quad]
+                )
     assert 0.8 < farthest <= 1.0 + 1e-6
 
 
@@ -200,7 +202,7 @@ def test_coverage_converges_to_the_share_of_the_area() -> None:
     errors = {}
     for distance in (0.02, 0.01, 0.005, 0.0025):
         tolerance = Tolerance("x", 0.0, 1.0, distance, 0.0)
-        found = []
+        actual = []
         for radius in (0.011, 0.03, 0.07):
             matrices = np.stack(
                 [placed(radius, (*rng.uniform(-0.06, 0.06, 2), 0.0)) for _ in range(12)]
@@ -208,8 +210,8 @@ def test_coverage_converges_to_the_share_of_the_area() -> None:
             levels = np.ones(12)
             levels[1::2] = 0.0  # so that nothing is followed from one to the next
             weights, _, _ = evaluated(body, Sphere(), matrices, tolerance=tolerance, levels=levels)
-            found.append(np.abs(weights[::2] @ body.areas_m2 / (np.pi * radius**2) - 1.0).max())
-        errors[distance] = np.array(found)
+            actual.append(np.abs(weights[::2] @ body.areas_m2 / (np.pi * radius**2) - 1.0).max())
+        errors[distance] = np.array(actual)
     assert (errors[0.0025] < [0.08, 0.02, 0.01]).all()
     assert (errors[0.0025] < 0.5 * errors[0.02]).all()
 
@@ -220,7 +222,7 @@ def test_what_the_vertex_test_feels_is_felt(model_id: str) -> None:
     rng = np.random.default_rng(6)
     at = body.vertices[rng.choice(len(body), 6)].astype(float)
     for shape, size in ((Sphere(), 0.08), (Cuboid(), (0.2, 0.05, 0.1))):
-        matrices = np.stack([placed(size, place, _rotation(k)) for k, place in enumerate(at)])
+        matrices = np.stack([placed(size, position, _rotation(k)) for k, position in enumerate(at)])
         levels = np.array([1.0, 0.0] * 3)
         options = {"bones": body.bone_names, "models": load_model, "levels": levels}
         posed = rigid(6)
@@ -254,8 +256,8 @@ def _frame(normal: np.ndarray) -> np.ndarray:
 def test_a_hot_coin_on_the_forearm_is_felt(model_id: str) -> None:
     """12 mm radius, 2 mm thick, lying on the skin; temperature vertices are 150 mm apart."""
     body = load_model(model_id)
-    place, normal = _on_the_forearm(model_id)
-    matrix = placed((0.012, 0.012, 0.002), place, _frame(normal))
+    position, normal = _on_the_forearm(model_id)
+    matrix = placed((0.012, 0.012, 0.002), position, _frame(normal))
     posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
     options = {"bones": body.bone_names, "models": load_model, "posed": posed}
     weights, _, _ = evaluated(body, Cylinder(), matrix[None], **options)
@@ -277,7 +279,7 @@ def test_a_ball_that_glides_along_the_skin_covers_an_even_area(model_id: str) ->
     places, normals = fine.vertices[at].astype(float), fine.normals[at].astype(float)
     aside = ((path - places)[:, [0, 2]] * normals[:, [0, 2]]).sum(axis=1)
     path[:, 1] = places[:, 1] - aside / normals[:, 1]
-    matrices = np.stack([placed(0.03, place) for place in path])
+    matrices = np.stack([placed(0.03, position) for position in path])
     posed = replace(rigid(40), bones=np.tile(np.eye(4)[:3], (40, len(body.bone_names), 1, 1)))
     weights, _, _ = evaluated(
         body, Sphere(), matrices, posed=posed, bones=body.bone_names, models=load_model
@@ -331,10 +333,10 @@ def test_strength_that_falls_off_is_within_the_accepted_error(
     rng = np.random.default_rng(seed)
     body, falloff = ball(0.1, 1 + seed % 2), Falloff(kind, share)
     size = size_m * rng.uniform(0.5, 1.0, 3)
-    place = placed(size, size_m * rng.normal(0.0, 0.6, 3), _rotation(seed))
-    found, _, _ = evaluated(body, shape, place[None], tolerance=tolerance, falloff=falloff)
-    exact, _, _ = evaluated(body, shape, place[None], tolerance=EXACT, falloff=falloff)
-    assert np.abs(found - exact).max() <= tolerance.amplitude + 1e-9
+    position = placed(size, size_m * rng.normal(0.0, 0.6, 3), _rotation(seed))
+    actual, _, _ = evaluated(body, shape, position[None], tolerance=tolerance, falloff=falloff)
+    exact, _, _ = evaluated(body, shape, position[None], tolerance=EXACT, falloff=falloff)
+    assert np.abs(actual - exact).max() <= tolerance.amplitude + 1e-9
 
 
 @pytest.mark.parametrize("size_m", [0.15, 0.3, 0.8])
@@ -344,10 +346,10 @@ def test_strength_is_within_the_accepted_error_on_the_skin_of_a_finer_model(size
     posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
     matrices = placed(size_m, (0.1, -0.1, 1.2))[None]
     options = {"falloff": falloff, "posed": posed, "bones": body.bone_names, "models": load_model}
-    found, _, _ = evaluated(body, Sphere(), matrices, **options)
+    actual, _, _ = evaluated(body, Sphere(), matrices, **options)
     exact, _, _ = evaluated(body, Sphere(), matrices, tolerance=EXACT, **options)
-    assert found.any()
-    assert np.abs(found - exact).max() <= STANDARD.amplitude
+    assert actual.any()
+    assert np.abs(actual - exact).max() <= STANDARD.amplitude
 
 
 def test_a_soft_mesh_is_sampled_by_its_own_depth() -> None:
@@ -357,13 +359,13 @@ def test_a_soft_mesh_is_sampled_by_its_own_depth() -> None:
     mesh = MeshVolume(np.array(small.vertices), np.array(small.faces, np.int32), "Pea")
     body, falloff = sheet(), Falloff(FalloffKind.LINEAR)
     at = body.vertices[np.linalg.norm(body.vertices, axis=1).argmin()]
-    place = np.array([0.004, 0.007, 0.0]) + at
-    found, _, _ = evaluated(body, mesh, placed(1.0, place)[None], falloff=falloff)
+    position = np.array([0.004, 0.007, 0.0]) + at
+    actual, _, _ = evaluated(body, mesh, placed(1.0, position)[None], falloff=falloff)
     twin, _, _ = evaluated(
-        body, Sphere(), placed(0.03, place)[None], tolerance=EXACT, falloff=falloff
+        body, Sphere(), placed(0.03, position)[None], tolerance=EXACT, falloff=falloff
     )
     assert twin.max() > 0.2
-    assert np.abs(found - twin).max() <= STANDARD.amplitude
+    assert np.abs(actual - twin).max() <= STANDARD.amplitude
 
 
 # Invariance
@@ -402,10 +404,12 @@ def test_the_mirrored_volume_covers_the_mirrored_cells(model_id: str) -> None:
         "levels": np.array([1.0, 0.0, 1.0, 0.0]),
     }
     one, _, _ = evaluated(body, Cuboid(), matrices, **options)
-    other, _, _ = evaluated(body, Cuboid(), mirror @ matrices, **options)
+    second, _, _ = evaluated(body, Cuboid(), mirror @ matrices, **options)
     assert np.count_nonzero(one) > 8
     # Skin on the middle line itself belongs to a temperature cell of one side.
-    assert np.abs(one - other[:, body.mirror]).max() < (5e-3 if "temperature" in model_id else 1e-4)
+    assert np.abs(one - second[:, body.mirror]).max() < (
+        5e-3 if "temperature" in model_id else 1e-4
+    )
 
 
 def test_a_mirrored_body_bulges_outwards_too() -> None:

@@ -132,13 +132,13 @@ def test_one_value_that_is_no_number_is_silent_at_its_own_time(
     flat[entry % flat.size] = value
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found, runs, engine = evaluated(
+        actual, runs, engine = evaluated(
             BALL, Sphere(), matrices, posed=poses, levels=levels, **options
         )
     others = np.setdiff1d(np.arange(6), [row, row + 1])
-    np.testing.assert_array_equal(found[others], sound[others])
+    np.testing.assert_array_equal(actual[others], sound[others])
     if not np.isfinite(value):
-        assert not found[row].any()
+        assert not actual[row].any()
         assert list(engine.counters.warnings.values()) == [1]
     for run in runs:
         for column in (run.weights, run.positions, run.velocities, run.depth_m, run.surface):

@@ -49,10 +49,10 @@ def test_skinned_points_are_those_of_the_formula() -> None:
         assert points.shape == (3, len(rows), len(ids))
         for i in range(len(rows)):
             assert np.abs(points[:, i].T - expected[i][ids]).max() < 1e-12
-    some = np.array([3, 17, 400, 899], np.int32)
+    examples = np.array([3, 17, 400, 899], np.int32)
     for i, row in enumerate(rows):
-        points = bound.points(some, posed, int(row), posed.to_world[row])
-        assert np.abs(points.T - expected[i][some]).max() < 1e-12
+        points = bound.points(examples, posed, int(row), posed.to_world[row])
+        assert np.abs(points.T - expected[i][examples]).max() < 1e-12
 
 
 def test_bones_may_come_in_another_order_with_others_between() -> None:
@@ -62,8 +62,8 @@ def test_bones_may_come_in_another_order_with_others_between() -> None:
     bones = np.concatenate([np.full((TIMES, 1, 3, 4), 7.0), posed.bones[:, order]], axis=1)
     bound = SkinnedModel(body, SkinBinding(names))
     ids = np.arange(len(body), dtype=np.int32)
-    other = PoseBlock(posed.valid, posed.to_world, bones)
-    points = bound.points(ids, other, 1, posed.to_world[1])
+    pose_block = PoseBlock(posed.valid, posed.to_world, bones)
+    points = bound.points(ids, pose_block, 1, posed.to_world[1])
     assert np.abs(points.T - skinned(body, posed, 1)).max() < 1e-12
 
 
@@ -162,16 +162,16 @@ def test_pairs_of_clusters_and_rows_are_posed_one_after_the_other() -> None:
     body, posed = model(), pose(TIMES)
     anchors, ridden = _surface()
     rows, clusters, at = np.array([3, 0, 2]), np.array([0, 2, 2, 5]), np.array([1, 0, 2, 1])
-    for bound, each in (
+    for bound, item in (
         (SkinnedModel(body, SkinBinding(BONES)), posed),
         (SurfaceModel(body, anchors), ridden),
     ):
-        found = bound.pair_points(clusters, at, each, rows, each.to_world[rows])
+        pair_points = bound.pair_points(clusters, at, item, rows, item.to_world[rows])
         expected = [
-            bound.points(bound.clusters[cluster], each, row, each.to_world[row])
+            bound.points(bound.clusters[cluster], item, row, item.to_world[row])
             for cluster, row in zip(clusters.tolist(), rows[at].tolist(), strict=True)
         ]
-        assert found == pytest.approx(np.concatenate(expected, axis=1), abs=1e-12)
+        assert pair_points == pytest.approx(np.concatenate(expected, axis=1), abs=1e-12)
 
 
 def test_a_box_holds_every_cluster() -> None:

@@ -27,12 +27,12 @@ def _rod(angle: float) -> np.ndarray:
 
 
 def _both_ways(monkeypatch: pytest.MonkeyPatch, *arguments, **options) -> tuple:
-    found = []
+    actual = []
     for fewest in (1, 10**9):
         monkeypatch.setattr(block_broad_phase, "FEWEST_PAIRS", fewest)
-        found.append(evaluated(sheet(), *arguments, **options))
-    assert (found[0][0] == found[1][0]).all()
-    return found[0]
+        actual.append(evaluated(sheet(), *arguments, **options))
+    assert (actual[0][0] == actual[1][0]).all()
+    return actual[0]
 
 
 def test_a_volume_that_only_its_turning_brings_near_is_felt(

@@ -74,9 +74,9 @@ class _Deforming(RandomContact):
 
     @cached_property
     def animated(self) -> EffectBlock:
-        block, made = super().animated, ball(1.0, 2)
-        dents = np.random.default_rng(self.seed).uniform(0.4, 1.2, len(made))[:, None]
-        many = MeshVolume(made.vertices.astype(float) * dents, made.triangles, "many")
+        block, created = super().animated, ball(1.0, 2)
+        dents = np.random.default_rng(self.seed).uniform(0.4, 1.2, len(created))[:, None]
+        many = MeshVolume(created.vertices.astype(float) * dents, created.triangles, "many")
         few = MeshVolume.box(np.array([[-0.6, -0.4, -0.9], [0.3, 0.5, 0.4]]), "few")
         which = (np.arange(len(block.levels)) % 2).astype(np.int32)
         return replace(block, shapes=(many, few), shape_index=which)
@@ -105,20 +105,20 @@ def test_cells_on_the_skin_of_a_finer_model_are_felt_so_too() -> None:
     animated = EffectBlock(np.ones(1), np.ones((1, 1)), matrix[None], (shape,))
     pose = PoseBlock(np.ones(1, bool), scene.to_world[None], scene.bones[None])
     skin = Skin.of(model, load(cell_of_skin(model)[0]))
-    found = contact(
+    actual = contact(
         Body(skin, SkinBinding(model.bone_names), pose), Volume(animated, FALLOFFS[2]), 0
     )
     expected = scene.felt(tolerance.EXACT, which=which)[2]
     assert np.count_nonzero(expected) > 100
-    assert np.abs(found.weights - expected).max() < NEAR
+    assert np.abs(actual.weights - expected).max() < NEAR
 
 
 def test_the_scenes_touch_and_cut() -> None:
     """A comparison of nothing with nothing would hold, too."""
-    found = [RandomContact(seed).by_engine() for seed in SEEDS]
-    weights = np.concatenate([s.weights for scene in found for s in scene.values()])
+    actual = [RandomContact(seed).by_engine() for seed in SEEDS]
+    weights = np.concatenate([s.weights for scene in actual for s in scene.values()])
     assert np.count_nonzero(weights) > 100 and np.count_nonzero(weights < 0.9) > 50
-    assert all(found)
+    assert all(actual)
 
 
 # Inside and depth
@@ -126,9 +126,9 @@ def test_the_scenes_touch_and_cut() -> None:
 
 def _tangle() -> np.ndarray:
     """Corners of a ball with dents that cuts through a second one, and a hollow."""
-    made = ball(1.0, 1)
-    vertices = made.vertices * RNG.uniform(0.5, 1.3, (len(made), 1))
-    corners = vertices[made.triangles].astype(float)
+    model = ball(1.0, 1)
+    vertices = model.vertices * RNG.uniform(0.5, 1.3, (len(model), 1))
+    corners = vertices[model.triangles].astype(float)
     return np.concatenate([corners, corners + 0.6, 0.3 * corners[:, ::-1]])
 
 
@@ -148,8 +148,8 @@ def test_inside_and_distance_of_meshes_are_libigls() -> None:
 
 def _tessellated(shape: Shape, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """The boundary of a convex shape as triangles: a fine ball, pushed out to it."""
-    made = ball(1.0, steps)
-    points = made.vertices.astype(float).T
+    model = ball(1.0, steps)
+    points = model.vertices.astype(float).T
     if isinstance(shape, Cuboid):
         points = points / np.abs(points).max(axis=0)
     elif isinstance(shape, Cylinder):
@@ -158,7 +158,7 @@ def _tessellated(shape: Shape, steps: int) -> tuple[np.ndarray, np.ndarray]:
         points[2] += np.where(np.abs(points[2]) < 1e-6, 0.0, np.sign(points[2])) * (
             shape.half_segment
         )
-    return points.T, made.triangles
+    return points.T, model.triangles
 
 
 @pytest.mark.parametrize("shape", [Sphere(), Capsule(0.8)], ids=lambda s: type(s).__name__)
@@ -236,14 +236,16 @@ def test_curved_skin_is_on_the_ball_that_its_triangles_stand_for() -> None:
     sagitta."""
     shares = []
     for rounds in (1, 2):
-        made, radii = ball(0.02, rounds), []
-        total = np.zeros(len(made))
-        for samples in Cells(Skin.of(made), EXACT).samples():
-            points = samples.posed(made.vertices.astype(float).T, 1.0)
+        created, radii = ball(0.02, rounds), []
+        total = np.zeros(len(created))
+        for samples in Cells(Skin.of(created), EXACT).samples():
+            points = samples.posed(created.vertices.astype(float).T, 1.0)
             radii.append(np.linalg.norm(points, axis=0) / 0.02)
-            total += np.bincount(samples.cells, samples.areas, len(made))
-        assert total == pytest.approx(np.ones(len(made)))
-        sagitta = 1.0 - np.linalg.norm(made.vertices[made.triangles].mean(axis=1), axis=1) / 0.02
+            total += np.bincount(samples.cells, samples.areas, len(created))
+        assert total == pytest.approx(np.ones(len(created)))
+        sagitta = (
+            1.0 - np.linalg.norm(created.vertices[created.triangles].mean(axis=1), axis=1) / 0.02
+        )
         shares.append(np.abs(np.concatenate(radii) - 1.0).max() / sagitta.max())
     assert shares[0] < 0.3 and shares[1] < 0.3 * shares[0]
 
@@ -266,8 +268,8 @@ def test_linear_blend_skinning_by_hand() -> None:
     body = sheet(1)
     bones = np.tile(np.eye(4)[:3], (4, 1, 1))
     bones[0, :, 3] = 1.0, 2.0, 3.0
-    found = by_bones(body, BONES, bones)
-    assert found == pytest.approx(body.vertices.T + np.array([[1.0], [2.0], [3.0]]))
+    actual = by_bones(body, BONES, bones)
+    assert actual == pytest.approx(body.vertices.T + np.array([[1.0], [2.0], [3.0]]))
 
 
 def test_motion_by_hand() -> None:
@@ -319,6 +321,6 @@ def test_a_cell_whose_vertex_is_outside_is_as_deep_as_its_deepest_skin() -> None
         tolerance.STANDARD.spacing_share, EXACT.least_m, tolerance.STANDARD.distance_m
     )
     placed = Body(Skin.of(model, finer), body.binding, pose, fineness, near)
-    felt = contact(placed, Volume(effect, Falloff()), 0, None, with_details=True)
-    depths = Sphere().depth_m(felt.details.places[:, sample.vertices], matrix)
+    strengths = contact(placed, Volume(effect, Falloff()), 0, None, with_details=True)
+    depths = Sphere().depth_m(strengths.details.places[:, sample.vertices], matrix)
     np.testing.assert_allclose(sample.depth_m, depths, rtol=0, atol=1e-6)

@@ -91,7 +91,7 @@ def _clusters_of(model: PerceptualModel, load: np.ndarray | None) -> list[list[i
     label = 4 * model.part.astype(int) + model.side
     load = np.ones(len(model), int) if load is None else load
     parts = (np.flatnonzero(label == value) for value in np.unique(label))
-    return [each for part in parts for each in _halved(part, model.vertices, load, 128)]
+    return [item for part in parts for item in _halved(part, model.vertices, load, 128)]
 
 
 @settings(max_examples=60, deadline=None)
@@ -106,18 +106,18 @@ def test_clusters_are_halves_of_halves(seed, count, digits, heaviest):
     rng = np.random.default_rng(seed)
     vertices = np.round(rng.normal(0.0, 1.0, (count, 3)), digits).astype(np.float32)
     vertices[rng.random((count, 3)) < 0.1] = -0.0
-    some = np.arange(count) % 3 if count else np.zeros(0)
+    examples = np.arange(count) % 3 if count else np.zeros(0)
     model = replace(
-        sheet(2), vertices=vertices, part=some.astype(np.uint8), side=np.zeros(count, np.uint8)
+        sheet(2), vertices=vertices, part=examples.astype(np.uint8), side=np.zeros(count, np.uint8)
     )
     load = None if heaviest is None else rng.integers(0, heaviest + 1, count)
-    found = clusters_of(model, load)
-    assert [each.tolist() for each in found] == _clusters_of(model, load)
+    actual = clusters_of(model, load)
+    assert [entry.tolist() for entry in actual] == _clusters_of(model, load)
 
 
 def test_clusters_of_a_shipped_model_are_halves_of_halves():
     model = load("hfx-pressure-1")
-    assert [each.tolist() for each in clusters_of(model)] == _clusters_of(model, None)
+    assert [item.tolist() for item in clusters_of(model)] == _clusters_of(model, None)
 
 
 # Bones
@@ -135,18 +135,18 @@ def test_boxes_of_bones_are_around_what_they_move(seed):
     model = crumpled(seed)
     weights, clusters = BoundWeights.of(model, ("extra", *BONES)), _clusters(model, seed)
     assert (weights.bones == weights.bone_count).any(), "some rest"
-    found, pair = BoneBoxes.of(weights, clusters), 0
-    assert found.ends.dtype == found.bones.dtype == np.int64
+    actual, pair = BoneBoxes.of(weights, clusters), 0
+    assert actual.ends.dtype == actual.bones.dtype == np.int64
     for k, ids in enumerate(clusters):
         moved: dict[int, list[np.ndarray]] = {}
         for vertex in ids.tolist():
             for bone in weights.bones[weights.offsets[vertex] : weights.offsets[vertex + 1]]:
                 moved.setdefault(int(bone), []).append(weights.rest[vertex, :3])
-        assert found.ends[k] == pair
+        assert actual.ends[k] == pair
         for bone, places in sorted(moved.items()):
-            assert found.bones[pair] == bone == found.used[found.slots[pair]]
-            np.testing.assert_array_equal(found.low[pair], np.min(places, axis=0))
-            np.testing.assert_array_equal(found.high[pair], np.max(places, axis=0))
+            assert actual.bones[pair] == bone == actual.used[actual.slots[pair]]
+            np.testing.assert_array_equal(actual.low[pair], np.min(places, axis=0))
+            np.testing.assert_array_equal(actual.high[pair], np.max(places, axis=0))
             pair += 1
 
 
@@ -155,8 +155,8 @@ def _weights(bound, cluster):
     ids, bones, known = bound.clusters[cluster], bound.cluster_bones(cluster), bound._weights
     weights = np.zeros((len(ids), len(bones)))
     for k, vertex in enumerate(ids.tolist()):
-        some = slice(known.offsets[vertex], known.offsets[vertex + 1])
-        weights[k, np.searchsorted(bones, known.bones[some])] = known.values[some]
+        examples = slice(known.offsets[vertex], known.offsets[vertex + 1])
+        weights[k, np.searchsorted(bones, known.bones[examples])] = known.values[examples]
     return weights, known.rest[ids, :3]
 
 
@@ -192,30 +192,33 @@ def _arrays(pointers, bound, cluster, units=0):
 def test_what_bones_do_to_clusters(seed):
     model = crumpled(seed)
     bound = SkinnedModel(model, SkinBinding(BONES), _clusters(model, seed))
-    found = bound.native_clusters(np.array([11, 3, 4]))
-    found = bound.native_clusters(np.array([4, 0, 11]))
+    native_clusters = bound.native_clusters(np.array([11, 3, 4]))
+    native_clusters = bound.native_clusters(np.array([4, 0, 11]))
     for cluster in (0, 3, 4, 11):
         ids, bones, known = bound.clusters[cluster], bound.cluster_bones(cluster), bound._weights
-        arrays = _arrays(found.table[cluster], bound, cluster)
-        some = np.concatenate([np.arange(*known.offsets[v : v + 2]) for v in ids])
-        np.testing.assert_array_equal(bones[arrays[0]], known.bones[some])
-        np.testing.assert_array_equal(arrays[1], known.values[some])
+        arrays = _arrays(native_clusters.table[cluster], bound, cluster)
+        indices = np.concatenate([np.arange(*known.offsets[v : v + 2]) for v in ids])
+        np.testing.assert_array_equal(bones[arrays[0]], known.bones[indices])
+        np.testing.assert_array_equal(arrays[1], known.values[indices])
         np.testing.assert_array_equal(np.diff(arrays[2]), np.diff(known.offsets)[ids])
         np.testing.assert_array_equal(arrays[3], known.rest[ids])
         np.testing.assert_array_equal(arrays[4], bones)
         np.testing.assert_allclose(arrays[5], _moved(bound, cluster), rtol=1e-12, atol=1e-15)
-        assert found.table[cluster].bone_count == len(bones)
-    assert not found.table[1].weights, "nobody asked for it"
+        assert native_clusters.table[cluster].bone_count == len(bones)
+    assert not native_clusters.table[1].weights, "nobody asked for it"
 
 
 @pytest.mark.parametrize("name", ["ball", "1"])
 def test_neighbours_learnt_later_have_arrays_of_their_own(name):
     skin = _skin(name)
-    bound, some = SkinnedModel(skin.surface, SkinBinding(BONES), skin.outlines), np.array([0, 1])
+    bound, examples = (
+        SkinnedModel(skin.surface, SkinBinding(BONES), skin.outlines),
+        np.array([0, 1]),
+    )
     units = int(skin.table.unit_counts[0])
-    before = _arrays(bound.native_clusters(some).table[0], bound, 0, units)[6:]
-    skin.table.need(some)
-    after = _arrays(bound.native_clusters(some, skin.table).table[0], bound, 0, units)
+    before = _arrays(bound.native_clusters(examples).table[0], bound, 0, units)[6:]
+    skin.table.need(examples)
+    after = _arrays(bound.native_clusters(examples, skin.table).table[0], bound, 0, units)
     assert not any(array.any() for array in before)
     weights, rest = _weights(bound, 0)
     quads = skin.table.quad_starts[: units + 1]
@@ -240,7 +243,7 @@ def _samples(skin: SkinCoverage, cluster: int) -> Samples:
     names = ("cells", "corners", "shares", "heights", "areas")
     columns = [np.concatenate([getattr(b, name) for b in blocks], axis=-1) for name in names]
     order = np.lexsort(columns[1][::-1])
-    return Samples(*(each[..., order] for each in columns))
+    return Samples(*(column[..., order] for column in columns))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -255,8 +258,8 @@ def test_outlines_hold_the_corners_around_and_margins_what_bulges(name):
         others = np.setdiff1d(around, units)
         assert skin.outlines[cluster].tolist() == [*units.tolist(), *others.tolist()]
         samples = _samples(skin, cluster)
-        one, other, third = (mesh.vertices[corner].astype(float) for corner in samples.corners)
-        sizes = np.sqrt(np.linalg.norm(np.cross(other - one, third - one), axis=1))
+        one, second, third = (mesh.vertices[corner].astype(float) for corner in samples.corners)
+        sizes = np.sqrt(np.linalg.norm(np.cross(second - one, third - one), axis=1))
         assert np.abs(samples.heights * sizes).max() <= skin.margins_m[cluster] * (1.0 + 1e-5)
 
 
@@ -274,20 +277,20 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
         sizes = table.steps[quads] ** 2
         quad = np.repeat(quads, sizes)
         step = np.arange(len(quad)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        one, other, heights, areas = table.samples[:, table.sample_starts[quad] + step]
+        one, second, heights, areas = table.samples[:, table.sample_starts[quad] + step]
         places = np.stack([table.unit_of[quad], *table.around[quad].T])
         nothing = np.zeros(len(units))
         corners = np.concatenate([np.stack([units] * 3), places], axis=1)
         order = np.lexsort(table.vertices[corners][::-1])
-        for found, wanted in (
+        for actual, requested in (
             (table.cells[table.cell_of[corners[0]]], expected.cells),
             (table.vertices[corners], expected.corners),
             (np.concatenate([nothing, one]), expected.shares[1]),
-            (np.concatenate([nothing, other]), expected.shares[2]),
+            (np.concatenate([nothing, second]), expected.shares[2]),
             (np.concatenate([nothing, heights]), expected.heights),
             (np.concatenate([table.vertex_shares[units], areas]), expected.areas),
         ):
-            np.testing.assert_allclose(found[..., order], wanted, rtol=1e-6, atol=1e-8)
+            np.testing.assert_allclose(actual[..., order], requested, rtol=1e-6, atol=1e-8)
         assert (table.finest[quads] >= table.steps[quads]).all()
         wholes = np.bincount(np.repeat(np.arange(len(quads)), sizes), areas, len(quads))
         np.testing.assert_allclose(table.wholes[quads], wholes, rtol=1e-9, atol=1e-12)
@@ -297,11 +300,11 @@ def test_filling_leaves_what_others_look_at_where_it_is():
     table = _skin("hfx-pressure-1").table
     table.need(np.array([0, 1]))
     known, samples = table_structure(table), table.samples
-    kept = samples.copy()
+    stored = samples.copy()
     table.need(np.arange(60))
     assert table.samples is not samples and table_structure(table) is not known
-    np.testing.assert_array_equal(samples, kept)
-    assert any(each is samples for each in known.kept) and known.samples == samples.ctypes.data
+    np.testing.assert_array_equal(samples, stored)
+    assert any(item is samples for item in known.kept) and known.samples == samples.ctypes.data
 
 
 def _cell_mean(groups, posed):
@@ -333,15 +336,15 @@ def test_cells_are_no_larger_than_their_groups_say(modality):
     scene, block = moving_scene(model, 5, 0.4, 1.0)
     body, pose = scene.bodies[0], block.poses[0]
     skin = BoundSkins(load, STANDARD, Counters()).of(body, model.id)
-    some = np.arange(len(skin.skin.clusters))[::23]
-    skin.cell_groups(some[:2])
+    indices = np.arange(len(skin.skin.clusters))[::23]
+    skin.cell_groups(indices[:2])
     still = np.eye(4)[None, :3]
     posed = pose.to_world[2, :3, :3] @ np.concatenate([pose.bones[2], still])
-    groups = skin.cell_groups(some)
-    bounds = np.array([_cell_mean(groups[cluster], posed) for cluster in some.tolist()])
+    groups = skin.cell_groups(indices)
+    bounds = np.array([_cell_mean(groups[cluster], posed) for cluster in indices.tolist()])
     surface, own = (world_points(m, body.binding, pose, 2) for m in (skin.skin.surface, model))
     shares = []
-    for cluster, bound in zip(some.tolist(), bounds.tolist(), strict=True):
+    for cluster, bound in zip(indices.tolist(), bounds.tolist(), strict=True):
         samples = _samples(skin.skin, cluster)
         away = np.linalg.norm(samples.posed(surface, 1.0) - own[:, samples.cells], axis=0)
         shares.append(np.bincount(samples.cells, samples.areas * away).max() / bound)
@@ -366,7 +369,7 @@ def test_a_triangle_of_no_vertex_is_refused_before_it_is_looked_at(corner):
 
 def test_several_skins_of_a_model_share_its_weights():
     model = ball(0.1, 1)
-    one, other = (BoundWeights.of(model, BONES) for _ in range(2))
-    assert one is other
+    one, second = (BoundWeights.of(model, BONES) for _ in range(2))
+    assert one is second
     assert BoundWeights.of(model, (*BONES, "more")) is not one
     assert BoundWeights.of(replace(model), BONES) is not one

@@ -139,16 +139,16 @@ def here(drawn: dict, grown_m: float = 0.0) -> list[Placed]:
 @given(scenes=st.lists(SCENES, min_size=3, max_size=3))
 def test_edges_are_within_the_stated_distance(name, scenes):
     tolerance = SETTINGS[name]
-    found = weights_of(felt(tolerance, [here(each) for each in scenes]))[:3]
+    actual = weights_of(felt(tolerance, [here(item) for item in scenes]))[:3]
     # The distance is a share of the local spacing, so vertices are judged by their own.
     edges = np.array([tolerance.edge_m(spacing) for spacing in SPACING_M])
     for edge_m in np.unique(np.quantile(edges, [0.3, 1.0])):
         mine = edges <= edge_m * (1.0 + 1e-9)
-        exact = [here(each, grown) for grown in (-edge_m, edge_m) for each in scenes]
+        exact = [here(item, grown) for grown in (-edge_m, edge_m) for item in scenes]
         smaller, larger = np.split(weights_of(felt(EXACT, exact)), 2)
         slack = tolerance.amplitude + 0.02  # the exact one samples skin too
-        assert (found[:, mine] >= smaller[:, mine] - slack).all()
-        assert (found[:, mine] <= larger[:, mine] + slack).all()
+        assert (actual[:, mine] >= smaller[:, mine] - slack).all()
+        assert (actual[:, mine] <= larger[:, mine] + slack).all()
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -159,9 +159,9 @@ def test_actuators_are_within_the_stated_share_of_full_scale(name, drawn):
     tolerance = SETTINGS[name]
     edge_m = max(tolerance.edge_m(float(spacing)) for spacing in SPACING_M)
     lower, upper = (played(felt(EXACT, [here(drawn, grown)])) for grown in (-edge_m, edge_m))
-    for found, low, high in zip(played(felt(tolerance, [here(drawn)])), lower, upper, strict=True):
-        assert (found >= low - tolerance.amplitude - 0.02).all()
-        assert (found <= high + tolerance.amplitude + 0.02).all()
+    for actual, low, high in zip(played(felt(tolerance, [here(drawn)])), lower, upper, strict=True):
+        assert (actual >= low - tolerance.amplitude - 0.02).all()
+        assert (actual <= high + tolerance.amplitude + 0.02).all()
 
 
 def played(runs: list[SampleRun]) -> list[np.ndarray]:
@@ -173,10 +173,10 @@ def played(runs: list[SampleRun]) -> list[np.ndarray]:
         renderer = Renderer(header, device, load_model)
         renderer.add(runs)
         raster = renderer.raster()
-        highest = {each.id: each.type.strength.highest for each in device.actuators}
-        kept = [k for k, c in enumerate(raster.columns) if c.parameter == "pressure_kpa"]
-        scales = np.array([highest[raster.columns[k].actuator] for k in kept])
-        shares.append(raster.values[0, kept] / scales)
+        highest = {actuator.id: actuator.type.strength.highest for actuator in device.actuators}
+        stored = [k for k, c in enumerate(raster.columns) if c.parameter == "pressure_kpa"]
+        scales = np.array([highest[raster.columns[k].actuator] for k in stored])
+        shares.append(raster.values[0, stored] / scales)
     return shares
 
 
@@ -194,8 +194,8 @@ def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radiu
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
 
     def ball(time_s: float) -> tuple:
-        place = way * (0.6 - speed * time_s) + np.array([0.0, 0.0, height])
-        return placed("sphere", radius, 0.0, place)
+        position = way * (0.6 - speed * time_s) + np.array([0.0, 0.0, height])
+        return placed("sphere", radius, 0.0, position)
 
     def is_touched(time_s: float) -> bool:
         return any(len(run) for run in felt(EXACT, [[ball(time_s)]]))

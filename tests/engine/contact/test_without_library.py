@@ -20,12 +20,12 @@ def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
     """Weights by effect and sample of a body that bends, stretches and turns among volumes."""
     model = load(f"hfx-{modality}-1")
     scene, block = moving_scene(model, 3, 0.3, 0.4)
-    found = {}
+    actual = {}
     for run in Engine(scene, models=load, tolerance=PAPER).evaluate(block):
         for index, sample in zip(run.indices.tolist(), run, strict=True):
-            weights = found[run.stream.effect_id, index] = np.zeros(len(model))
+            weights = actual[run.stream.effect_id, index] = np.zeros(len(model))
             weights[sample.vertices] = sample.weights
-    return found
+    return actual
 
 
 @needs_library
@@ -33,9 +33,9 @@ def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
 def test_vertices_of_shipped_models_feel_the_same(modality: str) -> None:
     expected = _felt(modality)
     with by_reference():
-        found = _felt(modality)
-    assert found.keys() == expected.keys() and len(found) > 4
-    for key, weights in found.items():
+        actual = _felt(modality)
+    assert actual.keys() == expected.keys() and len(actual) > 4
+    for key, weights in actual.items():
         np.testing.assert_allclose(weights, expected[key], atol=1e-6)
 
 

@@ -29,27 +29,27 @@ def test_a_body_of_very_few_vertices(name, count):
     for k in range(count):
         matrices = np.stack([ball(0.5, model.vertices[k]), ball(0.5, (0.0, 50.0, 0.0))])
         for falloff in (Falloff(), Falloff(FalloffKind.LINEAR)):
-            found = feel(model, volume(matrices, SHAPES[name]), falloff=falloff)
-            assert np.flatnonzero(found.weights[0, 0]).tolist() == [k]
-            assert not found.weights[0, 1].any() and found.warnings == {}
+            samples = feel(model, volume(matrices, SHAPES[name]), falloff=falloff)
+            assert np.flatnonzero(samples.weights[0, 0]).tolist() == [k]
+            assert not samples.weights[0, 1].any() and samples.warnings == {}
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_body_of_vertices_that_are_all_in_one_place():
     model = body_of(np.zeros((1000, 3)))
-    found = feel(model, volume(ball(0.1)[None], SHAPES["sphere"]))
-    assert (found.weights[0, 0] == 1.0).all()
+    samples = feel(model, volume(ball(0.1)[None], SHAPES["sphere"]))
+    assert (samples.weights[0, 0] == 1.0).all()
 
 
 def test_a_body_of_200_000_vertices(rng):
     model = body_of(rng.uniform((-0.3, -0.15, 0.0), (0.3, 0.15, 1.8), (200_000, 3)))
     matrix = ball(0.1, (0.1, 0.0, 1.2))
-    found = feel(model, volume(matrix[None], SHAPES["sphere"]))
+    samples = feel(model, volume(matrix[None], SHAPES["sphere"]))
     way = np.linalg.norm(model.vertices - matrix[:3, 3], axis=1) - 0.1
     sure = np.abs(way) > 1e-9
-    np.testing.assert_array_equal(found.weights[0, 0, sure] > 0, way[sure] < 0.0)
-    assert np.count_nonzero(found.weights) > 1000
-    assert found.engine.counters.vertices_posed < 20_000, "only what the volume can reach"
+    np.testing.assert_array_equal(samples.weights[0, 0, sure] > 0, way[sure] < 0.0)
+    assert np.count_nonzero(samples.weights) > 1000
+    assert samples.engine.counters.vertices_posed < 20_000, "only what the volume can reach"
 
 
 def bones_of(count: int, vertices: np.ndarray, rng: np.random.Generator) -> tuple:
@@ -69,14 +69,14 @@ def test_a_body_of_a_thousand_bones(rng):
     model = body_of(points, names, weights)
     bones = np.tile(np.eye(4)[:3], (1, 1000, 1, 1)) + 0.1 * rng.normal(size=(1, 1000, 3, 4))
     pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], bones)
-    found = feel(model, volume(ball(0.45)[None], SHAPES["sphere"]), pose)
+    samples = feel(model, volume(ball(0.45)[None], SHAPES["sphere"]), pose)
     homogeneous = np.hstack([model.vertices.astype(float), np.ones((800, 1))])
     shares = shares.astype(float) / shares.astype(float).sum(axis=1, keepdims=True)
     blended = np.einsum("vk,vkij->vij", shares, bones[0, weights.bones.reshape(-1, 4)])
     way = np.linalg.norm(np.einsum("vij,vj->vi", blended, homogeneous), axis=1) - 0.45
     sure = np.abs(way) > 1e-9
-    np.testing.assert_array_equal(found.weights[0, 0, sure] > 0, way[sure] < 0.0)
-    assert 50 < np.count_nonzero(found.weights) < 750
+    np.testing.assert_array_equal(samples.weights[0, 0, sure] > 0, way[sure] < 0.0)
+    assert 50 < np.count_nonzero(samples.weights) < 750
 
 
 @settings(max_examples=30, deadline=None)
@@ -86,10 +86,10 @@ def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.5, 0.5, (60, 3))
     names, weights, _ = bones_of(5, points, rng)
-    kept = rng.random(60) >= silent
-    lists = [weights.bones.reshape(-1, 4)[k] if kept[k] else [] for k in range(60)]
-    values = [weights.values.reshape(-1, 4)[k] if kept[k] else [] for k in range(60)]
-    offsets = np.concatenate([[0], np.cumsum([len(each) for each in lists])]).astype(np.int32)
+    stored = rng.random(60) >= silent
+    lists = [weights.bones.reshape(-1, 4)[k] if stored[k] else [] for k in range(60)]
+    values = [weights.values.reshape(-1, 4)[k] if stored[k] else [] for k in range(60)]
+    offsets = np.concatenate([[0], np.cumsum([len(item) for item in lists])]).astype(np.int32)
     sparse = SkinWeights(
         offsets,
         np.concatenate([np.zeros(0), *lists]).astype(np.int32),
@@ -98,11 +98,11 @@ def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
     turn = np.tile(np.eye(4)[:3], (1, 5, 1, 1))
     turn[:, :, 2, 3] = 0.25  # all bones lift by 0.25 m
     pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], turn)
-    found = feel(body_of(points, names, sparse), volume(ball(0.4)[None], SHAPES["sphere"]), pose)
-    lifted = points.astype(np.float32) + np.where(kept, 0.25, 0.0)[:, None] * (0, 0, 1)
+    samples = feel(body_of(points, names, sparse), volume(ball(0.4)[None], SHAPES["sphere"]), pose)
+    lifted = points.astype(np.float32) + np.where(stored, 0.25, 0.0)[:, None] * (0, 0, 1)
     way = np.linalg.norm(lifted, axis=1) - 0.4
     sure = np.abs(way) > 1e-6
-    np.testing.assert_array_equal(found.weights[0, 0, sure] > 0, way[sure] < 0.0)
+    np.testing.assert_array_equal(samples.weights[0, 0, sure] > 0, way[sure] < 0.0)
 
 
 @pytest.mark.filterwarnings("error")
@@ -112,8 +112,8 @@ def test_weights_that_sum_to_next_to_nothing(share):
         np.array([0, 1, 2], np.int32), np.array([0, 0], np.int32), np.array([1, share], np.float32)
     )
     model = body_of(np.zeros((2, 3)), ("root",), weights)
-    found = feel(model, volume(ball(0.1)[None], SHAPES["sphere"]))
-    assert found.weights[0, 0].tolist() == [1.0, 1.0]
+    samples = feel(model, volume(ball(0.1)[None], SHAPES["sphere"]))
+    assert samples.weights[0, 0].tolist() == [1.0, 1.0]
 
 
 def test_missing_bones_are_named():
@@ -131,14 +131,14 @@ def test_ten_thousand_volumes(rng):
     places = rng.uniform(3.0, 1000.0, (10_000, 3)) * rng.choice([-1.0, 1.0], (10_000, 3))
     near = np.sort(rng.choice(10_000, 20, replace=False))
     places[near] = model.vertices[rng.choice(500, 20)]
-    effects = [volume(ball(0.1, place)[None], SHAPES["sphere"]) for place in places]
-    found = feel(model, effects)
-    felt = np.flatnonzero(found.weights.any(axis=(1, 2)))
-    assert felt.tolist() == near.tolist() and found.warnings == {}
+    effects = [volume(ball(0.1, position)[None], SHAPES["sphere"]) for position in places]
+    samples = feel(model, effects)
+    indices = np.flatnonzero(samples.weights.any(axis=(1, 2)))
+    assert indices.tolist() == near.tolist() and samples.warnings == {}
     for k in near:
         alone = feel(model, effects[k])
-        np.testing.assert_array_equal(alone.weights[0], found.weights[k])
-    assert len(found.runs) == 20
+        np.testing.assert_array_equal(alone.weights[0], samples.weights[k])
+    assert len(samples.runs) == 20
 
 
 def test_hundreds_of_volumes_in_one_place():

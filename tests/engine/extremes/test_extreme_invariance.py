@@ -89,9 +89,9 @@ def test_contacts_of_the_mirror_image_are_those_of_the_mirror_table(name, seed):
     matrices, pose = animated(rng)
     flip = MIRROR[:3, :3]
     bones = np.empty_like(pose.bones)
-    for k, other in enumerate(OTHER_SIDE):
-        bones[:, k, :, :3] = flip @ pose.bones[:, other, :, :3] @ flip
-        bones[:, k, :, 3] = pose.bones[:, other, :, 3] @ flip
+    for k, second in enumerate(OTHER_SIDE):
+        bones[:, k, :, :3] = flip @ pose.bones[:, second, :, :3] @ flip
+        bones[:, k, :, 3] = pose.bones[:, second, :, 3] @ flip
     mirrored = PoseBlock(pose.valid, MIRROR @ pose.to_world @ MIRROR, bones)
     here = feel(model, volume(matrices, SHAPES[name]), pose, falloff=FALLOFF)
     there = feel(model, volume(MIRROR @ matrices, SHAPES[name]), mirrored, falloff=FALLOFF)

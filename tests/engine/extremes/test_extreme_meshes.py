@@ -62,8 +62,8 @@ def test_needles_and_sheets_are_felt_as_thin_as_they_are(kind, flatness, rng):
     inside = np.all((share > 0.0) & (share < 1.0), axis=1)
     sure = np.abs(share - np.round(share)).min(axis=1) > 1e-9 + 1e-14 / flatness
     assert np.mean(sure) > 0.95
-    felt = thin.contains(np.ascontiguousarray((share * stretch).T))
-    np.testing.assert_array_equal(felt[sure], inside[sure])
+    samples = thin.contains(np.ascontiguousarray((share * stretch).T))
+    np.testing.assert_array_equal(samples[sure], inside[sure])
 
 
 def test_slivers_do_not_leak(rng):
@@ -87,11 +87,11 @@ def test_doubled_overlapping_and_inside_out_meshes(rng):
     points = rng.uniform(-1.3, 2.3, (3, 20_000))
     ball = (BALL.vertices, BALL.faces)
     beside = (BALL.vertices + np.array([0.9, 0.0, 0.0]), BALL.faces)
-    one, other = (mesh(*part).contains(points) for part in (ball, beside))
+    one, second = (mesh(*part).contains(points) for part in (ball, beside))
     for parts, expected in (
         ((ball, ball), one),
         ((ball, ball, ball), one),
-        ((ball, beside), one | other),
+        ((ball, beside), one | second),
         ((ball, (BALL.vertices, BALL.faces[:, ::-1])), np.zeros_like(one)),
         (((BALL.vertices, BALL.faces[:, ::-1]),), one),
         (((-BALL.vertices, BALL.faces),), mesh(-BALL.vertices, BALL.faces).contains(points)),
@@ -111,8 +111,8 @@ def test_inside_is_the_exact_winding_number(name, rng):
     points = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (4000, 3))
     winding = igl.winding_number(vertices, faces, points)
     far = igl.point_mesh_squared_distance(points, vertices, faces)[0] > 1e-18
-    felt = mesh(vertices, faces).contains(np.ascontiguousarray(points.T))
-    np.testing.assert_array_equal(felt[far], np.abs(winding[far]) > 0.5)
+    samples = mesh(vertices, faces).contains(np.ascontiguousarray(points.T))
+    np.testing.assert_array_equal(samples[far], np.abs(winding[far]) > 0.5)
     assert far.mean() > 0.99
 
 
@@ -137,8 +137,8 @@ def test_a_million_triangles(rng):
     points = rng.uniform(-1.3, 1.3, (3, 50_000)) * np.array([[1.0], [1.0], [0.3]])
     way = np.hypot(np.hypot(points[0], points[1]) - 1.0, points[2]) - 0.3
     sure = np.abs(way) > 1e-5  # the facets' own height
-    felt = ring.contains(points)
-    np.testing.assert_array_equal(felt[sure], way[sure] < 0.0)
+    samples = ring.contains(points)
+    np.testing.assert_array_equal(samples[sure], way[sure] < 0.0)
 
 
 @pytest.mark.filterwarnings("error")
@@ -152,6 +152,6 @@ def test_a_mesh_volume_in_the_engine_at_any_scale(scale, mirrored, rng):
     shape = mesh(crumpled, BALL.faces)
     expected = shape.contains(np.ascontiguousarray((model.vertices * flip).T.astype(float)))
     grown = moved(still(1), np.diag([scale, scale, scale, 1.0]))
-    found = feel(model, volume(matrix[None], shape), grown)
-    np.testing.assert_array_equal(found.weights[0, 0] > 0, expected)
+    samples = feel(model, volume(matrix[None], shape), grown)
+    np.testing.assert_array_equal(samples.weights[0, 0] > 0, expected)
     assert 30 < np.count_nonzero(expected) < 400

@@ -32,7 +32,7 @@ def assert_exact(name, matrix, to_world, model, least_judged=0.9):
     Not judged: vertices whose world coordinates, as float64, could round across the boundary.
     """
     shape = SHAPES[name]
-    found = feel(model, volume(matrix[None], shape), moved(still(1), to_world))
+    samples = feel(model, volume(matrix[None], shape), moved(still(1), to_world))
     ways = exact_ways(shape, matrix, to_world, model.vertices)
     smallest = np.linalg.svd(matrix[:3, :3], compute_uv=False)[2]
     size = np.abs(matrix[:3]).max() + np.abs(to_world[:3]).max() * (
@@ -41,11 +41,11 @@ def assert_exact(name, matrix, to_world, model, least_judged=0.9):
     band = 64 * EPS * size / smallest + 1e-12
     sure = np.abs(ways) > band * (1 + np.abs(ways))
     assert np.mean(sure) >= least_judged
-    felt = found.weights[0, 0] > 0.0
-    np.testing.assert_array_equal(felt[sure], ways[sure] < 0.0)
+    strengths = samples.weights[0, 0] > 0.0
+    np.testing.assert_array_equal(strengths[sure], ways[sure] < 0.0)
     is_point = not np.any(to_world[:3, :3])
-    assert len(found.warnings) == is_point, "a body of no size is told of, and nothing else"
-    return felt
+    assert len(samples.warnings) == is_point, "a body of no size is told of, and nothing else"
+    return strengths
 
 
 @pytest.mark.parametrize("distance_m", [1e-6, 1e-3, 1.0, 1e3, 1e5, 1e6, 1e7])
@@ -56,8 +56,8 @@ def test_contacts_at_any_distance_from_the_origin(name, distance_m, rng):
     spin = turn(rng)
     to_world = affine(spin, away)
     around = affine(turn(rng) @ np.diag([0.3, 0.4, 0.5]), away + spin @ (0.0, 0.0, 0.9))
-    felt = assert_exact(name, around, to_world, model)
-    assert 8 < np.count_nonzero(felt) < len(felt)
+    samples = assert_exact(name, around, to_world, model)
+    assert 8 < np.count_nonzero(samples) < len(samples)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 1e3, 1e6])
@@ -67,8 +67,8 @@ def test_objects_of_any_scale(name, scale, rng):
     model = person(rng)
     to_world = affine(scale * turn(rng), scale * rng.normal(size=3))
     around = to_world @ affine(turn(rng) * 0.5, (0.0, 0.0, 0.9))
-    felt = assert_exact(name, around, to_world, model)
-    assert 8 < np.count_nonzero(felt) < len(felt)
+    samples = assert_exact(name, around, to_world, model)
+    assert 8 < np.count_nonzero(samples) < len(samples)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-4, 1e4, 1e6])
@@ -76,10 +76,10 @@ def test_objects_of_any_scale(name, scale, rng):
 def test_volumes_of_any_scale_on_a_person(name, scale, rng):
     """A speck on one vertex is felt by that vertex; a world-sized volume by the whole body."""
     model = person(rng)
-    place = model.vertices[7].astype(np.float64) if scale < 1.0 else np.zeros(3)
-    felt = assert_exact(name, affine(turn(rng) * scale, place), np.eye(4), model)
+    position = model.vertices[7].astype(np.float64) if scale < 1.0 else np.zeros(3)
+    samples = assert_exact(name, affine(turn(rng) * scale, position), np.eye(4), model)
     expected = [7] if scale < 1.0 else list(range(len(model)))
-    assert np.flatnonzero(felt).tolist() == expected
+    assert np.flatnonzero(samples).tolist() == expected
 
 
 KINDS = {
@@ -97,8 +97,8 @@ KINDS = {
 def test_stretched_sheared_and_mirrored_volumes(name, kind, rng):
     model = person(rng)
     linear = turn(rng) @ KINDS[kind](rng) * 0.4
-    felt = assert_exact(name, affine(linear, (0.0, 0.0, 0.9)), np.eye(4), model)
-    assert felt.any() and not felt.all()
+    samples = assert_exact(name, affine(linear, (0.0, 0.0, 0.9)), np.eye(4), model)
+    assert samples.any() and not samples.all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -107,8 +107,8 @@ def test_stretched_sheared_and_mirrored_bodies(name, kind, rng):
     model = person(rng)
     to_world = affine(turn(rng) @ KINDS[kind](rng), rng.normal(size=3))
     middle = to_world[:3, :3] @ (0.0, 0.0, 0.9) + to_world[:3, 3]
-    felt = assert_exact(name, affine(0.4 * turn(rng), middle), to_world, model)
-    assert not felt.all()
+    samples = assert_exact(name, affine(0.4 * turn(rng), middle), to_world, model)
+    assert not samples.all()
 
 
 FLAT = {
@@ -127,10 +127,10 @@ def test_a_flat_volume_is_silent_with_one_counted_warning(name, kind, rng):
     model = person(rng)
     matrices = np.tile(affine(turn(rng) @ FLAT[kind], (0.0, 0.0, 0.9)), (5, 1, 1))
     matrices[3] = affine(np.eye(3) * 0.5, (0.0, 0.0, 0.9))
-    found = feel(model, volume(matrices, SHAPES[name]))
-    felt = found.weights[0].any(axis=1)
-    assert felt.tolist() == [False, False, False, True, False]
-    assert list(found.warnings.values()) == [4]
+    samples = feel(model, volume(matrices, SHAPES[name]))
+    strengths = samples.weights[0].any(axis=1)
+    assert strengths.tolist() == [False, False, False, True, False]
+    assert list(samples.warnings.values()) == [4]
 
 
 @pytest.mark.filterwarnings("error")
@@ -177,8 +177,8 @@ def test_falloff_does_not_depend_on_the_place(distance_m, rng):
         around = affine(np.diag([0.4, 0.3, 0.6]), (0.0, 0.0, 0.9))
         here = feel(model, volume(around[None], shape), falloff=falloff)
         there = affine(np.eye(3), away)
-        found = feel(
+        samples = feel(
             model, volume((there @ around)[None], shape), moved(still(1), there), falloff=falloff
         )
         band = 1e-6 + 40 * EPS * distance_m
-        assert np.abs(found.weights - here.weights).max() < band, name
+        assert np.abs(samples.weights - here.weights).max() < band, name

@@ -72,17 +72,17 @@ def test_one_value_that_is_no_number(where, record, value, row, place, falloff):
     array.reshape(TIMES, -1)[row, place % entries] = value
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = feel(MODEL, effect, pose, falloff=falloff, record=record)
+        samples = feel(MODEL, effect, pose, falloff=falloff, record=record)
     others = np.arange(TIMES) != row
-    np.testing.assert_array_equal(found.weights[0, others], sound.weights[0, others])
+    np.testing.assert_array_equal(samples.weights[0, others], sound.weights[0, others])
     assert sound.weights[0].any()
-    for run in found.runs:
+    for run in samples.runs:
         for column in (run.positions, run.depth_m, run.levels, run.parameters, run.weights):
             assert column is None or np.isfinite(column).all()
-    assert len(found.warnings) <= 1 + ("bones" in where)
+    assert len(samples.warnings) <= 1 + ("bones" in where)
     if not np.isfinite(value):
-        assert not found.weights[0, row].any()
-        assert list(found.warnings.values()) == [1]
+        assert not samples.weights[0, row].any()
+        assert list(samples.warnings.values()) == [1]
 
 
 @pytest.mark.filterwarnings("error")
@@ -91,10 +91,10 @@ def test_one_value_that_is_no_number(where, record, value, row, place, falloff):
 def test_nothing_but_values_that_are_no_numbers(where, value):
     effect, pose, array = animated(where)
     array[...] = value
-    found = feel(MODEL, effect, pose)
-    assert np.isfinite(found.weights).all()
+    samples = feel(MODEL, effect, pose)
+    assert np.isfinite(samples.weights).all()
     if not np.isfinite(value):
-        assert found.runs == [] and list(found.warnings.values()) == [TIMES]
+        assert samples.runs == [] and list(samples.warnings.values()) == [TIMES]
 
 
 @pytest.mark.filterwarnings("error")
@@ -104,12 +104,12 @@ def test_rows_that_are_off_may_hold_anything():
     for array in (effect.parameters, effect.matrices, pose.to_world, pose.bones):
         array[[1, 4]] = np.nan
     pose = replace(pose, valid=np.array([True, False, True, True, False, True]))
-    found = feel(MODEL, effect, pose)
-    assert found.warnings in (
+    samples = feel(MODEL, effect, pose)
+    assert samples.warnings in (
         {},
         {"effect 'v0': a value is not a finite number; it is silent there": 2},
     )
-    assert found.weights[0].any(axis=1).tolist() == [True, False, True, True, False, True]
+    assert samples.weights[0].any(axis=1).tolist() == [True, False, True, True, False, True]
 
 
 @pytest.mark.filterwarnings("error")
@@ -117,8 +117,8 @@ def test_rows_that_are_off_may_hold_anything():
 def test_levels_of_any_size(level):
     effect, pose, _ = animated("levels")
     effect.levels[:] = level
-    found = feel(MODEL, effect, pose)
-    assert all(0.0 < run.levels.min() and run.levels.max() <= 1.0 for run in found.runs)
+    samples = feel(MODEL, effect, pose)
+    assert all(0.0 < run.levels.min() and run.levels.max() <= 1.0 for run in samples.runs)
 
 
 @pytest.mark.filterwarnings("error")
@@ -129,9 +129,9 @@ def test_each_broken_volume_is_told_of_once(rng):
         matrices = placed()
         matrices[k % TIMES, k % 3, k % 4] = BAD[k % 3]
         effects.append(volume(matrices, SHAPES["cuboid"]))
-    found = feel(model, effects)
-    assert list(found.warnings.values()) == [1] * 40
-    assert np.count_nonzero(found.weights.any(axis=2)) == 40 * (TIMES - 1)
+    samples = feel(model, effects)
+    assert list(samples.warnings.values()) == [1] * 40
+    assert np.count_nonzero(samples.weights.any(axis=2)) == 40 * (TIMES - 1)
 
 
 @pytest.mark.filterwarnings("error")
@@ -144,14 +144,14 @@ def test_a_surface_with_a_vertex_that_is_nowhere(value):
     surface[2, 1, 0] = value
     pose = PoseBlock(np.ones(4, bool), np.tile(np.eye(4), (4, 1, 1)), surface=surface)
     everywhere = np.tile(np.diag([9.0, 9.0, 9.0, 1.0]), (4, 1, 1))
-    found = feel(
+    samples = feel(
         body_of(np.zeros((3, 3))),
         volume(everywhere, SHAPES["sphere"]),
         pose,
         binding=SurfaceBinding({"extreme": anchors}, "a test"),
         record=("positions", "velocities", "depth"),
     )
-    assert found.weights[0].all(axis=1).tolist() == [True, True, False, True]
-    assert list(found.warnings.values()) == [1]
-    for run in found.runs:
+    assert samples.weights[0].all(axis=1).tolist() == [True, True, False, True]
+    assert list(samples.warnings.values()) == [1]
+    for run in samples.runs:
         assert np.isfinite(run.positions).all() and np.isfinite(run.velocities).all()

@@ -67,10 +67,10 @@ def test_boxes_of_skin_are_around_what_bones_move(modality, count):
     assert skin.skin.margins_m is not None and skin.skin.margins_m.any()
     _, block = moving_scene(model, 5, 0.4, 1.0)
     rows = np.array([4, 0, 3, 1, 5, 2])[:count]
-    found, expected = _boxes(skin, block.poses[0], rows)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
-    low, high, of_rows, of_clusters = found
+    actual, expected = _boxes(skin, block.poses[0], rows)
+    for one, second in zip(actual, expected, strict=True):
+        np.testing.assert_allclose(one, second, rtol=0, atol=1e-12)
+    low, high, of_rows, of_clusters = actual
     assert (of_rows[:, 0] == low.min(axis=1, initial=np.inf)).all()
     assert (of_rows[:, 1] == high.max(axis=1, initial=-np.inf)).all()
     assert (of_clusters[:, 0] == low.min(axis=0, initial=np.inf)).all()
@@ -86,15 +86,15 @@ def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_where_it_is(va
     bones = pose.bones.copy()
     bones[2, skin.surface.cluster_bones(7)[0], 0, 1] = value
     pose = PoseBlock(pose.valid, pose.to_world, bones)
-    found, expected = _boxes(skin, pose, np.arange(6))
+    actual, expected = _boxes(skin, pose, np.arange(6))
     sure = np.isfinite(expected[0]) & (np.abs(expected[0]) < 1e100)
-    assert sure.any() and not sure.all() and (sure == (np.abs(found[0]) < 1e100)).all()
-    for one, other in zip(found[:2], expected[:2], strict=True):
-        np.testing.assert_allclose(one[sure], other[sure], rtol=0, atol=1e-12)
-        assert (np.isnan(one) == np.isnan(other)).all()
+    assert sure.any() and not sure.all() and (sure == (np.abs(actual[0]) < 1e100)).all()
+    for one, second in zip(actual[:2], expected[:2], strict=True):
+        np.testing.assert_allclose(one[sure], second[sure], rtol=0, atol=1e-12)
+        assert (np.isnan(one) == np.isnan(second)).all()
     if np.isnan(value):  # at the other rows the cluster is where it is
-        assert np.isfinite(found[3]).all()
-        np.testing.assert_allclose(found[3], expected[3], rtol=0, atol=1e-12)
+        assert np.isfinite(actual[3]).all()
+        np.testing.assert_allclose(actual[3], expected[3], rtol=0, atol=1e-12)
 
 
 def test_bones_that_the_pose_has_not_rest():
@@ -142,7 +142,7 @@ def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volu
     levels = np.array(rng.integers(-1, 2, (volumes, rows)), np.float64)
     low = rng.normal(size=(volumes, 3))
     limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
-    found = placement.volume_boxes(matrices, levels, limits)
+    volume_boxes = placement.volume_boxes(matrices, levels, limits)
     picks = np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)
     for volume in range(volumes):
         on = levels[volume] > 0.0
@@ -152,8 +152,8 @@ def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volu
             usable = np.abs(np.linalg.det(linear)) >= 0.05 * lengths.prod(axis=1)
             usable &= ((lengths > 1e-90) & (lengths < 1e90)).all(axis=1)
             usable &= np.isfinite(origins).all(axis=1)
-        assert found[2][volume] == usable[on].all()
-        if not (found[2][volume] and on.any()):
+        assert volume_boxes[2][volume] == usable[on].all()
+        if not (volume_boxes[2][volume] and on.any()):
             continue
         corners = limits[volume][picks, [0, 1, 2]]
         places = np.einsum("tij,cj->tci", linear[on], corners) + origins[on][:, None]
@@ -163,8 +163,8 @@ def test_boxes_of_volumes_are_around_their_corners_wherever_they_turn(data, volu
         swing = arms.max() if turns else 0.0
         ends = places.min(axis=(0, 1)) - swing, places.max(axis=(0, 1)) + swing
         near = 1e-9 + 1e-11 * np.abs(places).max()
-        np.testing.assert_allclose(found[0][volume], ends[0], rtol=1e-12, atol=near)
-        np.testing.assert_allclose(found[1][volume], ends[1], rtol=1e-12, atol=near)
+        np.testing.assert_allclose(volume_boxes[0][volume], ends[0], rtol=1e-12, atol=near)
+        np.testing.assert_allclose(volume_boxes[1][volume], ends[1], rtol=1e-12, atol=near)
 
 
 # Both
@@ -180,10 +180,10 @@ def test_rows_without_boxes_or_a_pose_are_refused():
         *(scene.effects[0].area.falloff, 0.0, FARTHEST),
     )
     boxes, none = bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
-    for some in (np.arange(5), np.zeros(0, np.int64)):
+    for examples in (np.arange(5), np.zeros(0, np.int64)):
         with pytest.raises(IndexError, match="row 5 has no boxes"):
             broad_phase.CompiledBroadPhase(
-                target, skin.surface.outline, some, boxes, none, ~none, 0.0, True, False
+                target, skin.surface.outline, examples, boxes, none, ~none, 0.0, True, False
             )
     broad = broad_phase.CompiledBroadPhase(
         target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True, False
@@ -204,11 +204,13 @@ def _check_bones(reached, skin, pose, target):
     for model in {skin.surface, skin.vertices}:
         bones = [*map(model.cluster_bones, reached.clusters.tolist()), np.zeros(0, np.int64)]
         slots = np.searchsorted(skin.used_bones.ids, np.concatenate(bones))
-        found = reached.bones.matrices[:, slots]
-        np.testing.assert_allclose(found, whole[:, slots], rtol=1e-9, atol=1e-12)
-        found = reached.bones.stretches[:, slots]
-        assert (found >= stretches[:, slots] * (1.0 - 1e-12)).all()
-        assert (found <= 1.8 * stretches[:, slots] + 1e-12).all()  # no more than by Frobenius' norm
+        matrix = reached.bones.matrices[:, slots]
+        np.testing.assert_allclose(matrix, whole[:, slots], rtol=1e-9, atol=1e-12)
+        matrix = reached.bones.stretches[:, slots]
+        assert (matrix >= stretches[:, slots] * (1.0 - 1e-12)).all()
+        assert (
+            matrix <= 1.8 * stretches[:, slots] + 1e-12
+        ).all()  # no more than by Frobenius' norm
 
 
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)

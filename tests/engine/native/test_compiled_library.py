@@ -70,11 +70,11 @@ def test_every_function_that_python_calls_is_exported(built: Path) -> None:
     code = "\n".join(map(_text, sources.files()))
     structures = set(re.findall(r"\}\s*(hfx_\w+);", code))
     called = set(re.findall(r"[.\"](hfx_\w+)", wrappers)) - structures - {sources.MARK}
-    told = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))
+    matches = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))
     exported = ctypes.CDLL(str(built))
     assert "hfx_build" in called
     assert [name for name in called if not hasattr(exported, name)] == []
-    assert told == called, "exported, but nobody calls it"
+    assert matches == called, "exported, but nobody calls it"
 
 
 # What does not fit is not loaded, whatever it is
@@ -99,12 +99,12 @@ def test_text_folders_and_what_cannot_be_read_are_not_loaded(found: Any, tmp_pat
 
 
 def test_another_computers_library_is_not_loaded(zig: Path, found: Any, tmp_path: Path) -> None:
-    other = next(
+    alternative = next(
         target
         for target in native_build.TARGETS.values()
         if target.library == loading.NAME and target != TARGET
     )
-    native_build.build(other, tmp_path, zig, _small(tmp_path / "project"))
+    native_build.build(alternative, tmp_path, zig, _small(tmp_path / "project"))
     state, library = found()
     assert library is None and "numpy" in state
 
@@ -183,8 +183,8 @@ def test_measurements_and_reports_say_which_engine_it_was(
 def test_the_same_sources_give_the_same_bytes(name: str, zig: Path, tmp_path: Path) -> None:
     target = native_build.TARGETS[name]
     first, second = tmp_path / "one", tmp_path / "two"
-    made = [native_build.build(target, each, zig, _small(each)) for each in (first, second)]
-    assert made[0].read_bytes() == made[1].read_bytes()
+    library = [native_build.build(target, item, zig, _small(item)) for item in (first, second)]
+    assert library[0].read_bytes() == library[1].read_bytes()
     assert [path.name for path in first.iterdir() if path.is_file()] == [target.library]
 
 
@@ -218,15 +218,15 @@ def test_nothing_of_the_builder_gets_into_a_library(built: Path, tmp_path: Path)
 def test_each_platform_gets_its_library(zig: Path, built: Path, tmp_path: Path, name: str) -> None:
     """Compiled and linked against the system's C library alone, of the release that it names."""
     target = native_build.TARGETS[name]
-    made = built if target == TARGET else native_build.build(target, tmp_path, zig)
-    content = made.read_bytes()
+    library = built if target == TARGET else native_build.build(target, tmp_path, zig)
+    content = library.read_bytes()
     heads = {"so": b"\x7fELF\x02", "dll": b"MZ", "dylib": b"\xcf\xfa\xed\xfe"}
     assert content.startswith(heads[target.library.rpartition(".")[2]])
     assert f"hfx_native {sources.digest()} {target.zig}".encode() in content
     assert {*re.findall(rb"[\w-]+\.dll", content)} - {b"hfx_native.dll"} <= {b"ucrtbase.dll"}
     if target.library.endswith(".so"):
         assert {*re.findall(rb"lib\w+\.so\.\d+", content)} == {b"libc.so.6", b"libm.so.6"}
-        releases = [tuple(map(int, each.split(b"."))) for each in _GLIBC.findall(content)]
+        releases = [tuple(map(int, match.split(b"."))) for match in _GLIBC.findall(content)]
         assert releases and max(releases) <= (2, 17), "the wheel's tag says manylinux_2_17"
     assert (b"\xfa\xde\x0c\xc0" in content) is (name == "macos-arm64"), "it runs nothing unsigned"
 
@@ -254,8 +254,8 @@ HFX_EXPORT int64_t hfx_deep(int64_t n) {
 """
     source.write_text(_text(source) + more, encoding="utf-8")
     for name in ("windows-arm64", "windows-x64"):
-        made = native_build.build(native_build.TARGETS[name], tmp_path, zig, root)
-        assert b"hfx_deep" in made.read_bytes()
+        library = native_build.build(native_build.TARGETS[name], tmp_path, zig, root)
+        assert b"hfx_deep" in library.read_bytes()
 
 
 def _text(path: Path) -> str:

@@ -34,10 +34,14 @@ def test_weights_are_gathered_by_row_and_cleared_for_those_that_come_next(precis
 
 
 def test_weights_in_use_and_of_other_kinds_are_not_given_twice():
-    table, other = Table(), Table()
+    table, alternative = Table(), Table()
     first = gathering.no_weights(table, 2, 2, np.float32)
     second = gathering.no_weights(table, 2, 2, np.float32)
     assert not np.shares_memory(first, second)
     gathering.gathered(table, first, np.zeros(2, np.int32), np.ones(2, np.bool_), False)
-    for asked in ((other, 2, 2, np.float32), (table, 2, 2, np.float64), (table, 3, 2, np.float32)):
-        assert not np.shares_memory(first, gathering.no_weights(*asked))
+    for requests in (
+        (alternative, 2, 2, np.float32),
+        (table, 2, 2, np.float64),
+        (table, 3, 2, np.float32),
+    ):
+        assert not np.shares_memory(first, gathering.no_weights(*requests))

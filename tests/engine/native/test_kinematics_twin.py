@@ -33,10 +33,10 @@ def test_rotations(scale: float) -> None:
     quaternions = np.random.default_rng(1).normal(0.0, scale, (7, 50, 4))
     quaternions[0, :3] = 0.0
     quaternions[1, 0, 2], quaternions[2, 0, 1], quaternions[3, 0] = np.nan, np.inf, -0.0
-    found = from_quaternions(quaternions)
+    actual = from_quaternions(quaternions)
     expected = _without(lambda: from_quaternions(quaternions))
-    assert found.shape == expected.shape == (7, 50, 3, 3)
-    assert np.array_equal(found, expected, equal_nan=True)
+    assert actual.shape == expected.shape == (7, 50, 3, 3)
+    assert np.array_equal(actual, expected, equal_nan=True)
     assert from_quaternions(np.zeros((0, 4))).shape == (0, 3, 3)
 
 
@@ -61,7 +61,7 @@ def test_poses(seed: int) -> None:
     if times:
         channels[0][0, 0, 0] = random.choice([0.0, np.nan, np.inf, 1e300])
     with np.errstate(all="ignore"):
-        found = rig.pose(*channels)
+        pose = rig.pose(*channels)
     expected = _without(lambda: rig.pose(*channels))
-    assert found.shape == expected.shape == (times, bones, 3, 4)
-    assert np.array_equal(found, expected, equal_nan=True)
+    assert pose.shape == expected.shape == (times, bones, 3, 4)
+    assert np.array_equal(pose, expected, equal_nan=True)

@@ -38,5 +38,5 @@ def test_a_cap_over_a_hole_is_surface_to_what_flies_through_it() -> None:
     starts, ends = path = np.array([[[0.01], [0.02], [-3.0]], [[0.01], [0.02], [3.0]]])
     tunnel = MeshVolume(vertices, triangles.astype(np.int32), "Tunnel")
     assert "2 holes were" in tunnel.note
-    for found in (tunnel.compiled().passages(starts, ends), reference.passage(tunnel, path)):
-        np.testing.assert_allclose(np.ravel(found), [1 / 3, 2 / 3], rtol=1e-12)
+    for actual in (tunnel.compiled().passages(starts, ends), reference.passage(tunnel, path)):
+        np.testing.assert_allclose(np.ravel(actual), [1 / 3, 2 / 3], rtol=1e-12)

@@ -24,9 +24,9 @@ def test_every_point_is_told_as_by_numpy(name: str) -> None:
     points = probes(vertices, triangles)
     expected = plain.contains(points)
     assert 20 < np.count_nonzero(expected) < expected.size - 20
-    found = compiled.contains(points)
-    assert found.dtype == np.bool_
-    np.testing.assert_array_equal(found, expected)
+    actual = compiled.contains(points)
+    assert actual.dtype == np.bool_
+    np.testing.assert_array_equal(actual, expected)
 
 
 @settings(max_examples=25, deadline=None)
@@ -63,9 +63,9 @@ def test_any_number_of_points_however_they_lie_in_memory() -> None:
     compiled, plain = twins(vertices, triangles)
     points = probes(vertices, triangles)
     for count in (0, 1, 2, 63, 64, 65, 129):  # around the size of a block
-        some = points[:, :count]
-        assert compiled.contains(some).shape == (count,)
-        np.testing.assert_array_equal(compiled.contains(some), plain.contains(some))
+        point = points[:, :count]
+        assert compiled.contains(point).shape == (count,)
+        np.testing.assert_array_equal(compiled.contains(point), plain.contains(point))
     rows = np.ascontiguousarray(points.T)
     np.testing.assert_array_equal(compiled.contains(rows.T), plain.contains(points))
 

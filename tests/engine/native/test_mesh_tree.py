@@ -30,8 +30,8 @@ def test_the_distances_are_those_of_a_comparison_with_all_triangles(name: str) -
     size = np.ptp(vertices, axis=0).max()
     linear = np.array([[1.0, 0.5, 0.0], [0.0, -2.0, 0.3], [0.1, 0.0, 0.7]])
     for matrix in (np.eye(3), linear):
-        found, expected = (each.surface_distance_m(points, matrix) for each in (compiled, plain))
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15 * size)
+        actual, expected = (item.surface_distance_m(points, matrix) for item in (compiled, plain))
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-15 * size)
     np.testing.assert_allclose(compiled.core_radius, plain.core_radius, rtol=5e-3)
     assert compiled.core_radius > 0.0
 
@@ -42,8 +42,8 @@ def test_libigl_finds_the_same_distances(name: str) -> None:
     compiled, _ = twins(vertices, triangles)
     points = finite(probes(vertices, triangles))
     squared = igl.point_mesh_squared_distance(points.T, vertices, triangles.astype(np.int64))[0]
-    found = compiled.surface_distance_m(points, np.eye(3))
-    np.testing.assert_allclose(found, np.sqrt(squared), rtol=1e-7, atol=1e-8)
+    distance_m = compiled.surface_distance_m(points, np.eye(3))
+    np.testing.assert_allclose(distance_m, np.sqrt(squared), rtol=1e-7, atol=1e-8)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 9])
@@ -71,15 +71,15 @@ def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> No
     shape = MeshVolume(*MESHES["rough"], "rough")
     points = np.cumsum(step * rng.normal(size=(3, 400)), axis=1)
     points[:, rng.integers(400, size=5)] = np.nan
-    exact, found = (
+    exact, actual = (
         shape.surface_distance_m(points, np.eye(3)),
         np.abs(shape.compiled().clearances(points)),
     )
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(points[0]))
+    np.testing.assert_array_equal(np.isnan(actual), np.isnan(points[0]))
     low, high = shape.bounds[:, :, None]
     near = ((points > low) & (points < high)).all(axis=0)
-    assert (found[near] <= exact[near] * (1 + 1e-12)).all()
-    assert (found[near] >= 0.4 * exact[near] - 1e-8).all()
+    assert (actual[near] <= exact[near] * (1 + 1e-12)).all()
+    assert (actual[near] >= 0.4 * exact[near] - 1e-8).all()
 
 
 def _crossed(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -99,14 +99,14 @@ def test_ways_cross_the_surface_where_the_reference_finds_it(name: str) -> None:
     starts = np.roll(ends, 111, axis=1)
     starts[:, :15] = ends[:, :15]  # stands still
     starts[:2, 15:45] = ends[:2, 15:45]  # along an axis
-    for one, other in ((starts, ends), (ends, starts)):
+    for one, second in ((starts, ends), (ends, starts)):
         with np.errstate(all="ignore"):
-            first, last = reference._through_triangles(shape.corners, one, other - one)
+            first, last = reference._through_triangles(shape.corners, one, second - one)
         # Whether an end on the surface is inside is up to rounding.
         sure = ~np.isclose([first, last], [[[0.0]], [[1.0]]], rtol=0, atol=1e-9).any(axis=(0, 1))
-        first[shape.contains(one)], last[shape.contains(other)] = 0.0, 1.0
+        first[shape.contains(one)], last[shape.contains(second)] = 0.0, 1.0
         expected = np.where(first <= last, [first, last], [[np.inf], [-np.inf]])
-        _crossed(np.stack(shape.compiled().passages(one, other))[:, sure], expected[:, sure])
+        _crossed(np.stack(shape.compiled().passages(one, second))[:, sure], expected[:, sure])
 
 
 def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:
@@ -125,15 +125,18 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     points = probes(vertices, triangles)
     clear = compiled.compiled().clearances(points)
     np.testing.assert_array_equal(np.isnan(clear), np.isnan(points).any(axis=0))
-    some = finite(points)
-    clear, exact = compiled.compiled().clearances(some), plain.surface_distance_m(some, np.eye(3))
+    examples = finite(points)
+    clear, exact = (
+        compiled.compiled().clearances(examples),
+        plain.surface_distance_m(examples, np.eye(3)),
+    )
     assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # that to a box is that of the box
-    inside = plain.contains(some)
+    inside = plain.contains(examples)
     assert (clear[inside] <= 0.0).all() and (clear[~inside] >= 0.0).all()
     # Where it matters it is worth something.
     size = np.ptp(vertices, axis=0).max()
     low, high = vertices.min(axis=0)[:, None], vertices.max(axis=0)[:, None]
-    deep = (exact > 1e-3 * size) & (some > low).all(axis=0) & (some < high).all(axis=0)
+    deep = (exact > 1e-3 * size) & (examples > low).all(axis=0) & (examples < high).all(axis=0)
     assert (np.abs(clear[deep]) >= 0.39 * exact[deep]).all()
     assert deep.any() or name in ("a needle", "a sheet", "slivers")
 
@@ -145,11 +148,11 @@ def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
     first, last = compiled.compiled().passages(points, np.zeros((3, 3)))
     assert np.isinf(first).all() and np.isinf(last).all()
     nothing = np.zeros((3, 0))
-    for found in (
+    for actual in (
         compiled.tree.distances(nothing),
         *compiled.compiled().passages(nothing, nothing),
     ):
-        assert found.shape == (0,)
+        assert actual.shape == (0,)
 
 
 def test_a_tree_of_a_million_triangles() -> None:
@@ -159,7 +162,7 @@ def test_a_tree_of_a_million_triangles() -> None:
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1)
     a, b, c, d = flat[:-1, :-1], flat[1:, :-1], flat[1:, 1:], flat[:-1, 1:]
     corners = np.concatenate(
-        [np.stack(each, axis=2).reshape(-1, 3, 3) for each in ((a, b, c), (a, c, d))]
+        [np.stack(item, axis=2).reshape(-1, 3, 3) for item in ((a, b, c), (a, c, d))]
     )
     assert len(corners) > 1_000_000
     tree = TriangleTree(corners)

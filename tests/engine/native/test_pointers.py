@@ -41,8 +41,8 @@ def _read(address: int, count: int) -> list[float]:
 
 def test_an_argument_is_where_the_array_is() -> None:
     array = np.arange(4.0)
-    for each in (array, array[1:], array[:0]):
-        assert _address(DOUBLES.from_param(each)) == each.ctypes.data
+    for item in (array, array[1:], array[:0]):
+        assert _address(DOUBLES.from_param(item)) == item.ctypes.data
     array.flags.writeable = False
     assert _read(_address(DOUBLES.from_param(array)), 4) == [0.0, 1.0, 2.0, 3.0]
     assert DOUBLES.from_param(None) is None
@@ -128,27 +128,27 @@ def test_declarations_are_read_as_they_stand_in_c(
     source = tmp_path / "x.c"
     source.write_text(text)
     monkeypatch.setattr(declarations, "structure", cache(declarations.structure.__wrapped__))
-    told = interface([source]).encode()
-    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(told))
+    messages = interface([source]).encode()
+    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(messages))
     declarations.declare(library)
     thing = declarations.structure("hfx_thing")
     assert library.hfx_ask.restype is ctypes.c_double
     assert library.hfx_interface.argtypes == []
-    first, ids, found, others = library.hfx_ask.argtypes
+    first, ids, actual, others = library.hfx_ask.argtypes
     assert first is ctypes.POINTER(thing)
     assert [name for name, _ in thing._fields_] == ["boxes", "far", "count", "marks"]
     assert ctypes.sizeof(thing) == 5 * 8
     floats, halves = np.zeros(2, np.float32), np.zeros(2, np.float16)
-    for kind, is_written in ((ids, False), (found, True), (others, False)):
+    for kind, is_written in ((ids, False), (actual, True), (others, False)):
         if is_written:  # what C would write must not be a copy
             with pytest.raises(TypeError):
                 kind.from_param(halves)
-    assert _address(found.from_param(floats)) == floats.ctypes.data
+    assert _address(actual.from_param(floats)) == floats.ctypes.data
     numbers = np.arange(2, dtype=np.int16)
     assert list((ctypes.c_int32 * 2).from_address(_address(ids.from_param(numbers)))) == [0, 1]
     assert list((ctypes.c_int64 * 2).from_address(_address(others.from_param(numbers)))) == [0, 1]
-    made = thing(np.zeros(1), np.zeros(1), 7, [np.zeros(1, np.uint8), np.zeros(1, np.uint8)])
-    assert made.count == 7
+    created = thing(np.zeros(1), np.zeros(1), 7, [np.zeros(1, np.uint8), np.zeros(1, np.uint8)])
+    assert created.count == 7
     with pytest.raises(TypeError):
         thing(None, None, 0, [np.zeros(1), np.zeros(1)])
 
@@ -159,10 +159,10 @@ def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="'int64_t' cannot be declared"):
         interface([source])
     source.write_text("HFX_EXPORT long hfx_ask(int64_t n) {")
-    told = interface([source]).encode()
+    messages = interface([source]).encode()
     with pytest.raises(KeyError, match="long"):
         declarations.declare(
-            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(told))
+            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(messages))
         )
 
 

@@ -108,9 +108,9 @@ def test_the_strongest_weight_is_the_same_bit_by_bit(seed: int, pans: bool) -> N
     weights = random.random(len(vertices)).astype(np.float32)
     if len(weights) and random.random() < 0.2:
         weights[random.integers(0, len(weights))] = random.choice([np.nan, np.inf, 0.0])
-    found = cells.gains(offsets, vertices, weights, "strongest")
+    gains = cells.gains(offsets, vertices, weights, "strongest")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coverage, "library", lambda: None)
         with np.errstate(invalid="ignore"):
             expected = cells.gains(offsets, vertices, weights, "strongest")
-    assert np.array_equal(found, expected, equal_nan=True)
+    assert np.array_equal(gains, expected, equal_nan=True)

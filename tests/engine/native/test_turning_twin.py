@@ -43,11 +43,11 @@ def test_a_stretched_and_mirrored_placement_turns_as_far_as_it_was_turned(
     stretches = [axes @ np.diag(np.exp(rng.uniform(-2.3, 2.3, 3))) @ axes.T for _ in range(2)]
     before = _placement(size * handed[0] * start @ stretches[0])
     after = _placement(size * handed[1] * _rotation(rng, angle) @ start @ stretches[1])
-    found = turned_by(before[None], after[None])[0]
+    actual = turned_by(before[None], after[None])[0]
     expected = Motion.between(before[None], after[None]).angles[0]
     # Half a turn is found by its sine alone, which is then next to nothing.
-    assert found == pytest.approx(angle, abs=1e-7)
-    assert found == pytest.approx(expected, abs=1e-7)
+    assert actual == pytest.approx(angle, abs=1e-7)
+    assert actual == pytest.approx(expected, abs=1e-7)
 
 
 def test_what_does_not_turn_turns_by_nothing_at_all():

@@ -66,10 +66,10 @@ def make_header(
     return TrackHeader(
         time=TimeBase(rate_hz, rate_hz, 0, 0, sample_count - 1),
         models=tuple(
-            TrackModel(each.id, each.modality, each.content_hash, len(each))
-            for each in MODELS.values()
+            TrackModel(model.id, model.modality, model.content_hash, len(model))
+            for model in MODELS.values()
         ),
-        bodies=tuple(TrackBody(each, each.title()) for each in bodies),
+        bodies=tuple(TrackBody(body, body.title()) for body in bodies),
         effects=tuple(
             TrackEffect(id, id, modality, "volume", model_of(modality), id in contact)
             for id, modality in effects.items()
@@ -146,8 +146,10 @@ def make_device(
         name="Device",
         description="",
         actuator_types=types,
-        actuators=tuple(Actuator(id, types[m], place) for id, (m, place) in actuators.items()),
-        substitutions={each.source: each for each in substitutions},
+        actuators=tuple(
+            Actuator(id, types[m], position) for id, (m, position) in actuators.items()
+        ),
+        substitutions={substitution.source: substitution for substitution in substitutions},
         **options,  # type: ignore[arg-type]
     )
 

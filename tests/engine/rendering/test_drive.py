@@ -50,27 +50,29 @@ def test_the_curve_is_inverted_by_hand(amplitude: float, hz: float, drive: float
 
 @given(st.floats(0.0, 6.0), st.sampled_from([80.0, 160.0]))
 def test_what_is_driven_so_vibrates_as_asked(amplitude: float, hz: float) -> None:
-    (curve,) = (each for each in CURVES if each.frequency_hz == hz)
+    (curve,) = (item for item in CURVES if item.frequency_hz == hz)
     drive = drive_of(CURVES, np.array(amplitude), np.array(hz))
     output = np.interp(drive, [x for x, _ in curve.points], [y for _, y in curve.points])
     assert output == pytest.approx(amplitude, abs=1e-9)
 
 
 def test_sines_together_never_need_more_than_full_drive():
-    asked = np.array([[3.0, 3.0], [3.0, 3.0]])  # two sines at two channels, the first is measured
-    total = np.broadcast_to(asked.sum(axis=0), asked.shape)
-    found = driven([CURVES, ()], asked, np.full((2, 2), 80.0), 10.0, total)
-    assert found[:, 0].tolist() == [0.5, 0.5]  # 6 m/s^2 together are full drive
-    assert found[:, 1].tolist() == [0.3, 0.3]
+    requests = np.array(
+        [[3.0, 3.0], [3.0, 3.0]]
+    )  # two sines at two channels, the first is measured
+    total = np.broadcast_to(requests.sum(axis=0), requests.shape)
+    actual = driven([CURVES, ()], requests, np.full((2, 2), 80.0), 10.0, total)
+    assert actual[:, 0].tolist() == [0.5, 0.5]  # 6 m/s^2 together are full drive
+    assert actual[:, 1].tolist() == [0.3, 0.3]
 
 
 def device(**kind: object) -> DeviceConfig:
-    found = make_device({"m": ("vibration", at(3))})
-    changed = replace(found.actuators[0].type, **kind)  # type: ignore[arg-type]
+    actual = make_device({"m": ("vibration", at(3))})
+    changed = replace(actual.actuators[0].type, **kind)  # type: ignore[arg-type]
     return replace(
-        found,
+        actual,
         actuator_types={"vibration": changed},
-        actuators=(replace(found.actuators[0], type=changed),),
+        actuators=(replace(actual.actuators[0], type=changed),),
     )
 
 
@@ -81,7 +83,7 @@ def rendered(on: DeviceConfig, *effects: tuple[float, float]) -> Raster:
     renderer = Renderer(header, on, lambda name: MODELS[name])
     samples = {i: {3: 1.0} for i in range(100)}
     renderer.add(
-        [make_run(header, n, samples, each) for n, each in zip(names, effects, strict=True)]
+        [make_run(header, n, samples, item) for n, item in zip(names, effects, strict=True)]
     )
     return renderer.raster()
 

@@ -84,19 +84,19 @@ def test_it_does_not_matter_how_time_is_cut_into_blocks(seed: int):
     hz = np.repeat([[LOW], [HIGH]], rows, axis=1)
     whole, bit_by_bit = StrongestContributor(width), StrongestContributor(width)
     for _ in range(2):  # the second time somebody is held
-        found = whole.frequencies(["a", "b"], amplitudes, hz)
+        frequencies = whole.frequencies(["a", "b"], amplitudes, hz)
         for k in range(rows):
             part = slice(k, k + 1)
             one = bit_by_bit.frequencies(["a", "b"], amplitudes[:, part], hz[:, part])
-            assert found[k].tolist() == one[0].tolist()
+            assert frequencies[k].tolist() == one[0].tolist()
 
 
 def test_a_frequency_that_is_none_is_handed_on_for_the_guard_to_silence():
     hz = np.array([[np.nan], [HIGH]])
-    found = StrongestContributor(2).frequencies(
+    frequencies = StrongestContributor(2).frequencies(
         ["a", "b"], np.array([[[1.0, 0.0]], [[2.0, 2.0]]]), hz
     )
-    assert np.isnan(found[0, 0]) and found[0, 1] == HIGH
+    assert np.isnan(frequencies[0, 0]) and frequencies[0, 1] == HIGH
 
 
 @given(st.lists(st.tuples(st.floats(0, 10), st.floats(0, 10)), min_size=1, max_size=30))
@@ -110,27 +110,27 @@ def rendered(
     low: float, high: float, *, wave: bool, count: int = 100, latency_ms: float = 0.0, **device
 ) -> tuple[DeviceConfig, Raster]:
     header = make_header({"low": "vibration", "high": "vibration"}, count)
-    found = make_device({"m": ("vibration", at(3))}, **device)
+    actual = make_device({"m": ("vibration", at(3))}, **device)
     kind = replace(
-        found.actuators[0].type,
+        actual.actuators[0].type,
         takes_waveform=wave,
         latency_ms=latency_ms,
     )
-    found = replace(
-        found,
+    actual = replace(
+        actual,
         actuator_types={"vibration": kind},
-        actuators=(replace(found.actuators[0], type=kind),),
+        actuators=(replace(actual.actuators[0], type=kind),),
     )
     samples = {i: {3: 1.0} for i in range(count)}
     late = {i: {3: 1.0} for i in range(count // 4, count)}
-    renderer = Renderer(header, found, lambda name: MODELS[name])
+    renderer = Renderer(header, actual, lambda name: MODELS[name])
     renderer.add(
         [
             make_run(header, "low", samples, [low, LOW]),
             make_run(header, "high", late, [high, HIGH]),
         ]
     )
-    return found, renderer.raster()
+    return actual, renderer.raster()
 
 
 def test_an_actuator_with_a_frequency_keeps_the_first_of_two_equal_effects():
@@ -157,17 +157,17 @@ def spectrum(device: DeviceConfig, raster: Raster) -> dict[float, float]:
 
 def test_an_actuator_that_takes_a_waveform_plays_both():
     device, raster = rendered(6.0, 4.0, wave=True)
-    found = spectrum(device, raster)
+    actual = spectrum(device, raster)
     # The last row fades to silence: a fiftieth of the half second plays at half strength.
-    assert found[LOW] == pytest.approx(6.0 * 0.99, rel=2e-3)
-    assert found[HIGH] == pytest.approx(4.0 * 0.99, rel=2e-3)
+    assert actual[LOW] == pytest.approx(6.0 * 0.99, rel=2e-3)
+    assert actual[HIGH] == pytest.approx(4.0 * 0.99, rel=2e-3)
 
 
 def test_one_with_a_frequency_plays_one():
     device, raster = rendered(6.0, 4.0, wave=False)
-    found = spectrum(device, raster)
-    assert found[LOW] == pytest.approx(np.hypot(6.0, 4.0) * 0.99, rel=2e-3)
-    assert found[HIGH] < 0.01
+    actual = spectrum(device, raster)
+    assert actual[LOW] == pytest.approx(np.hypot(6.0, 4.0) * 0.99, rel=2e-3)
+    assert actual[HIGH] < 0.01
 
 
 def test_the_sum_keeps_the_limit_whatever_the_phases():
@@ -187,16 +187,16 @@ def test_effects_of_one_frequency_are_in_phase_however_they_begin():
             for name, first in (("one", 0), ("two", begin))
         ]
         renderer.add(runs)
-        found = spectrum(device, renderer.raster())
-        assert found[LOW] == pytest.approx(10.0 * 0.99, rel=2e-3)
+        actual = spectrum(device, renderer.raster())
+        assert actual[LOW] == pytest.approx(10.0 * 0.99, rel=2e-3)
 
 
 def test_partials_are_early_by_the_latency_as_values_are():
     _, raster = rendered(6.0, 4.0, wave=True, latency_ms=30.0)
-    high = next(each for each in raster.partials if each.effect_id == "high")
+    high = next(partial_ for partial_ in raster.partials if partial_.effect_id == "high")
     assert high.first_row == 22
     assert np.flatnonzero(np.diff(raster.values[:, 0]))[0] == 21
-    low = next(each for each in raster.partials if each.effect_id == "low")
+    low = next(partial_ for partial_ in raster.partials if partial_.effect_id == "low")
     assert low.first_row == 0 and len(low.amplitudes) == 97
 
 
@@ -220,5 +220,5 @@ def test_a_substitute_is_a_partial_of_its_own():
     renderer.add(
         [make_run(header, "push", samples, [3.0]), make_run(header, "low", samples, [1.0, LOW])]
     )
-    found = {p.frequencies_hz[0, 0]: p.amplitudes[0, 0] for p in renderer.raster().partials}
-    assert found == {LOW: 1.0, HIGH: 6.0}
+    actual = {p.frequencies_hz[0, 0]: p.amplitudes[0, 0] for p in renderer.raster().partials}
+    assert actual == {LOW: 1.0, HIGH: 6.0}

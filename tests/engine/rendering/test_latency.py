@@ -28,20 +28,20 @@ def test_a_latency_is_rounded_to_the_nearest_row(latency_ms, rows):
 @given(st.integers(1, 60), st.floats(0.0, 60_000.0))
 def test_rows_move_as_they_are_and_the_end_is_neutral(count, latency_ms):
     values = np.arange(2.0 * count).reshape(count, 2)
-    found = advanced(values, np.array([-1.0, -2.0]), RATE, latency_ms)
+    actual = advanced(values, np.array([-1.0, -2.0]), RATE, latency_ms)
     rows = min(rows_of(RATE, latency_ms), count)
-    assert found[: count - rows].tolist() == values[rows:].tolist()
+    assert actual[: count - rows].tolist() == values[rows:].tolist()
     free = max(count - rows, rows)  # from here on there is neither an early row nor a late one
-    assert found[free:].tolist() == [[-1.0, -2.0]] * (count - free)
+    assert actual[free:].tolist() == [[-1.0, -2.0]] * (count - free)
 
 
 def test_what_comes_before_an_actuator_can_answer_is_late_and_not_lost():
     values = np.zeros((100, 1))
     values[2:5], values[40:45], values[60] = 1.0, 2.0, 3.0
-    found = advanced(values, np.zeros(1), RATE, 300.0)
+    actual = advanced(values, np.zeros(1), RATE, 300.0)
     expected = np.zeros(100)
     expected[2:5], expected[10:15], expected[30] = 1.0, 2.0, 3.0
-    assert found[:, 0].tolist() == expected.tolist()
+    assert actual[:, 0].tolist() == expected.tolist()
 
 
 def rasters(interval_ms=10.0, *, compensates_latency=True):

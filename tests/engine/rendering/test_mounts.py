@@ -60,8 +60,8 @@ def test_a_hollow_bends_away_from_the_body():
 @given(mounts(), st.lists(st.tuples(turns, st.floats(-2, 2)), min_size=1, max_size=5))
 def test_what_is_rolled_up_is_unrolled_again(mount, places):
     layout = np.array(places) * [2 * pi * mount.bend_radius_m, 1.0]
-    found = on_mount(mount, place_on(mount, layout))
-    assert found == pytest.approx(layout, abs=1e-9)
+    actual = on_mount(mount, place_on(mount, layout))
+    assert actual == pytest.approx(layout, abs=1e-9)
 
 
 @given(mounts(), turns, st.floats(-1, 1), turns, st.floats(-1, 1))
@@ -127,7 +127,7 @@ def test_a_closed_layout_plays_alike_at_both_ends(columns, rows, y, is_square):
     """Squares of a grid have two diagonals: both ends must take the same."""
     height = CLOSED_M / columns if is_square else 0.04
     x = (np.arange(columns) + 0.5) * CLOSED_M / columns
-    layout = np.array([[each, height * row] for row in range(rows) for each in x])
+    layout = np.array([[item, height * row] for row in range(rows) for item in x])
     panning = PlanarPanning(layout, "linear", CLOSED_M)
     ends = panning.gains(np.array([[0.0, y], [CLOSED_M, y]]))
     assert ends[0] == pytest.approx(ends[1], abs=1e-4)
@@ -176,8 +176,8 @@ def sleeve(scheme: str, rows: int = 2) -> DeviceConfig:
     layout = np.array([[step * k, step * row] for row in range(rows) for k in range(6)])
     first = load_device("mango_pad").actuators[0]
     actuators = tuple(
-        replace(first, id=str(k), place=BodyPlace(("forearm",), tuple(each), 0.02, "left"))
-        for k, each in enumerate(place_on(mount, layout))
+        replace(first, id=str(k), place=BodyPlace(("forearm",), tuple(item), 0.02, "left"))
+        for k, item in enumerate(place_on(mount, layout))
     )
     return replace(
         load_device("mango_pad"), actuators=actuators, mount=mount, scheme=Scheme(scheme)

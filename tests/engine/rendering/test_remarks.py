@@ -63,8 +63,8 @@ def test_actuators_that_an_effect_drives_and_a_device_lacks_are_told():
     run = replace(tap(5, 6), drive=Drive("device", names, values))
     (note,) = notes(device, run, header=header)
     assert "effect 'tap'" in note and note.endswith("2 (p, gone)")
-    other = replace(run, drive=replace(run.drive, device_id="another"))
-    assert notes(device, other, header=header) == ()
+    second = replace(run, drive=replace(run.drive, device_id="another"))
+    assert notes(device, second, header=header) == ()
 
 
 def test_what_an_actuator_is_too_late_for_is_told():
@@ -89,8 +89,8 @@ def test_a_device_that_does_not_fit_is_named_and_costs_no_other(monkeypatch):
     )
     bad = make_device({"a": ("vibration", far)})
     monkeypatch.setattr(rendering, "load_model", MODELS.__getitem__)
-    found = rendering.misfits(scene, [good, bad])
-    assert list(found) == ["device"]
-    assert "plays nothing" in found["device"] and "9.0, 0.0, 0.0" in found["device"]
+    actual = rendering.misfits(scene, [good, bad])
+    assert list(actual) == ["device"]
+    assert "plays nothing" in actual["device"] and "9.0, 0.0, 0.0" in actual["device"]
     of_others = make_device({"a": ("pressure", far)})
     assert rendering.misfits(scene, [of_others]) == {}

@@ -42,10 +42,10 @@ def fast_gains(samples, rows, statistic):
 def test_gains_are_those_of_a_slow_twin(statistic, dense_entries, samples, rows):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coverage, "DENSE_ENTRIES", dense_entries)
-        found = fast_gains(samples, rows, statistic)
+        actual = fast_gains(samples, rows, statistic)
     expected = [[slow_gain(s, row, statistic) for row in rows] for s in samples]
-    assert found.shape == (len(samples), len(rows))
-    np.testing.assert_allclose(found, np.reshape(expected, found.shape), rtol=1e-12)
+    assert actual.shape == (len(samples), len(rows))
+    np.testing.assert_allclose(actual, np.reshape(expected, actual.shape), rtol=1e-12)
 
 
 def test_strongest_and_mean_by_hand():
@@ -57,8 +57,8 @@ def test_strongest_and_mean_by_hand():
 
 def test_samples_with_equal_first_and_last_sets_are_not_taken_for_one_set():
     samples = [{0: 0.5, 1: 0.25}, {2: 0.125, 3: 1.0}, {0: 0.75, 1: 0.25}]
-    found = fast_gains(samples, [{0}, {3}], "strongest")
-    assert found.tolist() == [[0.5, 0], [0, 1], [0.75, 0]]
+    actual = fast_gains(samples, [{0}, {3}], "strongest")
+    assert actual.tolist() == [[0.5, 0], [0, 1], [0.75, 0]]
 
 
 MODEL = MODELS["dots-pressure"]  # x = -0.45 ... 0.45; even vertices forearm, odd ones torso

@@ -38,11 +38,11 @@ any_bits = npst.arrays(np.uint64, st.tuples(st.integers(0, 50), st.just(2)))
 @given(any_bits)
 def test_no_bit_pattern_gets_out_of_range(bits):
     values = bits.view(np.float64)
-    found = limited(values, [0, 60], [15, 250], [0, 80])
-    assert np.isfinite(found).all()
-    assert (found >= [0, 60]).all() and (found <= [15, 250]).all()
+    actual = limited(values, [0, 60], [15, 250], [0, 80])
+    assert np.isfinite(actual).all()
+    assert (actual >= [0, 60]).all() and (actual <= [15, 250]).all()
     is_broken = ~np.isfinite(values).all(axis=1)
-    assert (found[is_broken] == [0, 80]).all()
+    assert (actual[is_broken] == [0, 80]).all()
 
 
 def rows(*strengths):
@@ -58,20 +58,20 @@ def test_fast_actuators_are_left_alone():
 
 def test_a_short_contact_keeps_its_peak_for_one_interval():
     values = rows(0, 0, 7, 0, 0, 0, 0, 0, 0, 0, 1, 2)
-    found = held(values, np.zeros(2), Fraction(100), 50.0)
-    assert found[:, 0].tolist() == [7] * 5 + [0] * 5 + [2] * 2
-    assert found[:, 1].tolist() == [2] * 5 + [5] * 5 + [11] * 2  # all of the row is taken
+    actual = held(values, np.zeros(2), Fraction(100), 50.0)
+    assert actual[:, 0].tolist() == [7] * 5 + [0] * 5 + [2] * 2
+    assert actual[:, 1].tolist() == [2] * 5 + [5] * 5 + [11] * 2  # all of the row is taken
 
 
 def test_strong_means_far_from_neutral():
-    found = held(rows(24, 20, 26, 24), np.array([24.0, 0.0]), Fraction(100), 40.0)
-    assert found.tolist() == [[20, 1]] * 4
+    actual = held(rows(24, 20, 26, 24), np.array([24.0, 0.0]), Fraction(100), 40.0)
+    assert actual.tolist() == [[20, 1]] * 4
 
 
 def test_intervals_that_are_not_whole_rows():
     # 15 ms at 100 Hz: rows at 0, 10 | 20 | 30, 40 | 50 ms ...
-    found = held(rows(1, 2, 3, 4, 5, 6, 7), np.zeros(2), Fraction(100), 15.0)
-    assert found[:, 0].tolist() == [2, 2, 3, 5, 5, 6, 7]
+    actual = held(rows(1, 2, 3, 4, 5, 6, 7), np.zeros(2), Fraction(100), 15.0)
+    assert actual[:, 0].tolist() == [2, 2, 3, 5, 5, 6, 7]
 
 
 @given(
@@ -80,14 +80,14 @@ def test_intervals_that_are_not_whole_rows():
     st.sampled_from([Fraction(60), Fraction(100), Fraction(30000, 1001), Fraction(1000)]),
 )
 def test_hold_is_that_of_a_slow_twin(strengths, interval_ms, rate_hz):
-    found = held(rows(*strengths), np.zeros(2), rate_hz, interval_ms)
+    actual = held(rows(*strengths), np.zeros(2), rate_hz, interval_ms)
     bins = [int(i / rate_hz / (Fraction(str(interval_ms)) / 1000)) for i in range(len(strengths))]
-    for i, value in enumerate(found[:, 0]):
+    for i, value in enumerate(actual[:, 0]):
         assert value == max(s for s, b in zip(strengths, bins, strict=True) if b == bins[i])
 
 
 def test_hold_silences_the_interval_of_a_value_that_is_no_number():
-    found = held(rows(1, NAN, 2, 3), np.zeros(2), Fraction(100), 20.0)
-    out = limited(found, [0, 0], [10, 99], [0, 0])
+    actual = held(rows(1, NAN, 2, 3), np.zeros(2), Fraction(100), 20.0)
+    out = limited(actual, [0, 0], [10, 99], [0, 0])
     assert np.isfinite(out).all()
     assert out[2:, 0].tolist() == [3, 3]

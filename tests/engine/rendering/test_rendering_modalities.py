@@ -33,9 +33,9 @@ def strengths(modality, *effects):
     ],
 )
 def test_vibration(amplitudes, frequencies, amplitude, frequency):
-    found = combine_vibration(np.array(amplitudes), np.array(frequencies))
-    assert found[0] == pytest.approx(amplitude, rel=1e-15)
-    assert found[1] == frequency
+    actual = combine_vibration(np.array(amplitudes), np.array(frequencies))
+    assert actual[0] == pytest.approx(amplitude, rel=1e-15)
+    assert actual[1] == frequency
 
 
 def test_vibration_of_many_places_at_once_is_that_of_each_alone():
@@ -60,8 +60,8 @@ def test_vibration_does_not_depend_on_the_order_and_is_bounded(pairs):
 
 
 def test_pressures_add():
-    found = strengths("pressure", ([0.5, 1.0], [2.0], 0.0), ([0.25, 1.0], [4.0], 0.0))
-    np.testing.assert_array_equal(found, [2.0, 6.0])
+    actual = strengths("pressure", ([0.5, 1.0], [2.0], 0.0), ([0.25, 1.0], [4.0], 0.0))
+    np.testing.assert_array_equal(actual, [2.0, 6.0])
 
 
 def test_winds_add_as_vectors():
@@ -74,5 +74,5 @@ def test_winds_add_as_vectors():
 
 def test_temperature_deviates_from_each_effects_own_neutral():
     # Air of 30 degC warms by 6 K at full strength; an object of 30 degC cools by 1.5 K at half.
-    found = strengths("temperature", ([1.0], [30.0], 24.0), ([0.5], [30.0], 33.0))
-    assert found == [4.5]
+    actual = strengths("temperature", ([1.0], [30.0], 24.0), ([0.5], [30.0], 33.0))
+    assert actual == [4.5]

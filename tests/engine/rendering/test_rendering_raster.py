@@ -122,7 +122,7 @@ def test_substitution(substitution, effect, parameters, expected):
     assert with_it.shortfalls == () and with_it.felt[list(ALL).index(effect)].is_rendered.all()
     without = play(header, [run], make_device(places))
     assert (without.values == without.neutral).all()
-    assert [each.reason for each in without.shortfalls] == ["modality"]
+    assert [shortfall.reason for shortfall in without.shortfalls] == ["modality"]
 
 
 def test_a_substitute_combines_with_what_the_actuator_renders_itself():
@@ -147,8 +147,8 @@ def test_frequencies_out_of_range_are_clamped_and_reported():
     ]
     raster = play(header, runs, device)
     assert raster.values.tolist() == [[2, 250], [0, 100], [0, 100], [2, 50]]
-    found = {(s.effect_id, s.reason): (s.samples, s.share, s.seconds) for s in raster.shortfalls}
-    assert found == {
+    actual = {(s.effect_id, s.reason): (s.samples, s.share, s.seconds) for s in raster.shortfalls}
+    assert actual == {
         ("buzz", "place"): (1, 0.5, 0.01),
         ("buzz", "frequency"): (1, 0.5, 0.01),
         ("low", "frequency"): (1, 1.0, 0.01),
@@ -248,19 +248,19 @@ def test_blocks_must_follow_each_other():
 
 
 def test_only_models_of_what_is_felt_and_shown_are_loaded():
-    asked = []
+    requests = []
 
     def loader(model_id):
-        asked.append(model_id)
+        requests.append(model_id)
         return MODELS[model_id]
 
     header = make_header(ALL, 2)
     device = make_device({"v": ("vibration", at(0))})
     run = make_run(header, "push", {0: {0: 1.0}}, [4.0])
     render(header, [run], device, loader)
-    assert asked == []
+    assert requests == []
     render(header, [make_run(header, "buzz", {0: {0: 1.0}}, [4.0, 90.0])], device, loader)
-    assert asked == ["dots-vibration"]
+    assert requests == ["dots-vibration"]
 
 
 def test_the_wearer():
@@ -272,8 +272,8 @@ def test_the_wearer():
     ]
     assert play(header, runs, device, body_id="ben").values.tolist() == [[2.0]]
     assert [f.stream.body_id for f in play(header, runs, device, body_id="ann").felt] == ["ann"]
-    for body_id, found in ((None, "no body is chosen"), ("eve", "there is no body 'eve'")):
-        with pytest.raises(InputError, match=found + r" to wear it.*'Ann' \(ann\), 'Ben' \(ben\)"):
+    for body_id, actual in ((None, "no body is chosen"), ("eve", "there is no body 'eve'")):
+        with pytest.raises(InputError, match=actual + r" to wear it.*'Ann' \(ann\), 'Ben' \(ben\)"):
             play(header, runs, device, body_id=body_id)
 
 
@@ -294,7 +294,7 @@ def test_what_no_device_renders():
     ]
     first = make_device({"p": ("pressure", at(0))})
     second = make_device({"p": ("pressure", at(5)), "v": ("vibration", at(0))})
-    rasters = [play(header, runs, each) for each in (first, second)]
+    rasters = [play(header, runs, item) for item in (first, second)]
     push, blow = unrendered(rasters)
     assert (push.effect_id, push.modality, push.samples) == ("push", "pressure", 2)
     assert (push.share, push.seconds) == (0.5, 0.02)
@@ -311,8 +311,8 @@ def test_a_track_that_was_written_and_read_renders_alike(tmp_path):
     blocks = []
     for low in range(0, 4000, 500):  # some streams pause for whole chunks
         runs = random_runs(header, random, low, low + 40)
-        kept = [run for run in runs if random.random() < 0.6]
-        blocks.append(sorted(kept, key=lambda run: order[run.stream.effect_id]))
+        stored = [run for run in runs if random.random() < 0.6]
+        blocks.append(sorted(stored, key=lambda run: order[run.stream.effect_id]))
     with TrackWriter(tmp_path / "t.hfxtrack", header, full_precision=True) as writer:
         renderer = Renderer(header, DEVICE, load)
         for block in blocks:

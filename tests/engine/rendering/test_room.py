@@ -65,8 +65,8 @@ def test_what_is_reached_moves_with_the_room(seed: int) -> None:
     run = make_run(header, "wind", {0: dict.fromkeys(range(10), 1.0)}, [5.0, 0.0, 1.0, 0.0])
     world = (points[:10] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
     space = PlaySpace.of_settings({SETTING: PlaySpace.as_setting(matrix[None])})
-    found = space.local(replace(run, positions=world))
-    assert found == pytest.approx(points[:10], abs=1e-5)
+    actual = space.local(replace(run, positions=world))
+    assert actual == pytest.approx(points[:10], abs=1e-5)
 
 
 def test_a_pose_is_written_once_until_it_changes() -> None:
@@ -106,7 +106,7 @@ def played(header, device, run) -> tuple[list[float], list[str]]:
     renderer = Renderer(header, device, lambda name: MODELS[name])
     renderer.add([run])
     raster = renderer.raster()
-    return raster.values[:, 0].tolist(), [each.reason for each in raster.shortfalls]
+    return raster.values[:, 0].tolist(), [shortfall.reason for shortfall in raster.shortfalls]
 
 
 def test_a_teleport_takes_the_fan_along_or_leaves_it_behind() -> None:

@@ -83,9 +83,9 @@ def test_a_mirrored_device_pans_as_the_mirror_image():
     for a, b in zip(left.rows, right.rows, strict=True):
         assert np.array_equal(np.sort(model.mirror[a]), b)
     one = gains_of_single_vertices(with_scheme("forearm_band_left", "barycentric"))
-    other = gains_of_single_vertices(with_scheme("forearm_band_right", "barycentric"))
-    order = np.searchsorted(other[0], model.mirror[one[0]])
-    assert other[1][order] == pytest.approx(one[1])
+    second = gains_of_single_vertices(with_scheme("forearm_band_right", "barycentric"))
+    order = np.searchsorted(second[0], model.mirror[one[0]])
+    assert second[1][order] == pytest.approx(one[1])
 
 
 def test_the_law_shapes_the_middle_between_actuators():

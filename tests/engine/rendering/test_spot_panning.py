@@ -58,7 +58,7 @@ def _strengths(raster: Raster) -> np.ndarray:
 def _pad_places(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of a path's samples and of the tactors on the pad, metres."""
     device = load_device("mango_pad")
-    centres = np.array([each.place.centre_m for each in device.actuators])
+    centres = np.array([actuator.place.centre_m for actuator in device.actuators])
     places = path[0] + np.linspace(0, 1, COUNT)[:, None] * (path[1] - path[0])
     return on_mount(device.mount, places), on_mount(device.mount, centres)
 
@@ -92,7 +92,7 @@ def test_a_wide_disc_drives_more_tactors() -> None:
 def test_round_the_waist_the_belt_keeps_its_power() -> None:
     """Constant power: the squares of the gains add up to one all the way round."""
     device = load_device("waist_belt")
-    centres = np.array([each.place.centre_m for each in device.actuators])
+    centres = np.array([actuator.place.centre_m for actuator in device.actuators])
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     middle, half = centres.mean(axis=0), 0.5 * np.ptp(centres, axis=0)
     ring = np.stack([half[0] * np.cos(angle), half[1] * np.sin(angle), 0 * angle], 1) + middle
@@ -105,4 +105,4 @@ def test_round_the_waist_the_belt_keeps_its_power() -> None:
 def test_a_spot_far_from_the_device_is_not_played() -> None:
     raster = _rendered(np.array([[0.0, -0.1, 1.6], [0.02, -0.1, 1.6]]), "mango_pad")
     assert not _strengths(raster).any()
-    assert [each.reason for each in raster.shortfalls] == ["place"]
+    assert [shortfall.reason for shortfall in raster.shortfalls] == ["place"]

@@ -43,23 +43,23 @@ def spectrum(samples: np.ndarray) -> np.ndarray:
 
 
 def test_a_square_has_the_odd_harmonics_of_fouriers_series():
-    found = spectrum(steady("square", 80.0))
+    actual = spectrum(steady("square", 80.0))
     for harmonic in (1, 3, 5, 7):
         expected = 4.0 / np.pi / harmonic
-        assert found[80 * harmonic] == pytest.approx(expected, rel=1e-3)
-        assert found[80 * (harmonic + 1)] < 1e-6
+        assert actual[80 * harmonic] == pytest.approx(expected, rel=1e-3)
+        assert actual[80 * (harmonic + 1)] < 1e-6
     phase = np.angle(np.fft.rfft(steady("square", 80.0))[80])
     assert phase == pytest.approx(-np.pi / 2, abs=1e-6), "in phase with a sine"
 
 
 def test_a_square_is_band_limited():
     """Of 997 Hz nothing that is mirrored is felt: plain steps leave a hundredth below 1000 Hz."""
-    found = spectrum(steady("square", 997.0))
-    felt = np.delete(found[:1001], 997).max() / found[997]
-    assert felt < 1e-4
+    actual = spectrum(steady("square", 997.0))
+    strengths = np.delete(actual[:1001], 997).max() / actual[997]
+    assert strengths < 1e-4
     time = np.arange(RATE) / RATE
     plain = spectrum(np.where(997.0 * time % 1.0 < 0.5, 1.0, -1.0))
-    assert np.delete(plain[:1001], 997).max() / plain[997] > 30 * felt
+    assert np.delete(plain[:1001], 997).max() / plain[997] > 30 * strengths
 
 
 def test_noise_is_a_band_about_its_frequency():
@@ -78,14 +78,14 @@ def test_noise_is_a_band_about_its_frequency():
 
 def test_what_is_drawn_for_noise_is_splitmix64():
     """The first outputs from seed 0 that other implementations publish."""
-    found = [hex(int(each)) for each in waveform.split_mix(3)]
-    assert found == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
+    actual = [hex(int(component)) for component in waveform.split_mix(3)]
+    assert actual == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
 
 def test_noise_goes_on_when_it_comes_again():
     cycles = waveform.NOISE_REPEATS + np.linspace(-0.01, 0.01, 2001)
     again = cycles % waveform.NOISE_REPEATS
-    before, after = (waveform.noises(each, each) for each in (cycles, again))
+    before, after = (waveform.noises(item, item) for item in (cycles, again))
     np.testing.assert_allclose(before, after, atol=1e-9)
     assert np.abs(np.diff(before)).max() < 2 * np.pi * 1e-5 * 2
 
@@ -99,12 +99,12 @@ hertz = st.floats(0.0, RATE / 2)
 )
 @settings(deadline=None, max_examples=60)
 def test_no_wave_exceeds_its_amplitude(shape, changes):
-    made = Oscillators([shape], RATE)
+    oscillators = Oscillators([shape], RATE)
     before = 0.0
     for amplitude, hz, count in changes:
-        made.aim(np.array([amplitude]), np.array([hz]))
-        found = np.abs(made.block(count))
-        assert (found <= max(before, amplitude) * (1.0 + 1e-12)).all()
+        oscillators.aim(np.array([amplitude]), np.array([hz]))
+        actual = np.abs(oscillators.block(count))
+        assert (actual <= max(before, amplitude) * (1.0 + 1e-12)).all()
         before = max(before, amplitude)
 
 
@@ -117,23 +117,23 @@ def test_waves_are_alike_at_any_block_size(shapes, sizes):
     count, total = len(shapes), sum(sizes)
 
     def sound(parts: Sequence[int]) -> np.ndarray:
-        made, found = SumOfTones(shapes, RATE), []
+        created, actual = SumOfTones(shapes, RATE), []
         for hz in (TWO_HZ, (90.0, 400.0)):
             pairs = np.array([0.4, 0.3]), np.array(hz)
-            amplitudes, frequencies = (np.repeat(each[:, None], count, axis=1) for each in pairs)
-            made.aim(Tones(np.arange(2), amplitudes, frequencies))
-            found += [made.block(each) for each in parts]
-        return np.concatenate(found)
+            amplitudes, frequencies = (np.repeat(pair[:, None], count, axis=1) for pair in pairs)
+            created.aim(Tones(np.arange(2), amplitudes, frequencies))
+            actual += [created.block(part) for part in parts]
+        return np.concatenate(actual)
 
     np.testing.assert_allclose(sound(sizes), sound([total]), atol=1e-8)
 
 
 @pytest.mark.parametrize("shape", ["sine", "noise"])
 def test_phase_goes_on_through_changes_of_frequency(shape):
-    made, parts = Oscillators([shape], RATE), []
+    created, parts = Oscillators([shape], RATE), []
     for hz in (80.0, 250.0, 31.0, 400.0):
-        made.aim(np.ones(1), np.array([hz]))
-        parts.append(made.block(1000))
+        created.aim(np.ones(1), np.array([hz]))
+        parts.append(created.block(1000))
     wave = np.concatenate(parts)[240:, 0]
     # Fading between two sines adds at most its own steepness, 3/2 a cycle, times their difference.
     steepest = (2.0 * np.pi + (3.0 if shape == "noise" else 0.0)) * 400.0 / RATE
@@ -141,10 +141,10 @@ def test_phase_goes_on_through_changes_of_frequency(shape):
 
 
 def test_a_squares_edges_stay_half_a_cycle_apart_through_changes_of_frequency():
-    made, parts = Oscillators(["square"], RATE), []
+    created, parts = Oscillators(["square"], RATE), []
     for hz in (100.0, 200.0, 100.0):
-        made.aim(np.ones(1), np.array([hz]))
-        parts.append(made.block(4800))
+        created.aim(np.ones(1), np.array([hz]))
+        parts.append(created.block(4800))
     wave = np.concatenate(parts)[240:, 0]
     apart = np.diff(np.flatnonzero(np.diff(np.signbit(wave))))
     assert apart.min() >= 119 and apart.max() <= 241
@@ -152,8 +152,8 @@ def test_a_squares_edges_stay_half_a_cycle_apart_through_changes_of_frequency():
 
 def with_waveforms(*shapes: Waveform) -> DeviceConfig:
     actuators = tuple(
-        replace(each, type=replace(KIND, waveform=shape))
-        for each, shape in zip(CARD.actuators, shapes, strict=False)
+        replace(item, type=replace(KIND, waveform=shape))
+        for item, shape in zip(CARD.actuators, shapes, strict=False)
     )
     return replace(CARD, actuators=actuators)
 
@@ -189,20 +189,20 @@ def exported(device: DeviceConfig, raster: Raster) -> np.ndarray:
 def test_a_wav_holds_the_wave_that_a_card_plays() -> None:
     """A tone that has stood for a while is the same wave, sample for sample: one synthesis."""
     device = with_waveforms("square", "noise", "sine")
-    made = SumOfTones([a.type.waveform for a in device.actuators], RATE)
+    tones = SumOfTones([a.type.waveform for a in device.actuators], RATE)
     pairs = ((0.5, 80.0), (0.3, 250.0))
-    made.aim(
+    tones.aim(
         Tones(
             np.arange(2),
             np.array([[a] * 3 for a, _ in pairs]),
             np.array([[hz] * 3 for _, hz in pairs]),
         )
     )
-    live = made.block(RATE // 2)[479:]
+    live = tones.block(RATE // 2)[479:]
     raster = raster_of(device, [constant(str(hz), a * MOST, hz, 60) for a, hz in pairs], 60)
-    found = exported(device, raster)[480 : RATE // 2 + 1]
+    actual = exported(device, raster)[480 : RATE // 2 + 1]
     # The card has played from silence up to its first sample, the file starts with phase 0.
-    np.testing.assert_allclose(live, found, atol=1e-6)
+    np.testing.assert_allclose(live, actual, atol=1e-6)
 
 
 def test_a_wav_of_any_waveform_keeps_the_limit_and_is_alike_in_any_blocks(
@@ -229,7 +229,7 @@ def test_a_wav_of_any_waveform_keeps_the_limit_and_is_alike_in_any_blocks(
 def test_a_squares_fundamental_in_a_wav_is_four_over_pi_of_its_amplitude() -> None:
     device = with_waveforms("square", "noise", "sine")
     raster = raster_of(device, [constant("hum", 0.6 * MOST, 80.0, 110)], 110)
-    found = exported(device, raster)[:RATE]
-    assert spectrum(found[:, 0])[80] == pytest.approx(0.6 * 4.0 / np.pi, rel=1e-3)
-    assert spectrum(found[:, 2])[80] == pytest.approx(0.6, rel=1e-3)
-    assert np.abs(found[:, 0]).max() == pytest.approx(0.6)
+    actual = exported(device, raster)[:RATE]
+    assert spectrum(actual[:, 0])[80] == pytest.approx(0.6 * 4.0 / np.pi, rel=1e-3)
+    assert spectrum(actual[:, 2])[80] == pytest.approx(0.6, rel=1e-3)
+    assert np.abs(actual[:, 0]).max() == pytest.approx(0.6)

@@ -74,7 +74,7 @@ def _there_and_back(start_m: float = 0.15) -> np.ndarray:
 
 
 def _scene(stack: list[tuple[Filter, list[float]]]) -> SceneDescription:
-    volume = HapticVolume(Falloff(), tuple(each for each, _ in stack))
+    volume = HapticVolume(Falloff(), tuple(item for item, _ in stack))
     return SceneDescription(
         TimeBase(Fraction(RATE), Fraction(RATE), 0, 0, COUNT - 1),
         (BodyDescription("anna", "Anna", SkinBinding(BONES)),),
@@ -177,8 +177,8 @@ def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
 
 
 def test_an_impact_is_felt_where_it_was_until_it_has_died_away() -> None:
-    found = dict(_each(_felt([_filter(FilterKind.IMPACT, decay_s=0.1)])))
-    assert all(set(found[k]) == {0, 1} for k in found if k != CONTACT[0])
+    actual = dict(_each(_felt([_filter(FilterKind.IMPACT, decay_s=0.1)])))
+    assert all(set(actual[k]) == {0, 1} for k in actual if k != CONTACT[0])
 
 
 def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> None:
@@ -232,13 +232,13 @@ def test_nearness_rises_before_contact_and_stays_in_it() -> None:
     stack = [
         _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM),
     ]
-    felt = dict(_each(_felt(stack, np.linspace(0.2, 0.06, COUNT))))
+    felt_value = dict(_each(_felt(stack, np.linspace(0.2, 0.06, COUNT))))
     heights = np.linspace(0.2, 0.06, COUNT)
     for k in range(COUNT):
         for vertex in (0, 1):
             distance = np.hypot(MODEL.vertices[vertex, 0], heights[k]) - RADIUS_M
             expected = 0.4 * max(0.0, 1.0 - distance / 0.1)
-            assert felt.get(k, {}).get(vertex, 0.0) == pytest.approx(expected, abs=1e-6)
+            assert felt_value.get(k, {}).get(vertex, 0.0) == pytest.approx(expected, abs=1e-6)
 
 
 def test_nearness_does_not_jump_where_contact_begins() -> None:
@@ -247,8 +247,8 @@ def test_nearness_does_not_jump_where_contact_begins() -> None:
         _filter(FilterKind.IMPACT, decay_s=0.1, attack_s=0.1, full_m_s=1e2),
         _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.5, operation=Operation.MAXIMUM),
     ]
-    felt = dict(_each(_felt(stack, heights)))
-    strengths = np.array([felt[k][0] for k in range(COUNT)])
+    felt_value = dict(_each(_felt(stack, heights)))
+    strengths = np.array([felt_value[k][0] for k in range(COUNT)])
     assert np.abs(np.diff(strengths)).max() < 1.05 * 0.5 * (heights[0] - heights[1]) / 0.1
     assert strengths[-1] == pytest.approx(0.5)
 
@@ -270,9 +270,9 @@ def test_the_distance_from_the_centre_or_axis_weakens_each_vertex(
     about: About, expected: tuple[float, float]
 ) -> None:
     stack = [_filter(FilterKind.DISTANCE, far_m=0.1, about=about)]
-    found = dict(_each(_felt(stack, np.full(COUNT, 0.03))))[10]
+    actual = dict(_each(_felt(stack, np.full(COUNT, 0.03))))[10]
     for vertex, distance in enumerate(expected):
-        assert found[vertex] == pytest.approx(1.0 - distance / 0.1, abs=1e-6)
+        assert actual[vertex] == pytest.approx(1.0 - distance / 0.1, abs=1e-6)
 
 
 def test_a_sine_in_time_runs_with_the_scene_and_one_in_space_with_the_place() -> None:
@@ -284,9 +284,11 @@ def test_a_sine_in_time_runs_with_the_scene_and_one_in_space_with_the_place() ->
     expected = 1.0 - 0.4 * (1.0 - np.sin(2.0 * np.pi * 5.0 * times))
     np.testing.assert_allclose(levels, expected, atol=1e-9)
     stack = [_filter(FilterKind.SINE, about=About.AXIS, cycles=0.04, depth=1.0, phase=0.25)]
-    found = dict(_each(_felt(stack, still)))[3]
-    assert found[0] == pytest.approx(1.0)
-    assert found[1] == pytest.approx(0.5 + 0.5 * np.sin(2 * np.pi * (0.03 / 0.04 + 0.25)), abs=1e-6)
+    actual = dict(_each(_felt(stack, still)))[3]
+    assert actual[0] == pytest.approx(1.0)
+    assert actual[1] == pytest.approx(
+        0.5 + 0.5 * np.sin(2 * np.pi * (0.03 / 0.04 + 0.25)), abs=1e-6
+    )
 
 
 def test_filters_are_folded_from_top_to_bottom() -> None:
@@ -322,12 +324,12 @@ STACK = [
 
 def _columns(runs: list[SampleRun]) -> tuple[bytes, ...]:
     """Everything that is felt, whatever the blocks that it came in."""
-    samples = [(run.indices[k], each) for run in runs for k, each in enumerate(run)]
+    samples = [(run.indices[k], item) for run in runs for k, item in enumerate(run)]
     return (
         np.array([index for index, _ in samples]).tobytes(),
-        np.array([each.level for _, each in samples]).tobytes(),
-        b"".join(each.vertices.tobytes() for _, each in samples),
-        b"".join(each.weights.tobytes() for _, each in samples),
+        np.array([item.level for _, item in samples]).tobytes(),
+        b"".join(item.vertices.tobytes() for _, item in samples),
+        b"".join(item.weights.tobytes() for _, item in samples),
     )
 
 
@@ -361,14 +363,14 @@ def _outside(shape: Any, points: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def test_the_distance_to_a_volume_from_outside() -> None:
-    place = np.diag([2.0, 2.0, 2.0, 1.0])
+    to_world = np.diag([2.0, 2.0, 2.0, 1.0])
     points = np.array([[3.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 3.0], [0.1, 0.2, 0.3]]).T
-    np.testing.assert_allclose(_outside(Cuboid(), points, place), [4.0, 8**0.5, 4.0, 0.0])
+    np.testing.assert_allclose(_outside(Cuboid(), points, to_world), [4.0, 8**0.5, 4.0, 0.0])
     round_ = [4.0, 2 * (8**0.5 - 1), 4.0, 0.0]
-    np.testing.assert_allclose(_outside(Sphere(), points, place), round_)
-    np.testing.assert_allclose(_outside(Cylinder(), points, place), round_)
+    np.testing.assert_allclose(_outside(Sphere(), points, to_world), round_)
+    np.testing.assert_allclose(_outside(Cylinder(), points, to_world), round_)
     np.testing.assert_allclose(
-        _outside(Capsule(1.0), points, place), [4.0, 2 * (8**0.5 - 1), 2.0, 0.0]
+        _outside(Capsule(1.0), points, to_world), [4.0, 2 * (8**0.5 - 1), 2.0, 0.0]
     )
 
 
@@ -378,5 +380,5 @@ def test_the_distance_to_a_mesh_from_outside_is_that_to_its_surface() -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
     points = np.array([[1.0, 1.0, 1.0], [0.1, 0.1, 0.1], [0.2, 0.2, -0.5]]).T
-    found = _outside(MeshVolume(corners, faces, "tip"), points, np.eye(4))
-    np.testing.assert_allclose(found, [2.0 / 3.0**0.5, 0.0, 0.5], atol=1e-12)
+    actual = _outside(MeshVolume(corners, faces, "tip"), points, np.eye(4))
+    np.testing.assert_allclose(actual, [2.0 / 3.0**0.5, 0.0, 0.5], atol=1e-12)

@@ -85,7 +85,9 @@ def oracle_strongest(
 ) -> float:
     """Largest product of the envelope and the weight kept so far at some times (T,)."""
     places = centre(times)
-    weights = [oracle_weight(SKIN.vertices[vertex], each, by_vertex=by_vertex) for each in places]
+    weights = [
+        oracle_weight(SKIN.vertices[vertex], place_, by_vertex=by_vertex) for place_ in places
+    ]
     ring = min(speed_m_s, 1.0) * np.exp(-(times - began_s) / decay_s) * (times >= began_s)
     return float((ring * np.maximum.accumulate(weights)).max())
 
@@ -146,11 +148,11 @@ def felt(
     engine = Engine(scene, models=lambda _: SKIN, tolerance=tolerance)
     live_s = times if is_live else None
     block = AnimationBlock(np.arange(count), (effect,), (pose,), live_s=live_s)
-    found = np.zeros((count, len(SKIN)))
+    actual = np.zeros((count, len(SKIN)))
     for run in engine.evaluate(block):
         for index, sample in zip(run.indices.tolist(), run, strict=True):
-            found[index, sample.vertices] = sample.weights * sample.level
-    return found
+            actual[index, sample.vertices] = sample.weights * sample.level
+    return actual
 
 
 # ---- rates, depths, tolerances -----------------------------------------------------------------
@@ -179,26 +181,28 @@ def test_an_impact_rings_as_deep_as_it_was_at_every_rate(
             for way in (-1.0, 1.0)
         )
         low, high = min(low, high), max(low, high)
-        found = [
+        actual = [
             felt(bounce(deepest_s, depth_m), rate, tolerance, falls=falls, seconds=0.31)[
                 round(0.3 * rate), MIDDLE
             ]
             for rate in RATES
         ]
-        assert min(found) >= 0.97 * max(found)
+        assert min(actual) >= 0.97 * max(actual)
         # Between samples within a tenth; the finest cells are 1 % off, and weights have 1/500.
         off = 0.02 if share == 0.0 else 0.1
-        assert low * (1.0 - off) - 0.002 <= min(found) and max(found) <= high * (1.0 + off) + 0.002
+        assert (
+            low * (1.0 - off) - 0.002 <= min(actual) and max(actual) <= high * (1.0 + off) + 0.002
+        )
 
 
 def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
     """As in a report: 4.8 m/s2 at 100 Hz, 0.09 at 200, 1.9 at 500, by the last graze."""
     for rate in RATES:
-        found = felt(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
-        times = np.arange(len(found)) / rate
+        actual = felt(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
+        times = np.arange(len(actual)) / rate
         after = times > 0.3
         np.testing.assert_allclose(
-            found[after], [oracle_ring(each - 0.225) for each in times[after]], rtol=0.01
+            actual[after], [oracle_ring(time - 0.225) for time in times[after]], rtol=0.01
         )
 
 
@@ -259,17 +263,17 @@ def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
 
     began = [away_s - 0.03, away_s + pause_s][:count]
     for rate in (100, 200, 333, 1000):
-        found = felt(pausing, rate, PAPER)[round(0.45 * rate), MIDDLE]
-        expected = sum(oracle_ring(round(0.45 * rate) / rate - each, 0.5) for each in began)
-        assert found == pytest.approx(expected, rel=0.03)
+        actual = felt(pausing, rate, PAPER)[round(0.45 * rate), MIDDLE]
+        expected = sum(oracle_ring(round(0.45 * rate) / rate - item, 0.5) for item in began)
+        assert actual == pytest.approx(expected, rel=0.03)
 
 
 def test_a_graze_between_two_samples_is_felt_at_the_next() -> None:
     # 0.505 s lies between two samples, at both of which the ball is 2 mm away.
     for tolerance in TOLERANCES:
-        found = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
-        assert not found[:51].any() and found[51] > 0.4
-        assert found[60] == pytest.approx(found[51] * oracle_ring(0.6 - 0.502), rel=0.02)
+        actual = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
+        assert not actual[:51].any() and actual[51] > 0.4
+        assert actual[60] == pytest.approx(actual[51] * oracle_ring(0.6 - 0.502), rel=0.02)
     late = bounce(0.505, -0.0005)  # which turns back half a millimetre away
     assert not felt(late, 100, EXACT).any()
 
@@ -280,8 +284,8 @@ def test_a_ball_that_passes_within_a_sample_rings_from_then_on() -> None:
 
     entered_s = 0.2533 - RADIUS_M / 20.0
     for rate in RATES:
-        found = felt(passing, rate, STANDARD)[round(0.3 * rate) :, MIDDLE]
-        assert found[0] == pytest.approx(oracle_ring(0.3 - entered_s), rel=0.01)
+        actual = felt(passing, rate, STANDARD)[round(0.3 * rate) :, MIDDLE]
+        assert actual[0] == pytest.approx(oracle_ring(0.3 - entered_s), rel=0.01)
 
 
 def test_the_speed_is_that_at_the_beginning() -> None:
@@ -290,10 +294,10 @@ def test_the_speed_is_that_at_the_beginning() -> None:
         return np.stack([0.0 * times, 0.0 * times, height], axis=1)
 
     for rate in RATES:
-        found = felt(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
+        actual = felt(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
         # Its peak lies 6 ms after the beginning: between two samples at 100 Hz, but not at others.
         times = np.linspace(0.2, 0.21, 21) if rate == 100 else np.array([0.21])
-        assert found == pytest.approx(oracle_strongest(falling, times, 0.2, 0.5), rel=0.03)
+        assert actual == pytest.approx(oracle_strongest(falling, times, 0.2, 0.5), rel=0.03)
 
 
 # ---- places ------------------------------------------------------------------------------------
@@ -301,17 +305,17 @@ def test_the_speed_is_that_at_the_beginning() -> None:
 
 def test_each_of_two_impacts_rings_where_it_was() -> None:
     apart_m = 3 * SPACING_M
-    other = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
+    alternative = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
 
     def twice(times: np.ndarray) -> np.ndarray:
         first, second = bounce(0.2, 0.01)(times), bounce(0.4, 0.02, at=apart_m)(times)
         return np.where((times < 0.3)[:, None], first, second)
 
     for rate in (100, 1000):
-        found = felt(twice, rate, EXACT)[round(0.5 * rate)]
+        actual = felt(twice, rate, EXACT)[round(0.5 * rate)]
         first, second = oracle_ring(0.5 - 0.19), oracle_ring(0.5 - 0.38)
-        assert found[MIDDLE] == pytest.approx(first, rel=0.02)
-        assert found[other] == pytest.approx(first + second, rel=0.02)  # both kept it
+        assert actual[MIDDLE] == pytest.approx(first, rel=0.02)
+        assert actual[alternative] == pytest.approx(first + second, rel=0.02)  # both kept it
 
 
 def test_vertices_keep_peaks_of_their_own() -> None:
@@ -323,14 +327,14 @@ def test_vertices_keep_peaks_of_their_own() -> None:
 
     times = np.arange(0.19, 0.36, 0.0002)
     expected = [
-        max(oracle_weight(SKIN.vertices[v], each, falls=True, by_vertex=True)
-            for each in sliding(times))
+        max(oracle_weight(SKIN.vertices[v], item, falls=True, by_vertex=True)
+            for item in sliding(times))
         for v in (MIDDLE, MIDDLE + 1, MIDDLE + 2)
     ]  # fmt: skip
     for rate in RATES:
-        found = felt(sliding, rate, PAPER, falls=True)[round(0.5 * rate)]
+        actual = felt(sliding, rate, PAPER, falls=True)[round(0.5 * rate)]
         ring = oracle_ring(0.5 - 0.188)
-        assert found[[MIDDLE, MIDDLE + 1, MIDDLE + 2]] / ring == pytest.approx(
+        assert actual[[MIDDLE, MIDDLE + 1, MIDDLE + 2]] / ring == pytest.approx(
             expected, rel=0.03, abs=0.003
         )
 
@@ -340,8 +344,8 @@ def test_a_ball_that_stays_rings_as_one_that_leaves() -> None:
         return bounce(0.25, 0.01)(np.minimum(times, 0.25))
 
     for rate in RATES:
-        found, left = felt(staying, rate, EXACT), felt(bounce(0.25, 0.01), rate, EXACT)
-        np.testing.assert_allclose(found[:, MIDDLE], left[:, MIDDLE], atol=0.01)
+        actual, left = felt(staying, rate, EXACT), felt(bounce(0.25, 0.01), rate, EXACT)
+        np.testing.assert_allclose(actual[:, MIDDLE], left[:, MIDDLE], atol=0.01)
 
 
 def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
@@ -356,13 +360,13 @@ def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
         height = bounce(0.21, 0.01)(np.minimum(times, 0.21))[:, 2]
         return np.stack([x, 0.0 * x, height], axis=1)
 
-    found = felt(along, 100, EXACT, stack=stack)
+    actual = felt(along, 100, EXACT, stack=stack)
     at = int(
         np.argmin(np.linalg.norm(SKIN.vertices - along(np.array([0.6]))[0] * [1, 0, 0], axis=1))
     )
     ring = 0.5 * oracle_ring(0.6 - 0.2)
-    assert found[60, MIDDLE] == pytest.approx(ring, rel=0.03)
-    assert found[60, at] == pytest.approx(0.4 + ring, rel=0.03)
+    assert actual[60, MIDDLE] == pytest.approx(ring, rel=0.03)
+    assert actual[60, at] == pytest.approx(0.4 + ring, rel=0.03)
 
 
 def test_what_is_near_now_is_no_place_of_an_impact() -> None:
@@ -370,8 +374,8 @@ def test_what_is_near_now_is_no_place_of_an_impact() -> None:
         (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
         (FilterKind.PROXIMITY, Operation.MAXIMUM, (0.3, 0.05, 1.0)),
     )
-    found = felt(bounce(0.2, 0.01), 100, EXACT, stack=stack)
-    gone = found[40:]  # 0.19 m away
+    actual = felt(bounce(0.2, 0.01), 100, EXACT, stack=stack)
+    gone = actual[40:]  # 0.19 m away
     assert gone[0, MIDDLE] == pytest.approx(oracle_ring(0.4 - 0.19), rel=0.02)
     held = gone[0] / gone[0, MIDDLE]
     # At its deepest the ball was 0 m from what is inside, and up to the range from the rest.
@@ -385,10 +389,12 @@ def test_a_level_scales_what_rings_at_its_own_time() -> None:
     def fading(times: np.ndarray) -> np.ndarray:
         return np.clip(1.0 - times, 0.0, 1.0)
 
-    found = felt(bounce(0.25, 0.025), 200, EXACT, levels=fading)
+    actual = felt(bounce(0.25, 0.025), 200, EXACT, levels=fading)
     for row in (70, 100, 120):
         since = row / 200 - 0.225
-        assert found[row, MIDDLE] == pytest.approx(oracle_ring(since) * (1.0 - row / 200), rel=0.01)
+        assert actual[row, MIDDLE] == pytest.approx(
+            oracle_ring(since) * (1.0 - row / 200), rel=0.01
+        )
 
 
 @pytest.mark.parametrize("tolerance", (STANDARD, PAPER), ids=lambda each: each.name)
@@ -400,8 +406,8 @@ def test_a_body_that_hits_a_volume_is_hit_as_well(tolerance: Tolerance) -> None:
 
 
 def test_live_only_the_beginning_is_found_between_updates() -> None:
-    found = felt(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
-    assert found[40] == pytest.approx(oracle_ring(0.4 - 0.225), rel=1e-3)
+    actual = felt(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
+    assert actual[40] == pytest.approx(oracle_ring(0.4 - 0.225), rel=1e-3)
     # At the update before and after it is 2 mm away, and later ones are not known yet.
     assert not felt(bounce(0.505, 0.003), 100, PAPER, is_live=True).any()
 
@@ -425,19 +431,19 @@ def test_live_only_the_beginning_is_found_between_updates() -> None:
 )
 def test_a_path_between_two_samples(place: Callable[[np.ndarray], np.ndarray]) -> None:
     shares = np.linspace(0.0, 1.0, 21)
-    before = [place(np.array([[each]], float)) for each in (0.0, -1.0, -2.0)]
-    after = [place(np.array([[each]], float)) for each in (1.0, 2.0, 3.0)]
-    found = MotionEstimate(before, after).at(shares)[:, 0, 0]
-    np.testing.assert_allclose(found, place(shares), atol=1e-9)
+    before = [place(np.array([[item]], float)) for item in (0.0, -1.0, -2.0)]
+    after = [place(np.array([[value]], float)) for value in (1.0, 2.0, 3.0)]
+    actual = MotionEstimate(before, after).at(shares)[:, 0, 0]
+    np.testing.assert_allclose(actual, place(shares), atol=1e-9)
 
 
 def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:
     shares = np.linspace(0.0, 1.0, 5)
     at = (
-        [np.array([[each]]) for each in (0.0, 0.0, 0.0)],
-        [np.array([[each]]) for each in (1.0,) * 3],
+        [np.array([[value]]) for value in (0.0, 0.0, 0.0)],
+        [np.array([[item]]) for item in (1.0,) * 3],
     )
     for count in (1, 3):
-        found = MotionEstimate(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
-        assert found.min() >= 0.0 and found.max() <= 1.0
+        actual = MotionEstimate(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
+        assert actual.min() >= 0.0 and actual.max() <= 1.0
     np.testing.assert_allclose(MotionEstimate(at[0][:1], at[1][:1]).at(shares)[:, 0, 0], shares)

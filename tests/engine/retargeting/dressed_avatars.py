@@ -75,8 +75,8 @@ class _Tailor:
 
     def inside(self, vertices: Mask) -> Mask:
         """Triangles of which all corners are among some vertices."""
-        found: Mask = vertices[self.target.triangles].all(axis=1)
-        return found
+        actual: Mask = vertices[self.target.triangles].all(axis=1)
+        return actual
 
     def cover(
         self,
@@ -298,13 +298,13 @@ def renamed(person: Variant, names: Mapping[str, str]) -> Variant:
     parents = {bone.name: bone.parent for bone in target.bones}
 
     def kept(bones: Iterable[str | None]) -> list[str]:
-        found = []
+        actual = []
         for bone in bones:
             at = bone
             while at is not None and at not in names:
                 at = parents[at]
-            found.append(names[at] if at is not None else names["root"])
-        return found
+            actual.append(names[at] if at is not None else names["root"])
+        return actual
 
     bones = tuple(
         RigBone(

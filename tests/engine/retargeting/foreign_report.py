@@ -83,15 +83,15 @@ def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
     Heels above the lowest skin, the nose behind the foremost skin that follows the head,
     fingertips short of the skin that is farthest out on their side.
     """
-    found = landmarks(load_model(MODEL_ID))
+    actual = landmarks(load_model(MODEL_ID))
     skin = bodies.points
     low = skin[:, 2].min()
     face = skin[dominant(bodies.target_shares) == REGIONS.index("head")]
-    nose = points[found["nose"][0]]
-    tips = points[found["fingertips"]]
+    nose = points[actual["nose"][0]]
+    tips = points[actual["fingertips"]]
     reach = [skin[:, 0].max() - tips[:5, 0].max(), tips[5:, 0].min() - skin[:, 0].min()]
     return {
-        "heels": 1000.0 * float(max(points[k, 2] - low for k in found["heels"])),
+        "heels": 1000.0 * float(max(points[k, 2] - low for k in actual["heels"])),
         "nose": 1000.0 * float(nose[1] - face[:, 1].min()),
         "fingertips": 1000.0 * float(max(reach)),
     }
@@ -99,18 +99,18 @@ def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
 
 def with_truth() -> dict[str, Followed]:
     """Avatars of others whose correspondence can be derived."""
-    found = {"SOMA": follow(foreign_avatars.soma())}
+    actual = {"SOMA": follow(foreign_avatars.soma())}
     rigs = ("mixamo", "game_engine", "cmu", "mixamo")
     for name, rig in zip(foreign_avatars.TOPOLOGIES, rigs, strict=True):
-        found[f"{name}, {rig}"] = follow(foreign_avatars.topology(name, rig))
-    return found
+        actual[f"{name}, {rig}"] = follow(foreign_avatars.topology(name, rig))
+    return actual
 
 
 def without_truth() -> dict[str, Followed]:
     """Game characters, where their folders are named."""
-    found = {name: follow(make()) for name, make in foreign_avatars.assetcoop().items()}
+    actual = {name: follow(make()) for name, make in foreign_avatars.assetcoop().items()}
     fixit = foreign_avatars.mrfixit()
-    return found if fixit is None else found | {"mrfixit": follow(fixit)}
+    return actual if fixit is None else actual | {"mrfixit": follow(fixit)}
 
 
 def lines() -> list[str]:

@@ -193,17 +193,17 @@ def _weights(
     stored: dict[str, list[tuple[int, float]]], names: tuple[str, ...], used: I64, count: int
 ) -> SkinWeights:
     index = {name: number for number, name in enumerate(names)}
-    place = np.full(count, -1)
-    place[used] = np.arange(len(used))
+    expected = np.full(count, -1)
+    expected[used] = np.arange(len(used))
     # Rigify's weights name the halves of limbs that only its generated rig has.
     whole = {name: name.removeprefix("DEF-").removesuffix(".001") for name in stored}
     whole |= {name: name for name in stored if name in index}
     rows = [
-        (place[vertex], index[whole[name]], value)
+        (expected[vertex], index[whole[name]], value)
         for name, entries in stored.items()
         if whole[name] in index
         for vertex, value in entries
-        if place[vertex] >= 0 and value > 0.0
+        if expected[vertex] >= 0 and value > 0.0
     ]
     table = np.array(rows)
     order = np.lexsort((table[:, 1], table[:, 0]))
@@ -222,13 +222,13 @@ def shuffled(variant: Variant, seed: int = 1) -> Variant:
     """Variant with its vertices in another order, so that it is not recognised as the base mesh."""
     target = variant.target
     order = np.random.default_rng(seed).permutation(len(target.vertices))
-    place = np.argsort(order)
+    rank = np.argsort(order)
     return replace(
         variant,
         target=replace(
             target,
             vertices=target.vertices[order],
-            triangles=place[target.triangles],
+            triangles=rank[target.triangles],
             weights=rows_of(target.weights, order),
         ),
     )
@@ -362,13 +362,13 @@ def posed(variant: Variant, turns: Mapping[str, F64], stretches: Mapping[str, fl
 def turn(axis: int, degrees: float) -> F64:
     """A turn about a coordinate axis."""
     angle = np.radians(degrees)
-    found = np.eye(3)
+    eye = np.eye(3)
     i, j = [k for k in range(3) if k != axis]
     if axis == 1:
         i, j = j, i
-    found[i, i] = found[j, j] = np.cos(angle)
-    found[i, j], found[j, i] = -np.sin(angle), np.sin(angle)
-    return found
+    eye[i, i] = eye[j, j] = np.cos(angle)
+    eye[i, j], eye[j, i] = -np.sin(angle), np.sin(angle)
+    return eye
 
 
 def canonical() -> Variant:

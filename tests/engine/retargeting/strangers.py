@@ -139,7 +139,7 @@ def _girded(person: Variant, girths: Mapping[str, float]) -> Variant:
 
 
 def _is_below(bones: tuple[RigBone, ...], bone: RigBone, name: str) -> bool:
-    parents = {each.name: each.parent for each in bones}
+    parents = {item.name: item.parent for item in bones}
     at = bone.parent
     while at is not None and at != name:
         at = parents[at]
@@ -203,8 +203,8 @@ def _cut(person: Variant, below_m: float) -> Variant:
     """Half a body: no skin below a height of the shipped avatar, or of the legs."""
     rest, names = load_avatar().vertices.astype(np.float64), _part_names()
     arms = np.isin(names, ("upper_arm", "forearm", "hand_palm", "hand_dorsum", "fingers"))
-    kept = (rest[:, 2] > below_m) | arms
-    triangles = person.target.triangles[kept[person.target.triangles].all(axis=1)]
+    stored = (rest[:, 2] > below_m) | arms
+    triangles = person.target.triangles[stored[person.target.triangles].all(axis=1)]
     used, corners = np.unique(triangles, return_inverse=True)
     target = replace(
         person.target,
@@ -213,7 +213,7 @@ def _cut(person: Variant, below_m: float) -> Variant:
         weights=variants.rows_of(person.target.weights, used),
     )
     places = person.places.copy()
-    places[~kept] = np.nan
+    places[~stored] = np.nan
     return Variant(target, places)
 
 

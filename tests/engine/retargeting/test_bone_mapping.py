@@ -354,19 +354,19 @@ def test_the_skin_of_feet_tells_mirrored_names_of_a_rig_without_toes(ends_in: st
     heads = canonical_heads()
 
     def skin_of(rig: dict[str, str], forward: float) -> dict[str, np.ndarray]:
-        found = {}
+        actual = {}
         for side in "LR":
             ankle, knee = heads[f"foot.{side}"], heads[f"lowerleg01.{side}"]
             calf = np.linspace(knee, ankle, 9)
             sole = ankle + np.outer(np.linspace(-0.05, 0.2, 6) * forward, (0.0, -1.0, 0.0))
-            found[rig[f"{ends_in}.{side}"]] = np.concatenate((calf, sole - (0.0, 0.0, 0.08)))
-        return found
+            actual[rig[f"{ends_in}.{side}"]] = np.concatenate((calf, sole - (0.0, 0.0, 0.08)))
+        return actual
 
     for rig, forward, side in ((table, 1.0, "L"), (mirrored, 1.0, "L"), (mirrored, 0.1, "R")):
         mapping = bone_mapping.map_bones(rig_of(rig), skin=partial(skin_of, rig, forward))
         assert mapping.bones["upperarm01.L"] == rig[f"upperarm01.{side}"]
-        told = any("mirrored" in sentence for sentence in mapping.report)
-        assert told == (rig is mirrored and side == "L")
+        messages = any("mirrored" in sentence for sentence in mapping.report)
+        assert messages == (rig is mirrored and side == "L")
 
 
 def _moved(bones: list[RigBone], matrix: np.ndarray) -> list[RigBone]:

@@ -35,27 +35,27 @@ HALVES = {
 
 
 def table_of(left: str, right: str) -> dict[str, str]:
-    found = dict(TRUNK)
+    actual = dict(TRUNK)
     for side, pattern in (("L", left), ("R", right)):
-        found |= {f"{b}.{side}": pattern.format(n) for b, n in zip(LIMBS, NAMES, strict=True)}
-        found |= {
+        actual |= {f"{b}.{side}": pattern.format(n) for b, n in zip(LIMBS, NAMES, strict=True)}
+        actual |= {
             f"finger{number}-{joint}.{side}": pattern.format(f"{finger}{joint}")
             for number, finger in enumerate(FINGERS, start=1)
             for joint in (1, 2, 3)
         }
-    return found
+    return actual
 
 
 def turned(bones: list[RigBone]) -> list[RigBone]:
     """Bones in a space that is turned, scaled and shifted at random, in another order."""
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     matrix = 100.0 * turn * np.linalg.det(turn)
-    found = [
+    actual = [
         replace(b, head=tuple(matrix @ b.head + 3.0), tail=tuple(matrix @ b.tail + 3.0))
         for b in bones
     ]
-    random.Random(3).shuffle(found)
-    return found
+    random.Random(3).shuffle(actual)
+    return actual
 
 
 @pytest.mark.parametrize("case", HALVES)
@@ -76,9 +76,9 @@ def test_limbs_whose_bones_hang_on_nothing() -> None:
 
 def swapped(table: dict[str, str], *stems: str) -> dict[str, str]:
     """Exchange left and right among the names of some canonical bones."""
-    other = {"L": "R", "R": "L"}
+    second = {"L": "R", "R": "L"}
     return {
-        bone: table[bone[:-1] + other[bone[-1]]] if bone.startswith(stems) else name
+        bone: table[bone[:-1] + second[bone[-1]]] if bone.startswith(stems) else name
         for bone, name in table.items()
     }
 
@@ -94,8 +94,8 @@ def test_limbs_that_are_named_after_the_other_side(stems: tuple[str, ...], count
     table = swapped(MIXAMO, *stems)
     mapping = map_bones(turned(rig_of(table)))
     assert mapping.bones == table
-    (told,) = [sentence for sentence in mapping.report if "other side" in sentence]
-    assert f" {count}, '" in told
+    (messages,) = [sentence for sentence in mapping.report if "other side" in sentence]
+    assert f" {count}, '" in messages
 
 
 def test_nothing_is_told_where_names_and_places_agree() -> None:
@@ -111,10 +111,10 @@ def test_a_helper_with_both_sides_is_no_hand() -> None:
 
 def test_crossed_limbs_keep_their_names() -> None:
     """Hands on the other side's thigh, and ankles crossed."""
-    place = {
+    position = {
         "LeftHand": (-0.15, -0.1, 0.9), "RightHand": (0.15, -0.12, 0.9),
         "LeftFoot": (-0.05, 0.0, 0.08), "LeftToeBase": (-0.06, -0.12, 0.02),
         "RightFoot": (0.05, -0.1, 0.08), "RightToeBase": (0.06, -0.22, 0.02),
     }  # fmt: skip
-    bones = [replace(b, head=place.get(b.name, b.head)) for b in rig_of(MIXAMO)]
+    bones = [replace(b, head=position.get(b.name, b.head)) for b in rig_of(MIXAMO)]
     assert map_bones(bones).bones == MIXAMO

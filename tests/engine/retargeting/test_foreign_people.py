@@ -59,10 +59,10 @@ def test_a_mesh_of_six_hundred_vertices_without_toes_is_followed() -> None:
         avatar = foreign_avatars.topology("notoes_collapse5pc", "cmu")
     except InputError as error:
         pytest.skip(f"the package with the meshes is not installed: {error}")
-    found = foreign_report.follow(avatar)
-    assert found.refused == "" and found.quality.warnings == ()
-    assert found.agreement > 0.97
-    assert max(found.parts.values()) < 20.0, found.parts
+    actual = foreign_report.follow(avatar)
+    assert actual.refused == "" and actual.quality.warnings == ()
+    assert actual.agreement > 0.97
+    assert max(actual.parts.values()) < 20.0, actual.parts
 
 
 @pytest.mark.parametrize("name", foreign_avatars.assetcoop() or ["none"])
@@ -70,12 +70,12 @@ def test_game_characters_keep_their_sides_or_are_warned_of(name: str) -> None:
     characters = foreign_avatars.assetcoop()
     if name not in characters:
         pytest.skip(f"{foreign_avatars.ASSETCOOP} does not name the characters' folder")
-    found = foreign_report.follow(characters[name]())
+    actual = foreign_report.follow(characters[name]())
     for bone in ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01"):
-        assert {f"{bone}.L", f"{bone}.R"} <= found.mapping.bones.keys()
-    assert found.quality.sides > 0.99 and found.quality.feet_forward == 1.0
+        assert {f"{bone}.L", f"{bone}.R"} <= actual.mapping.bones.keys()
+    assert actual.quality.sides > 0.99 and actual.quality.feet_forward == 1.0
     # They are stylised: what does not fit is named, part by part.
-    assert found.quality.warnings
-    misplaced = [part for part in found.quality.parts if part.in_place < 0.8]
+    assert actual.quality.warnings
+    misplaced = [part for part in actual.quality.parts if part.in_place < 0.8]
     assert all(part.faults for part in misplaced)
-    assert np.isfinite(list(found.plausible.values())).all()
+    assert np.isfinite(list(actual.plausible.values())).all()

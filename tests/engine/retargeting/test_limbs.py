@@ -62,9 +62,9 @@ def test_a_model_that_lies_beside_a_joint_is_named() -> None:
     nearest = model.avatar_vertices[:, 0]
     rest, _ = retarget.carried(model, warped.posed, warped.normals)
     low = rest - (0.0, 0.0, 0.03) * (model.part == 8)[:, None] * (model.side == 1)[:, None]
-    found = warped.limbs.offsets_m(nearest, rest, low, warped.surface)
-    assert 0.02 < max(found["knee.L"], found["knee.R"]) < 0.04
-    assert min(found["knee.L"], found["knee.R"]) < 0.01
+    offsets_m = warped.limbs.offsets_m(nearest, rest, low, warped.surface)
+    assert 0.02 < max(offsets_m["knee.L"], offsets_m["knee.R"]) < 0.04
+    assert min(offsets_m["knee.L"], offsets_m["knee.R"]) < 0.01
 
 
 def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
@@ -98,8 +98,8 @@ def test_a_forearm_without_a_wrist_points_at_its_hand() -> None:
     bend = {"lowerarm01.L": variants.turn(1, 40), "lowerarm01.R": variants.turn(1, -40)}
     variant, avatar = variants.posed(variants.canonical(), bend, {}), load_avatar()
     stems = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01", "foot")
-    kept = {"root", "spine01", "head", *(f"{stem}.{side}" for stem in stems for side in "LR")}
-    mapping = BoneMapping("plain", {name: name for name in kept}, {}, ())
+    stored = {"root", "spine01", "head", *(f"{stem}.{side}" for stem in stems for side in "LR")}
+    mapping = BoneMapping("plain", {name: name for name in stored}, {}, ())
     bodies = skeletons_of(avatar, variant.target, mapping)
     moved = apply(bodies.to_target, posed(avatar, matrices(avatar, bodies)))
     hands = np.isin(avatar.part, [PARTS.index("hand_palm"), PARTS.index("fingers")])

@@ -35,9 +35,9 @@ def few_bones(variant: Variant) -> Any:
     """The canonical rig known only by the joints that any game rig has."""
     stems = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
     stems += ("toe3-1", *(f"finger{f}-{k}" for f in range(1, 6) for k in range(1, 4)))
-    kept = {f"{stem}.{side}" for stem in stems for side in "LR"}
-    kept |= {"root", "spine03", "spine01", "neck01", "head"}
-    return SimpleNamespace(bones={name: name for name in kept}, fallbacks={})
+    stored = {f"{stem}.{side}" for stem in stems for side in "LR"}
+    stored |= {"root", "spine03", "spine01", "neck01", "head"}
+    return SimpleNamespace(bones={name: name for name in stored}, fallbacks={})
 
 
 def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
@@ -137,9 +137,9 @@ def test_centimetres_and_other_axes_change_nothing() -> None:
     matrix[:3, 3] = (12.0, -30.0, 7.0)
     turned = variants.moved(plain, matrix)
     turned = replace(turned, target=replace(turned.target, metres=0.01))
-    one, other = errors_mm(plain, warped), errors_mm(turned, warped_by_few_bones(turned))
+    one, second = errors_mm(plain, warped), errors_mm(turned, warped_by_few_bones(turned))
     for part in PARTS:
-        assert one[part] == pytest.approx(other[part], abs=0.05)
+        assert one[part] == pytest.approx(second[part], abs=0.05)
 
 
 def test_left_fingers_stay_left_and_no_finger_takes_its_neighbours_skin() -> None:
@@ -160,11 +160,11 @@ def test_left_fingers_stay_left_and_no_finger_takes_its_neighbours_skin() -> Non
     outer = np.array([name.startswith("finger") and name[8] != "1" for name in mine])
     assert np.count_nonzero(outer) > 5000
     pairs = {
-        (one[:7] + one[-2:], other[:7] + other[-2:])
-        for one, other in zip(mine[outer], theirs[outer], strict=True)
-        if other.startswith("finger")
+        (one[:7] + one[-2:], second[:7] + second[-2:])
+        for one, second in zip(mine[outer], theirs[outer], strict=True)
+        if second.startswith("finger")
     }
-    assert all(one == other for one, other in pairs)
+    assert all(one == second for one, second in pairs)
     assert len(pairs) == 10
 
 
@@ -187,19 +187,19 @@ def test_anchors_lead_to_the_vertices() -> None:
         corners = variant.target.vertices[anchors.corners]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        found = np.einsum("vc,vci->vi", anchors.weights, corners)
-        found += across * anchors.offset_m[:, None]
-        np.testing.assert_allclose(fitted.vertices, found, atol=1e-5)
+        products = np.einsum("vc,vci->vi", anchors.weights, corners)
+        products += across * anchors.offset_m[:, None]
+        np.testing.assert_allclose(fitted.vertices, products, atol=1e-5)
 
 
 def test_skin_that_follows_no_bone_gets_the_canonical_weights() -> None:
     variant = variants.decimated(canonical())
     target = variant.target
     bare = target.vertices[:, 2] > 1.7  # the crown
-    kept = np.where(bare, 0, np.diff(target.weights.offsets))
+    stored = np.where(bare, 0, np.diff(target.weights.offsets))
     entries = ~np.repeat(bare, np.diff(target.weights.offsets))
     weights = SkinWeights(
-        np.append(0, np.cumsum(kept)).astype(np.int32),
+        np.append(0, np.cumsum(stored)).astype(np.int32),
         target.weights.bones[entries],
         target.weights.values[entries],
     )
@@ -218,9 +218,9 @@ def test_skin_that_follows_no_bone_gets_the_canonical_weights() -> None:
 def test_the_same_input_gives_the_same_bytes() -> None:
     model = load_model("hfx-temperature-1")
     both = decimated_and_warped("rest"), decimated_and_warped.__wrapped__("rest")
-    one, other = (retarget.fit(model, warped)[0] for _, warped in both)
-    assert one.vertices.tobytes() == other.vertices.tobytes()
-    assert one.weights.values.tobytes() == other.weights.values.tobytes()
+    one, second = (retarget.fit(model, warped)[0] for _, warped in both)
+    assert one.vertices.tobytes() == second.vertices.tobytes()
+    assert one.weights.values.tobytes() == second.weights.values.tobytes()
 
 
 # FitQuality: a poor fit names the part
@@ -240,10 +240,10 @@ def test_a_missing_limb_is_a_warning_that_names_it() -> None:
 
 def test_swapped_sides_are_a_warning() -> None:
     variant = variants.shuffled(canonical())
-    other = {"L": "R", "R": "L"}
+    second = {"L": "R", "R": "L"}
     mapping = few_bones(variant)
     mapping.bones = {
-        name: name[:-1] + other[name[-1]] if name[-2:-1] == "." else name for name in mapping.bones
+        name: name[:-1] + second[name[-1]] if name[-2:-1] == "." else name for name in mapping.bones
     }
     warped = variants.warp(load_avatar(), variant.target, mapping)
     _, quality = retarget.fit(load_model(MODEL_ID), warped)
@@ -277,10 +277,10 @@ def test_nearest_places_keep_to_their_region_and_their_side_of_the_skin() -> Non
     triangles = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])
     shares = np.repeat(np.eye(2), 4, axis=0)
     surface = TargetSurface(points, triangles, shares)
-    asked = np.array([[0.4, 0.5, 0.009]] * 3)
+    requests = np.array([[0.4, 0.5, 0.009]] * 3)
     up, down = [0.0, 0, 1], [0.0, 0, -1]
     places = surface.nearest(
-        asked, np.array([up, down, up]), np.array([[1.0, 0], [0, 1], [0, 1]]), 0.05
+        requests, np.array([up, down, up]), np.array([[1.0, 0], [0, 1], [0, 1]]), 0.05
     )
     assert places.found.tolist() == [True, True, False]
     np.testing.assert_allclose(places.points[:2], [[0.4, 0.5, 0], [0.4, 0.5, 0.01]], atol=1e-12)
@@ -364,10 +364,10 @@ def test_faces_that_look_inwards_are_turned(which: str) -> None:
         "the left": target.vertices[target.triangles[:, 0], 0] > 0.0,
     }[which]
     spoilt = np.where(inwards[:, None], target.triangles[:, ::-1], target.triangles)
-    found, share = retarget_target.faced_out(replace(target, triangles=spoilt))
+    actual, share = retarget_target.faced_out(replace(target, triangles=spoilt))
     areas = retarget_target.areas_of(target.vertices, target.triangles)
     assert abs(share - areas[inwards].sum() / areas.sum()) < 1e-9
-    np.testing.assert_array_equal(found.triangles, target.triangles)
+    np.testing.assert_array_equal(actual.triangles, target.triangles)
 
 
 def test_sheets_of_two_sides_are_left_alone() -> None:

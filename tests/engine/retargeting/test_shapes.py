@@ -57,11 +57,11 @@ def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
     surface = TargetSurface(truth, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
     limbs.rings.clear()  # no joint holds anything: this shape moves them
-    found = finish(
+    actual = finish(
         shape_fields.shape(fields, moved, start, target.triangles, bodies, surface, limbs)
     )
     flesh = np.isin(avatar.part, [PARTS.index(part) for part in ("torso", "upper_leg")])
-    before, after = (np.linalg.norm(p - truth, axis=1)[flesh] for p in (start, found))
+    before, after = (np.linalg.norm(p - truth, axis=1)[flesh] for p in (start, actual))
     assert np.median(before) > 0.008
     assert np.median(after) < 0.3 * np.median(before)
     assert np.percentile(after, 95) < 0.5 * np.percentile(before, 95)
@@ -75,8 +75,8 @@ def test_nothing_to_hold_on_to_changes_nothing() -> None:
     start = posed(avatar, moved)
     far = TargetSurface(target.vertices + 9.0, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
-    found = finish(shape_fields.shape(fields, moved, start, target.triangles, bodies, far, limbs))
-    np.testing.assert_array_equal(found, start)
+    actual = finish(shape_fields.shape(fields, moved, start, target.triangles, bodies, far, limbs))
+    np.testing.assert_array_equal(actual, start)
 
 
 def test_saved_fields_are_read_again_within_their_eight_bits(tmp_path: Path) -> None:

@@ -109,11 +109,11 @@ def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
 def _part(target: TargetAvatar, wanted: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
     """Triangles of which all corners are wanted, moved outwards."""
     normals = vertex_normals(target.vertices, target.triangles)
-    kept = wanted[target.triangles].all(axis=1)
+    stored = wanted[target.triangles].all(axis=1)
     return replace(
         target,
         vertices=target.vertices + out_m * normals,
-        triangles=target.triangles[kept],
+        triangles=target.triangles[stored],
     )
 
 

@@ -42,8 +42,8 @@ def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
     quads = avatar.faces.astype(np.int64)
     triangles = np.concatenate((quads[:, :3], quads[:, [0, 2, 3]]))
     points = avatar.vertices.astype(np.float64)
-    found, _ = hinges.placed(bodies, points, triangles, target.triangles)
-    return {name: apply(bodies.to_target, found.joints[name]) for name in HINGES}
+    actual, _ = hinges.placed(bodies, points, triangles, target.triangles)
+    return {name: apply(bodies.to_target, actual.joints[name]) for name in HINGES}
 
 
 @pytest.mark.parametrize("beside_m", [0.04, -0.04])
@@ -54,16 +54,16 @@ def test_a_joint_beside_the_knee_that_is_seen(figure: Figure, beside_m: float) -
     truth = {bone.name: np.asarray(bone.head) for bone in made(figure).target.bones}
     bones = {"knee": "lowerleg01", "elbow": "lowerarm01"}
     moved = replace(figure, knees_m=beside_m, elbows_m=beside_m)
-    for name, place in _placed_m(moved).items():
+    for name, position in _placed_m(moved).items():
         stem, side = name.split(".")
-        off = np.linalg.norm(place - truth[figure.rig[f"{bones[stem]}.{side}"]]) * unit
+        off = np.linalg.norm(position - truth[figure.rig[f"{bones[stem]}.{side}"]]) * unit
         assert off < 0.025, name
 
 
 def test_a_rig_that_agrees_with_its_skin_keeps_its_joints() -> None:
-    for name, place in _placed_m(Figure("plain", lumps_m=0.0)).items():
+    for name, position in _placed_m(Figure("plain", lumps_m=0.0)).items():
         bone = {"knee": "lowerleg01", "elbow": "lowerarm01"}[name[:-2]]
-        assert np.linalg.norm(place - canonical_heads()[f"{bone}{name[-2:]}"]) < 0.004, name
+        assert np.linalg.norm(position - canonical_heads()[f"{bone}{name[-2:]}"]) < 0.004, name
 
 
 def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
@@ -76,8 +76,8 @@ def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
     for side in "LR":
         for bone in ("lowerleg01", "lowerarm01"):
             for ahead in (-0.06, 0.06):
-                place = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
-                mark = int(np.linalg.norm(points - place, axis=1).argmin())
+                position = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
+                mark = int(np.linalg.norm(points - position, axis=1).argmin())
                 assert np.linalg.norm(fitted.vertices[mark] - truth[mark]) < 0.025, (bone, side)
 
 
@@ -116,12 +116,12 @@ def test_a_place_that_is_far_off_is_named_with_how_far(place: str) -> None:
     limit = uncertainty.HINGE_MM if place == "knee" else uncertainty.PLACE_MM
     assert max(off_mm.values()) > limit  # else this figure shows nothing
     _, quality = retarget.fit(load_model("hfx-temperature-1"), warped)
-    (told,) = [fault for fault in quality.whole_faults if "uncertain" in fault]
+    (messages,) = [fault for fault in quality.whole_faults if "uncertain" in fault]
     for name, off in off_mm.items():
         if off > limit:
             assert quality.uncertain_mm[name] >= off, (name, off)
             words = {"L": "left ", "R": "right "}.get(name[-1], "") if "." in name else ""
-            assert f"{words}{place} {quality.uncertain_mm[name]:.0f} mm" in told
+            assert f"{words}{place} {quality.uncertain_mm[name]:.0f} mm" in messages
 
 
 def test_a_plain_figure_has_no_uncertain_place() -> None:
@@ -132,6 +132,8 @@ def test_a_plain_figure_has_no_uncertain_place() -> None:
 
 
 def test_uncertain_places_are_named_the_worst_first() -> None:
-    told = uncertainty.sentence({"knee.L": 26.0, "elbow.R": 24.0, "heel.R": 53.4, "belly": 39.0})
-    assert told == ["these places are uncertain: right heel 53 mm, left knee 26 mm"]
+    sentence = uncertainty.sentence(
+        {"knee.L": 26.0, "elbow.R": 24.0, "heel.R": 53.4, "belly": 39.0}
+    )
+    assert sentence == ["these places are uncertain: right heel 53 mm, left knee 26 mm"]
     assert uncertainty.sentence({"knee.L": 25.0, "crown": 40.0}) == []

@@ -60,16 +60,16 @@ def test_the_nearest_place_is_that_of_trimesh(seed: int) -> None:
     points = rng.uniform(-0.12, 0.12, (30, 3))
     expected, distances, _ = trimesh.proximity.closest_point_naive(mesh, points)
     reach = 0.03
-    found = SurfaceLocator(np.array(mesh.triangles), reach).nearest(points)
+    actual = SurfaceLocator(np.array(mesh.triangles), reach).nearest(points)
     sure = np.abs(distances - reach) > 1e-9
     np.testing.assert_array_equal(
-        np.isin(np.arange(30), found.point)[sure], (distances < reach)[sure]
+        np.isin(np.arange(30), actual.point)[sure], (distances < reach)[sure]
     )
-    np.testing.assert_allclose(found.distance, distances[found.point], atol=1e-9)
-    np.testing.assert_allclose(found.place, expected[found.point], atol=1e-7)
-    corners = np.array(mesh.triangles)[found.triangle]
+    np.testing.assert_allclose(actual.distance, distances[actual.point], atol=1e-9)
+    np.testing.assert_allclose(actual.place, expected[actual.point], atol=1e-7)
+    corners = np.array(mesh.triangles)[actual.triangle]
     np.testing.assert_allclose(
-        np.einsum("nk,nkc->nc", found.weights, corners), found.place, atol=1e-9
+        np.einsum("nk,nkc->nc", actual.weights, corners), actual.place, atol=1e-9
     )
 
 
@@ -78,8 +78,8 @@ def test_the_nearest_place_is_that_of_trimesh(seed: int) -> None:
     [np.zeros((0, 3, 3)), np.zeros((2, 3, 3)), np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]])],
 )
 def test_a_mesh_without_area_has_no_nearest_place(corners: np.ndarray) -> None:
-    found = SurfaceLocator(corners.astype(float), 0.1).nearest(np.zeros((3, 3)))
-    assert len(found.point) == 0
+    actual = SurfaceLocator(corners.astype(float), 0.1).nearest(np.zeros((3, 3)))
+    assert len(actual.point) == 0
 
 
 def test_the_way_on_a_plane_is_the_way_of_the_skin() -> None:
@@ -244,8 +244,8 @@ def test_a_mesh_that_deforms_from_call_to_call_is_followed_too() -> None:
         bent[:, 2] = 0.5 * k * vertices[:, 0] ** 2
         rest = bent[triangles[17]].mean(axis=0)
         column = np.flatnonzero((vertices[:, 1] == vertices[40, 1]) & (vertices[:, 0] >= -0.06))
-        place = 0.01 * k - 0.025
-        moving = [np.interp(place, bent[column, 0], bent[column, c]) for c in range(3)]
+        position = 0.01 * k - 0.025
+        moving = [np.interp(position, bent[column, 0], bent[column, c]) for c in range(3)]
         paths = follower.follow(
             np.eye(4)[None],
             bent[None],

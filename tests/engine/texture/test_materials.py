@@ -21,9 +21,9 @@ def test_a_material_tiles_without_a_seam_and_is_the_same_for_the_same_seed(name:
     material = procedural.material(name)
     field, rough = material.make(128, 5)
     again, _ = material.make(128, 5)
-    other, _ = material.make(128, 6)
+    second, _ = material.make(128, 6)
     np.testing.assert_array_equal(field.heights_m, again.heights_m)
-    assert not np.array_equal(field.heights_m, other.heights_m)
+    assert not np.array_equal(field.heights_m, second.heights_m)
     assert field.size_m == pytest.approx((material.size_m, material.size_m))
     assert rough.min() >= 0.0 and rough.max() <= 1.0
     for axis in (0, 1):
@@ -34,7 +34,7 @@ def test_a_material_tiles_without_a_seam_and_is_the_same_for_the_same_seed(name:
 
 
 def test_the_library_has_variants_of_each_kind() -> None:
-    kinds = [each.kind for each in procedural.MATERIALS.values()]
+    kinds = [material.kind for material in procedural.MATERIALS.values()]
     assert all(kinds.count(kind) >= 3 for kind in procedural.KINDS)
     assert set(kinds) == set(procedural.KINDS)
     with pytest.raises(InputError, match="gravel-fine"):
@@ -47,9 +47,9 @@ def test_gravel_is_stronger_than_metal_by_the_same_slope() -> None:
     strength = {
         kind: np.mean(
             [
-                blurred_slope(each.make(192)[0], 1e-4).mean()
-                for each in procedural.MATERIALS.values()
-                if each.kind == kind
+                blurred_slope(material.make(192)[0], 1e-4).mean()
+                for material in procedural.MATERIALS.values()
+                if material.kind == kind
             ]
         )
         for kind in procedural.KINDS
@@ -89,31 +89,35 @@ def test_what_is_no_weave_is_refused(make: object) -> None:
 
 
 def test_the_reference_fabrics_go_from_smooth_to_rough() -> None:
-    depths = [each.depth_m for each in procedural.reference_fabrics().values()]
+    depths = [
+        reference_fabric.depth_m for reference_fabric in procedural.reference_fabrics().values()
+    ]
     assert depths == sorted(depths) and len(depths) == 3
 
 
 def test_the_textile_renderers_output_goes_with_measured_roughness(tmp_path: Path) -> None:
-    found = textile_correlation.correlation(1, texels=192)
+    correlation = textile_correlation.correlation(1, texels=192)
     fast = 1
-    for recipe, rows in found["median_r"].items():
+    for recipe, rows in correlation["median_r"].items():
         # ISO 4288 measures coarse cloth at 8 mm; weaves keep the paper's values at 2.5 mm, too.
         least, coarse = rows[0][fast], rows[1][fast]
         assert (np.array(coarse) >= PAPER_R).all(), recipe
         assert (np.array(least) >= PAPER_R).all() or "weaves" not in recipe, recipe
-    assert len(found["surfaces"]) == 36
-    texture_chart.draw(found, tmp_path / "chart.svg")
+    assert len(correlation["surfaces"]) == 36
+    texture_chart.draw(correlation, tmp_path / "chart.svg")
     chart = (tmp_path / "chart.svg").read_text()
     # A point for each surface, speed and parameter; one for each family, and three in legends.
-    points = 6 * len(found["surfaces"]) + 6 * len(found["sets"])
+    points = 6 * len(correlation["surfaces"]) + 6 * len(correlation["sets"])
     assert points <= chart.count("<use") <= points + 200
 
 
 def test_materials_are_told_apart_on_unseen_maps_directions_and_speeds() -> None:
-    found = bench.identification(1, 1, texels=192)
-    assert found["share"] >= 0.9
-    assert np.sum(found["confusion"]) == 3 * 3 * len(procedural.MATERIALS)
-    assert (np.diag(found["confusion"]) / np.sum(found["confusion"], axis=1) >= 0.8).all()
+    identification = bench.identification(1, 1, texels=192)
+    assert identification["share"] >= 0.9
+    assert np.sum(identification["confusion"]) == 3 * 3 * len(procedural.MATERIALS)
+    assert (
+        np.diag(identification["confusion"]) / np.sum(identification["confusion"], axis=1) >= 0.8
+    ).all()
 
 
 def test_the_most_salient_collisions_keep_more_than_what_comes_first() -> None:

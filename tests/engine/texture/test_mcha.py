@@ -41,8 +41,8 @@ def _slow_slope(heights: np.ndarray, texel: tuple[float, float], blur_m: float) 
 def test_the_slope_is_that_of_an_independent_computation(texel: tuple[float, float]) -> None:
     heights = np.random.default_rng(0).normal(size=(20, 24)) * 1e-4
     expected = _slow_slope(heights, texel, 1.2e-4)
-    found = blurred_slope(HeightField(heights, texel), 1.2e-4)
-    np.testing.assert_allclose(found, expected, atol=2e-6 * expected.max(), rtol=1e-4)
+    actual = blurred_slope(HeightField(heights, texel), 1.2e-4)
+    np.testing.assert_allclose(actual, expected, atol=2e-6 * expected.max(), rtol=1e-4)
 
 
 def test_a_blur_that_is_far_wider_than_the_surface_leaves_nothing_of_it() -> None:
@@ -65,10 +65,10 @@ def test_a_ramp_has_its_own_slope_in_non_square_texels() -> None:
     heights = 0.3 * x[None, :] + 0.4 * y[:, None]
     slope = blurred_slope(HeightField(heights, (1e-4, 2e-4), tiles=False), 1e-4)
     np.testing.assert_allclose(slope[8:-8, 8:-8], 0.5, rtol=1e-5)
-    made = make_map(
+    height_map = make_map(
         HeightField(heights, (1e-4, 2e-4), tiles=False), settings=MapSettings(full_slope=2.0)
     )
-    np.testing.assert_allclose(made.intensity[8:-8, 8:-8], 0.25, rtol=1e-5)
+    np.testing.assert_allclose(height_map.intensity[8:-8, 8:-8], 0.25, rtol=1e-5)
 
 
 @settings(max_examples=15, deadline=None)
@@ -77,13 +77,13 @@ def test_a_turned_or_tiled_picture_gives_the_turned_or_tiled_map(seed: int, turn
     rng = np.random.default_rng(seed)
     heights, rough = rng.normal(size=(12, 12)) * 1e-4, rng.uniform(size=(12, 12))
     field = HeightField(heights, (1e-4, 1e-4))
-    made = make_map(field, rough)
+    height_map = make_map(field, rough)
     turned = make_map(HeightField(np.rot90(heights, turns), (1e-4, 1e-4)), np.rot90(rough, turns))
-    np.testing.assert_allclose(turned.intensity, np.rot90(made.intensity, turns), atol=1e-6)
-    np.testing.assert_array_equal(turned.sharpness, np.rot90(made.sharpness, turns))
+    np.testing.assert_allclose(turned.intensity, np.rot90(height_map.intensity, turns), atol=1e-6)
+    np.testing.assert_array_equal(turned.sharpness, np.rot90(height_map.sharpness, turns))
     tiled = make_map(HeightField(np.tile(heights, (2, 3)), (1e-4, 1e-4)), np.tile(rough, (2, 3)))
-    np.testing.assert_allclose(tiled.intensity, np.tile(made.intensity, (2, 3)), atol=1e-6)
-    np.testing.assert_array_equal(tiled.sharpness, np.tile(made.sharpness, (2, 3)))
+    np.testing.assert_allclose(tiled.intensity, np.tile(height_map.intensity, (2, 3)), atol=1e-6)
+    np.testing.assert_array_equal(tiled.sharpness, np.tile(height_map.sharpness, (2, 3)))
 
 
 def test_the_blur_is_in_millimetres_not_in_texels() -> None:
@@ -100,25 +100,25 @@ def test_the_blur_is_in_millimetres_not_in_texels() -> None:
 
 def test_rough_is_low_and_smooth_is_high() -> None:
     field = HeightField(np.zeros((2, 2)), (1e-3, 1e-3))
-    made = make_map(field, np.array([[0.0, 1.0], [0.5, 0.25]]))
-    np.testing.assert_allclose(made.frequency_hz, [[260.0, 80.0], [170.0, 215.0]])
-    assert not made.amplitude_m_s2.any()
+    height_map = make_map(field, np.array([[0.0, 1.0], [0.5, 0.25]]))
+    np.testing.assert_allclose(height_map.frequency_hz, [[260.0, 80.0], [170.0, 215.0]])
+    assert not height_map.amplitude_m_s2.any()
 
 
 def test_a_roughness_of_another_size_covers_the_same_surface() -> None:
     field = HeightField(np.zeros((8, 8)), (1e-3, 1e-3), tiles=False)
     rough = np.linspace(0.0, 1.0, 16)[None, :] * np.ones((2, 1))
-    made = make_map(field, rough)
+    height_map = make_map(field, rough)
     expected = 1.0 - np.interp((np.arange(8) + 0.5) * 2 - 0.5, np.arange(16), rough[0])
-    np.testing.assert_allclose(made.sharpness, np.tile(expected, (8, 1)), atol=1e-6)
+    np.testing.assert_allclose(height_map.sharpness, np.tile(expected, (8, 1)), atol=1e-6)
 
 
 def test_ranges_belong_to_the_device() -> None:
     device = DeviceRange(amplitude_g=(0.1, 0.6), frequency_hz=(100.0, 200.0))
     half = np.full((1, 2), 0.5, np.float32)
-    made = HapticMap(half, half, (1.0, 1.0), device=device)
-    np.testing.assert_allclose(made.amplitude_m_s2, 0.35 * 9.80665)
-    np.testing.assert_allclose(made.frequency_hz, 150.0)
+    haptic_map = HapticMap(half, half, (1.0, 1.0), device=device)
+    np.testing.assert_allclose(haptic_map.amplitude_m_s2, 0.35 * 9.80665)
+    np.testing.assert_allclose(haptic_map.frequency_hz, 150.0)
     assert DeviceRange().amplitude_m_s2(1.0) == pytest.approx(1.3 * 9.80665)
     assert device.amplitude_m_s2(0.0) == 0.0  # silence, though the range begins above it
 

@@ -53,7 +53,7 @@ def test_the_level_is_agreed_on_with_the_picture_at_half_its_resolution() -> Non
     full = case.srgb.astype(np.float32)
     half = full.reshape(128, 2, 128, 2, 3).mean((1, 3))
     weights = relief_network.stored_weights()
-    alone = [relief_network.of_all_turns(each, weights, True).slope.mean() for each in (full, half)]
+    alone = [relief_network.of_all_turns(item, weights, True).slope.mean() for item in (full, half)]
     agreed = relief_network.estimated(full, tiles=True).slope.mean()
     assert max(alone) > 1.3 * min(alone)
     assert agreed == pytest.approx(np.sqrt(alone[0] * alone[1]), rel=1e-4)
@@ -73,11 +73,11 @@ def test_what_is_no_picture_is_refused(wrong: np.ndarray) -> None:
 
 
 def test_it_beats_simple_filters_on_families_that_were_not_learnt() -> None:
-    found = []
+    actual = []
     for case in bench.cases(1, 0, ("chevrons", "popcorn")):
         ways = bench.intensity_of(case), *bench.simple(case)
-        found.append([bench.correlation(way, case.truth) for way in ways])
-    relief, sobel, contrast = np.mean(found, axis=0)
+        actual.append([bench.correlation(way, case.truth) for way in ways])
+    relief, sobel, contrast = np.mean(actual, axis=0)
     assert relief > 0.4 and relief > 0.15 + max(sobel, contrast)
 
 
@@ -85,10 +85,10 @@ def test_it_beats_simple_filters_on_families_that_were_not_learnt() -> None:
 def test_a_convolution_is_that_of_scipy(tiles: bool) -> None:
     rng = np.random.default_rng(0)
     x, kernel = rng.normal(size=(2, 70, 5)), rng.normal(size=(1, 2, 3, 3))
-    found = relief_network.convolved(x, kernel, np.array([0.5]), tiles)[0]
+    actual = relief_network.convolved(x, kernel, np.array([0.5]), tiles)[0]
     mode = "wrap" if tiles else "nearest"
     truth = sum(ndimage.correlate(x[k], kernel[0, k], mode=mode) for k in range(2))
-    assert np.allclose(found, truth + 0.5, atol=1e-5)
+    assert np.allclose(actual, truth + 0.5, atol=1e-5)
 
 
 def test_weights_keep_their_values_within_half_a_step_of_their_output() -> None:

@@ -38,34 +38,34 @@ def _pulse(phase: np.ndarray) -> np.ndarray:
 def test_profiles_have_the_roughness_that_arithmetic_tells(  # type: ignore[no-untyped-def]
     wave, ra: float, rq: float, depth: float, rsk: float, rku: float
 ) -> None:
-    found = roughness_of_profile(3e-6 * wave(2.0 * np.pi * X / 2.5e-4), SPACING)
-    assert found.ra_m == pytest.approx(3e-6 * ra, rel=0.01)
-    assert found.rq_m == pytest.approx(3e-6 * rq, rel=0.01)
-    for value in (found.rz_m, found.rmax_m, found.pt_m):
+    roughness = roughness_of_profile(3e-6 * wave(2.0 * np.pi * X / 2.5e-4), SPACING)
+    assert roughness.ra_m == pytest.approx(3e-6 * ra, rel=0.01)
+    assert roughness.rq_m == pytest.approx(3e-6 * rq, rel=0.01)
+    for value in (roughness.rz_m, roughness.rmax_m, roughness.pt_m):
         assert value == pytest.approx(3e-6 * depth, rel=0.01)
-    assert found.rsk == pytest.approx(rsk, rel=0.01, abs=0.01)
-    assert found.rku == pytest.approx(rku, rel=0.01)
-    assert found.rsm_m == pytest.approx(2.5e-4, rel=1e-3)
-    assert (found.sampling_lengths, found.cutoff_m) == (5, 2.5e-3)
+    assert roughness.rsk == pytest.approx(rsk, rel=0.01, abs=0.01)
+    assert roughness.rku == pytest.approx(rku, rel=0.01)
+    assert roughness.rsm_m == pytest.approx(2.5e-4, rel=1e-3)
+    assert (roughness.sampling_lengths, roughness.cutoff_m) == (5, 2.5e-3)
 
 
 def test_a_wave_of_twice_the_cutoff_keeps_what_the_filter_lets_through() -> None:
     """Its mean line is the filter's, not that of each sampling length, which holds half a wave."""
-    found = roughness_of_profile(1e-6 * np.sin(2.0 * np.pi * X / 5e-3), SPACING)
+    roughness = roughness_of_profile(1e-6 * np.sin(2.0 * np.pi * X / 5e-3), SPACING)
     left = 1e-6 * (1.0 - 2.0**-0.25)  # ISO 16610-21
-    assert found.ra_m == pytest.approx(2.0 / np.pi * left, rel=1e-3)
-    assert found.rq_m == pytest.approx(np.sqrt(0.5) * left, rel=1e-3)
-    assert found.rku == pytest.approx(1.5, rel=1e-3)
-    assert found.pt_m == pytest.approx(2e-6, rel=1e-3)
-    assert found.rsm_m == pytest.approx(5e-3, rel=1e-3)
+    assert roughness.ra_m == pytest.approx(2.0 / np.pi * left, rel=1e-3)
+    assert roughness.rq_m == pytest.approx(np.sqrt(0.5) * left, rel=1e-3)
+    assert roughness.rku == pytest.approx(1.5, rel=1e-3)
+    assert roughness.pt_m == pytest.approx(2e-6, rel=1e-3)
+    assert roughness.rsm_m == pytest.approx(5e-3, rel=1e-3)
 
 
 def test_low_and_narrow_peaks_are_no_elements_of_their_own() -> None:
     plain = 1e-6 * np.sin(2.0 * np.pi * X / 5e-4)
     for height, width in ((0.12e-6, 4.1e-5), (3e-6, 1e-5)):  # below 10 % of Rz; below 25 um
         ripple = height * (X % 5e-4 < width)
-        found = roughness_of_profile(plain + np.where(plain < 0.0, 0.0, ripple), SPACING)
-        assert found.rsm_m == pytest.approx(5e-4, rel=1e-2)
+        roughness = roughness_of_profile(plain + np.where(plain < 0.0, 0.0, ripple), SPACING)
+        assert roughness.rsm_m == pytest.approx(5e-4, rel=1e-2)
     deep = 1e-6 * np.sin(2.0 * np.pi * X / 5e-4) + 1.5e-6 * np.sin(2.0 * np.pi * X / 2.5e-4)
     assert roughness_of_profile(deep, SPACING).rsm_m == pytest.approx(2.5e-4, rel=1e-2)
 
@@ -74,16 +74,18 @@ def test_a_single_scratch_is_in_rmax_and_a_fifth_of_it_in_rz() -> None:
     heights = 1e-6 * np.sin(2.0 * np.pi * X / 1e-4)
     middle = int(0.5 * LENGTH / SPACING)
     heights[middle : middle + 10] = -11e-6
-    found = roughness_of_profile(heights, SPACING)
-    assert found.rmax_m == pytest.approx(12e-6, rel=0.01)
-    assert found.rz_m == pytest.approx((4 * 2e-6 + 12e-6) / 5, rel=0.01)
+    roughness = roughness_of_profile(heights, SPACING)
+    assert roughness.rmax_m == pytest.approx(12e-6, rel=0.01)
+    assert roughness.rz_m == pytest.approx((4 * 2e-6 + 12e-6) / 5, rel=0.01)
 
 
 def test_form_and_slope_are_no_roughness() -> None:
     heights = 1e-6 * np.sin(2.0 * np.pi * X / 1e-4)
     plain = roughness_of_profile(heights, SPACING)
-    found = roughness_of_profile(heights + 0.02 * X + 1e-4 * np.sin(2 * np.pi * X / 0.1), SPACING)
-    assert found.ra_m == pytest.approx(plain.ra_m, rel=0.03)
+    roughness = roughness_of_profile(
+        heights + 0.02 * X + 1e-4 * np.sin(2 * np.pi * X / 0.1), SPACING
+    )
+    assert roughness.ra_m == pytest.approx(plain.ra_m, rel=0.03)
 
 
 def test_half_of_a_wave_as_long_as_the_cutoff_passes_the_surface_filter() -> None:
@@ -118,6 +120,9 @@ def test_a_profile_that_cannot_be_judged_is_refused(heights: np.ndarray, spacing
 
 
 def test_a_flat_surface_has_none() -> None:
-    found = roughness_of_surface(HeightField(np.ones((50, 50)), (1e-4, 1e-4)))
-    assert max(found.ra_m, found.rq_m, found.rz_m, found.rmax_m, found.pt_m) < 1e-12
-    assert found.rsk is found.rku is found.rsm_m is None
+    roughness = roughness_of_surface(HeightField(np.ones((50, 50)), (1e-4, 1e-4)))
+    assert (
+        max(roughness.ra_m, roughness.rq_m, roughness.rz_m, roughness.rmax_m, roughness.pt_m)
+        < 1e-12
+    )
+    assert roughness.rsk is roughness.rku is roughness.rsm_m is None

@@ -34,10 +34,10 @@ def _frequency_and_amplitude(wave: np.ndarray, rate: float, near: float) -> tupl
     for frequency in near * np.linspace(0.98, 1.02, 401):
         phase = 2.0 * np.pi * frequency * times
         basis = np.stack([np.sin(phase), np.cos(phase)], axis=1)
-        found, *_ = np.linalg.lstsq(basis, wave, rcond=None)
-        error = float(np.square(wave - basis @ found).sum())
+        actual, *_ = np.linalg.lstsq(basis, wave, rcond=None)
+        error = float(np.square(wave - basis @ actual).sum())
         if error < best[0]:
-            best = (error, frequency, float(np.hypot(*found)))
+            best = (error, frequency, float(np.hypot(*actual)))
     return best[1], best[2]
 
 
@@ -127,9 +127,9 @@ def test_micro_collisions_peak_twice_a_period(speed: float, angle: float) -> Non
     wavelength = 1e-3
     map_ = make_map(grating(wavelength, texels=128), settings=MapSettings(blur_m=1e-5))
     way = 10.0 * wavelength / np.cos(angle)
-    found = trace(map_, strokes.line((1.7e-5, 0.0), angle, way, speed))
-    middle = 0.5 * found.intensity.max()
-    ups = np.count_nonzero((found.intensity[1:] > middle) & (found.intensity[:-1] <= middle))
+    actual = trace(map_, strokes.line((1.7e-5, 0.0), angle, way, speed))
+    middle = 0.5 * actual.intensity.max()
+    ups = np.count_nonzero((actual.intensity[1:] > middle) & (actual.intensity[:-1] <= middle))
     assert ups == pytest.approx(20, abs=1)
 
 

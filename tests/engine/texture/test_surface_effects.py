@@ -258,10 +258,12 @@ def test_contacts_and_places_that_do_not_count_are_told_by_name(hand: Perceptual
     surface = block.effects[0]
     assert surface.matrices is not None
     surface.matrices[4, 0, 3] = np.nan
-    for asked, crowded in ((scene, []), (few, [5])):
-        engine = Engine(asked, models=lambda _: hand, tolerance=PAPER)
+    for requests, crowded in ((scene, []), (few, [5])):
+        engine = Engine(requests, models=lambda _: hand, tolerance=PAPER)
         engine.evaluate(block)
-        told = engine.counters.warnings
-        assert [n for text, n in told.items() if "more than 1 vertices at once" in text] == crowded
-        assert [n for text, n in told.items() if "not a finite number" in text] == [1]
-        assert all("surface 'Table'" in text for text in told)
+        warnings = engine.counters.warnings
+        assert [
+            n for text, n in warnings.items() if "more than 1 vertices at once" in text
+        ] == crowded
+        assert [n for text, n in warnings.items() if "not a finite number" in text] == [1]
+        assert all("surface 'Table'" in text for text in warnings)

@@ -31,16 +31,16 @@ def test_waves_that_tile_come_back_exactly(
     factor = 2.0 * np.pi * amplitude
     slope_x = factor * across / (columns * TEXEL[0]) * np.cos(angle)
     slope_y = factor * up / (rows * TEXEL[1]) * np.cos(angle)
-    found = heights_of_normals(normals_of(slope_x, slope_y), TEXEL, tiles=True)
-    wanted = amplitude * np.sin(angle) if across or up else np.zeros_like(x)
+    heights = heights_of_normals(normals_of(slope_x, slope_y), TEXEL, tiles=True)
+    expected = amplitude * np.sin(angle) if across or up else np.zeros_like(x)
     if np.hypot(slope_x, slope_y).max() < 10.0:  # steeper is a fault of the map
-        assert np.allclose(found, wanted, atol=1e-6 * amplitude + 1e-12)
+        assert np.allclose(heights, expected, atol=1e-6 * amplitude + 1e-12)
 
 
 def test_a_slope_without_end_is_followed_where_the_map_does_not_tile() -> None:
     slope = np.full((24, 40), 0.1)
-    found = heights_of_normals(normals_of(slope, 0.0 * slope), TEXEL)
-    steps = np.diff(found[12, 4:-4])
+    heights = heights_of_normals(normals_of(slope, 0.0 * slope), TEXEL)
+    steps = np.diff(heights[12, 4:-4])
     assert np.allclose(steps, 0.1 * TEXEL[0], rtol=0.05)
 
 
@@ -77,12 +77,12 @@ def test_a_sheet_that_lies_keeps_its_own_coordinates() -> None:
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_sheet_that_stands_is_laid_down(axis: int, degrees: float) -> None:
     points = sheet()
-    found = seen_from_above(turned(points, axis, degrees))
-    assert np.ptp(found[:, 2]) < 0.0015
-    assert sorted(np.ptp(found[:, :2], axis=0)) == pytest.approx([0.02, 0.04], rel=0.05)
-    between = np.linalg.norm(found[1:] - found[:-1], axis=1)
+    actual = seen_from_above(turned(points, axis, degrees))
+    assert np.ptp(actual[:, 2]) < 0.0015
+    assert sorted(np.ptp(actual[:, :2], axis=0)) == pytest.approx([0.02, 0.04], rel=0.05)
+    between = np.linalg.norm(actual[1:] - actual[:-1], axis=1)
     assert np.allclose(between, np.linalg.norm(points[1:] - points[:-1], axis=1))
-    assert np.linalg.det(np.linalg.lstsq(points, found - found.mean(0), rcond=None)[0]) > 0.0
+    assert np.linalg.det(np.linalg.lstsq(points, actual - actual.mean(0), rcond=None)[0]) > 0.0
 
 
 @pytest.mark.parametrize(

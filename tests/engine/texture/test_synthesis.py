@@ -27,8 +27,8 @@ def test_a_sine_has_its_own_amplitude_and_frequency_in_any_window_of_50_ms(
 ) -> None:
     rate, count = window
     wave = amplitude * np.sin(2.0 * np.pi * frequency * np.arange(count) / rate + phase)
-    found, hertz = amplitude_and_frequency(wave, rate)
-    assert found == pytest.approx(amplitude, rel=1e-6)
+    actual, hertz = amplitude_and_frequency(wave, rate)
+    assert actual == pytest.approx(amplitude, rel=1e-6)
     assert hertz == pytest.approx(frequency, rel=1e-6)
 
 

@@ -204,8 +204,8 @@ def test_places_that_cannot_be(tmp_path):
 def test_a_device_or_a_pipe_stays_what_it_is(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "null").symlink_to("/dev/null")
-    with open(tmp_path / "kept", "wb") as kept:
-        (tmp_path / "stdout").symlink_to(f"/proc/self/fd/{kept.fileno()}")
+    with open(tmp_path / "kept", "wb") as stored:
+        (tmp_path / "stdout").symlink_to(f"/proc/self/fd/{stored.fileno()}")
         before = {path: path.lstat().st_ino for path in tmp_path.iterdir()}
         for name in ("pipe", "null", "stdout"):
             with pytest.raises(OutputError, match="a device or a pipe"):
@@ -281,14 +281,14 @@ def test_a_disk_that_fills_up_at_any_point(tmp_path, budget):
 
 def synced(monkeypatch):
     """Names of what is forced to the disk from now on, in that order."""
-    real, found = os.fsync, []
+    real, actual = os.fsync, []
 
     def fsync(descriptor):
-        found.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
+        actual.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
         real(descriptor)
 
     monkeypatch.setattr(os, "fsync", fsync)
-    return found
+    return actual
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="asks Linux for the names")
@@ -296,20 +296,20 @@ def test_what_only_passes_through_is_forced_to_the_disk_once(tmp_path, monkeypat
     stage, folder = tmp_path / "stage", tmp_path / "folder"
     stage.mkdir()
     folder.mkdir()
-    found = synced(monkeypatch)
+    actual = synced(monkeypatch)
     with passing(stage):
         for name in "abc":
             with atomic_file(stage / name) as file:
                 file.write(name.encode())
-        assert found == []
+        assert actual == []
         moved = move([stage / name for name in "cab"], folder)
     assert moved == (folder / "c", folder / "a", folder / "b")
     assert [path.read_text() for path in moved] == ["c", "a", "b"]
-    assert sorted(found[:3]) == ["a", "b", "c"] and found[3:] == ["folder"]
+    assert sorted(actual[:3]) == ["a", "b", "c"] and actual[3:] == ["folder"]
     assert names(stage) == []
     with atomic_file(stage / "d") as file:
         file.write(b"d")
-    assert found[4].startswith(".d.") and found[5:] == ["stage"]
+    assert actual[4].startswith(".d.") and actual[5:] == ["stage"]
 
 
 def test_nothing_is_moved_before_all_is_on_the_disk(tmp_path, monkeypatch):

@@ -34,9 +34,9 @@ def decoded(content):
 
 
 def test_good_section():
-    found = decoded(encode(GOOD))
+    actual = decoded(encode(GOOD))
     for name, value in vars(GOOD).items():
-        assert np.array_equal(getattr(found, name), value), name
+        assert np.array_equal(getattr(actual, name), value), name
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_samples_outside_what_the_index_says(tmp_path, steps):
         writer.append([run(track_header, 0, [2, 6], [[1], [2]], [[1.0], [0.5]])])
     _replace_chunk(path, encode(GOOD))
     with TrackReader(path) as reader:
-        assert [each.indices.tolist() for each in reader.runs()] == [[2, 5, 6]]
+        assert [item.indices.tolist() for item in reader.runs()] == [[2, 5, 6]]
     _replace_chunk(path, encode(replace(GOOD, steps=np.array(steps))))
     with TrackReader(path) as reader, pytest.raises(InputError, match="where there is none"):
         list(reader.runs())

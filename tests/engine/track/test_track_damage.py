@@ -29,7 +29,7 @@ def intact(request, tmp_path_factory):
     for stream in (0, 3):
         indices = np.arange(100, 180)
         sets = [np.flatnonzero(rng.random(500) < 0.05) for _ in indices]
-        weights = [rng.uniform(0.1, 1.0, len(each)) for each in sets]
+        weights = [rng.uniform(0.1, 1.0, len(indices)) for indices in sets]
         depth = rng.random(sum(map(len, sets))).astype(np.float32) if stream else None
         runs.append(run(HEADER, stream, indices, sets, weights, depth_m=depth))
     with TrackWriter(path, HEADER, full_precision=request.param) as writer:
@@ -45,8 +45,8 @@ def read_whole(path):
         )
         reader.summary()
         with copy:
-            for each in reader.runs():
-                copy.append([each])
+            for item in reader.runs():
+                copy.append([item])
         reader.samples_at(3.0)
 
 
@@ -89,8 +89,8 @@ fuzz = settings(
 def test_flipped_bytes(tmp_path, intact, data):
     damaged = bytearray(intact.read_bytes())
     # The container's own tables are the interesting part; they are at the end.
-    place = st.integers(0, len(damaged) - 1) | st.integers(len(damaged) - 400, len(damaged) - 1)
-    for at in data.draw(st.lists(place, min_size=1, max_size=4)):
+    offset = st.integers(0, len(damaged) - 1) | st.integers(len(damaged) - 400, len(damaged) - 1)
+    for at in data.draw(st.lists(offset, min_size=1, max_size=4)):
         damaged[at] = data.draw(st.integers(0, 255))
     path = tmp_path / "damaged.hfxtrack"
     path.write_bytes(damaged)
@@ -101,8 +101,8 @@ def test_flipped_bytes(tmp_path, intact, data):
 @given(data=st.data())
 def test_flipped_bytes_within_a_chunk_of_good_checksum(tmp_path, intact, data):
     chunk = bytearray(entry(intact, "chunks/000000.bin"))
-    place = st.integers(0, len(chunk) - 1) | st.integers(0, 400)
-    for at in data.draw(st.lists(place, min_size=1, max_size=4)):
+    offset = st.integers(0, len(chunk) - 1) | st.integers(0, 400)
+    for at in data.draw(st.lists(offset, min_size=1, max_size=4)):
         chunk[at] = data.draw(st.integers(0, 255))
     if data.draw(st.booleans()):
         chunk = chunk[: data.draw(st.integers(0, len(chunk)))]
@@ -144,7 +144,7 @@ def test_damage_elsewhere_does_not_matter(tmp_path, intact):
     path.write_bytes(rebuilt(intact, **{"000000": b"nonsense"}))
     late = float(HEADER.time.times_s(np.array([128]))[0])
     with TrackReader(path) as reader:
-        assert sum(len(each) for each in reader.runs(start_s=late)) == 2 * 52
+        assert sum(len(item) for item in reader.runs(start_s=late)) == 2 * 52
         assert len(reader.samples_at(late)) == 2
         with pytest.raises(InputError, match="000000"):
             reader.samples_at(late - 0.1)

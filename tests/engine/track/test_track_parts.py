@@ -44,10 +44,10 @@ def _recording(track_header, seed: int):
 def _write(path: Path, track_header, runs, precise: bool, low: int = 0, high: int = 10**9) -> Path:
     with TrackWriter(path, track_header, full_precision=precise) as writer:
         parts = []
-        for each in runs:
-            first, last = np.searchsorted(each.indices, (low, high))
+        for item in runs:
+            first, last = np.searchsorted(item.indices, (low, high))
             if last > first:
-                parts.append(cut(each, first, last))
+                parts.append(cut(item, first, last))
         writer.append(parts)
     return path
 
@@ -107,13 +107,13 @@ def test_chunks_hold_no_more_than_a_reader_holds(
         merge(parts, folder / "merged")
     assert (folder / "merged").read_bytes() == limited.read_bytes()
     times = 64 * limit / 2**30  # 64 bytes for each vertex of a set, of 1 GiB
-    with TrackReader(whole) as track, TrackReader(limited) as other:
-        assert other.samples_per_chunk in (1, 2, 4, 8, 16, 32, 64, 128)
+    with TrackReader(whole) as track, TrackReader(limited) as second:
+        assert second.samples_per_chunk in (1, 2, 4, 8, 16, 32, 64, 128)
         with limits.raised(times):
-            found = rows(other.runs())
-        assert found == rows(track.runs())
-        assert other.summary() == track.summary()
-        if other.samples_per_chunk < CHUNK:  # no smaller than it needs to be
+            actual = rows(second.runs())
+        assert actual == rows(track.runs())
+        assert second.summary() == track.summary()
+        if second.samples_per_chunk < CHUNK:  # no smaller than it needs to be
             with limits.raised(times), pytest.raises(limits.TooLargeError):
                 rows(track.runs())
 
@@ -126,10 +126,10 @@ def test_chunks_are_cut_by_their_bytes(tmp_path: Path, monkeypatch: pytest.Monke
     path = _write(tmp_path / "limited", track_header, runs, True)
     with TrackReader(path) as track:
         assert track.samples_per_chunk < CHUNK
-        found = rows(track.runs())
+        actual = rows(track.runs())
     monkeypatch.undo()
     with TrackReader(whole) as track:
-        assert rows(track.runs()) == found
+        assert rows(track.runs()) == actual
 
 
 def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
@@ -137,9 +137,9 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     runs = _recording(track_header, 5)
     early = _write(tmp_path / "early", track_header, runs, False, 0, CHUNK)
     late = _write(tmp_path / "late", track_header, runs, False, CHUNK)
-    other = _write(tmp_path / "other", header(sample_count=601), runs, False, CHUNK)
+    second = _write(tmp_path / "other", header(sample_count=601), runs, False, CHUNK)
     precise = _write(tmp_path / "precise", track_header, runs, True, CHUNK)
-    for parts in ([late, early], [early, early], [early, other], [early, precise], []):
+    for parts in ([late, early], [early, early], [early, second], [early, precise], []):
         with pytest.raises(InputError):
             merge(parts, tmp_path / "merged")
         assert not (tmp_path / "merged").exists()
@@ -189,9 +189,9 @@ def test_an_excerpt_between_frames_begins_with_the_next_sample(tmp_path: Path) -
     runs = [run(track_header, 0, np.arange(100), [[1]] * 100, [[1.0]] * 100)]
     path = _write(tmp_path / "whole", track_header, runs, True)
     with TrackReader(path) as track:
-        found = write_excerpt(track, {"e0"}, Clip("c", 10.3, 12.0), tmp_path / "part")
+        excerpt = write_excerpt(track, {"e0"}, Clip("c", 10.3, 12.0), tmp_path / "part")
         # Samples at frames 10.5 to 12: 7 of them, which take two frames.
-        assert found.sample_count == 8
+        assert excerpt.sample_count == 8
     with TrackReader(tmp_path / "part") as part:
         assert part.summary()[0].sample_count == 7
         assert part.summary()[0].first_s == 0.0
@@ -199,14 +199,14 @@ def test_an_excerpt_between_frames_begins_with_the_next_sample(tmp_path: Path) -
 
 def test_clips_are_told_apart_by_name_or_by_effect() -> None:
     base = header(modalities=("vibration", "temperature", "pressure"))
-    hit, other = Clip("hit", 1.0, 5.0), Clip("Hit", 7.0, 9.0)
-    clips = ((hit, other), (hit,), (Clip("hit", 20.0, 30.0), Clip("hum", 0.0, 1.0)))
+    hit, second = Clip("hit", 1.0, 5.0), Clip("Hit", 7.0, 9.0)
+    clips = ((hit, second), (hit,), (Clip("hit", 20.0, 30.0), Clip("hum", 0.0, 1.0)))
     effects = tuple(
         type(effect)(effect.id, effect.name, effect.modality, "volume", "m", clips=own)
         for effect, own in zip(base.effects, clips, strict=True)
     )
-    found = named_clips(type(base)(base.time, base.models, base.bodies, effects, base.streams))
-    assert [(each.name, each.effect_ids) for each in found] == [
+    actual = named_clips(type(base)(base.time, base.models, base.bodies, effects, base.streams))
+    assert [(entry.name, entry.effect_ids) for entry in actual] == [
         ("hum", ("e2",)),
         ("hit", ("e0",)),
         ("hit effect 1", ("e1",)),  # at the same time: files of its own all the same

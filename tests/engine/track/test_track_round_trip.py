@@ -90,12 +90,12 @@ def test_everything_recorded_comes_back(tmp_path, runs, full):
     expected = runs
     if not full:
         expected = [
-            type(each)(**{**vars(each), "weights": quantised(each.weights)}) for each in runs
+            type(item)(**{**vars(item), "weights": quantised(item.weights)}) for item in runs
         ]
     with TrackReader(path) as reader:
         assert rows(reader.runs()) == rows(expected)
         assert reader.full_precision is full
-        indices = [int(i) for each in reader.runs() for i in each.indices[:1]]
+        indices = [int(i) for item in reader.runs() for i in item.indices[:1]]
         assert [i // 128 for i in indices] == sorted(i // 128 for i in indices)
 
 
@@ -106,14 +106,14 @@ def test_bytes_do_not_depend_on_how_the_samples_were_fed(tmp_path, runs, data):
     bounds = [0, *sorted(data.draw(st.sets(st.integers(1, 699), max_size=6))), 700]
     blocks = []
     for low, high in pairwise(bounds):
-        parts = [cut(each, *np.searchsorted(each.indices, (low, high))) for each in runs]
+        parts = [cut(item, *np.searchsorted(item.indices, (low, high))) for item in runs]
         blocks.append(data.draw(st.permutations(parts)))
     assert write(tmp_path / "split.hfxtrack", HEADER, blocks).read_bytes() == whole
 
     # What a reader yields, run by run, makes the same file again.
     with TrackReader(tmp_path / "whole.hfxtrack") as reader:
         again = write(
-            tmp_path / "again.hfxtrack", reader.header, ([each] for each in reader.runs())
+            tmp_path / "again.hfxtrack", reader.header, ([item] for item in reader.runs())
         )
     assert again.read_bytes() == whole
 
@@ -127,14 +127,14 @@ def test_any_time_equals_the_sequence(tmp_path, runs, data):
         everything = rows(reader.runs())
         first = data.draw(st.integers(0, 699))
         last = data.draw(st.integers(first, 699))
-        found = rows(reader.runs(times[first], times[last]))
-        assert found == {k: v for k, v in everything.items() if first <= k[2] < last}
+        actual = rows(reader.runs(times[first], times[last]))
+        assert actual == {k: v for k, v in everything.items() if first <= k[2] < last}
         for index in data.draw(st.lists(st.sampled_from([0, 5, 127, 128, *range(120, 136), 699]))):
-            wanted = sorted((k[0], k[1]) for k in everything if k[2] == index)
+            requested = sorted((k[0], k[1]) for k in everything if k[2] == index)
             for time_s in (times[index], times[index] + 0.9 / 59.94):
                 samples = reader.samples_at(time_s)
                 streams = [(s.stream.effect_id, s.stream.body_id) for s in samples]
-                assert streams == wanted
+                assert streams == requested
                 for sample in samples:
                     key = (sample.stream.effect_id, sample.stream.body_id, index)
                     assert sample.vertices.tobytes() == everything[key][3]
@@ -155,8 +155,8 @@ def test_every_sample_time_finds_its_own_sample(tmp_path):
             assert sample.vertices.tolist() == [index % 2000]
         times = track_header.time.times_s(np.arange(20_001))
         for index in range(0, 20_000, 61):
-            (found,) = reader.runs(float(times[index]), float(times[index + 1]))
-            assert found.indices.tolist() == [index]
+            (actual,) = reader.runs(float(times[index]), float(times[index + 1]))
+            assert actual.indices.tolist() == [index]
 
 
 def test_outside_the_track_nothing_is_felt(tmp_path):
@@ -203,27 +203,27 @@ def test_summary(tmp_path):
         tmp_path / "a.hfxtrack", track_header, [[cut(runs[0], 0, 1)], [cut(runs[0], 1, 2)]]
     )
     with TrackReader(path) as reader:
-        found = reader.summary()[1]
-    assert (found.sample_count, found.entry_count, found.peak_level) == (2, 5, 0.75)
+        actual = reader.summary()[1]
+    assert (actual.sample_count, actual.entry_count, actual.peak_level) == (2, 5, 0.75)
     # Frame 11 is 10 frames after the start; 60000/1001 frames a second.
-    assert found.first_s == pytest.approx(13 * 1001 / 60000, abs=1e-12)
-    assert found.last_s == pytest.approx(510 * 1001 / 60000, abs=1e-12)
-    assert found.channels == ("depth_m",)
-    assert (found.stream.effect_id, found.stream.body_id) == ("e0", "b2")
+    assert actual.first_s == pytest.approx(13 * 1001 / 60000, abs=1e-12)
+    assert actual.last_s == pytest.approx(510 * 1001 / 60000, abs=1e-12)
+    assert actual.channels == ("depth_m",)
+    assert (actual.stream.effect_id, actual.stream.body_id) == ("e0", "b2")
 
 
 def test_header_comes_back(tmp_path):
     path = write(tmp_path / "a.hfxtrack", HEADER, [])
     encoding = {"any": "thing"}
     with TrackReader(path) as reader:
-        found = reader.header
-    assert to_json(found, encoding) == to_json(HEADER, encoding)
+        actual = reader.header
+    assert to_json(actual, encoding) == to_json(HEADER, encoding)
     for name in ("time", "models", "bodies", "effects", "source", "settings", "tools", "warnings"):
-        assert getattr(found, name) == getattr(HEADER, name)
-    assert [vars(s) for s in found.streams] == [vars(s) for s in HEADER.streams]
-    assert found.bodies[1].name == "Bär\udc80"
-    again, kept = from_json(to_json(HEADER, encoding))
-    assert kept == encoding and again.time == HEADER.time
+        assert getattr(actual, name) == getattr(HEADER, name)
+    assert [vars(s) for s in actual.streams] == [vars(s) for s in HEADER.streams]
+    assert actual.bodies[1].name == "Bär\udc80"
+    again, remaining = from_json(to_json(HEADER, encoding))
+    assert remaining == encoding and again.time == HEADER.time
 
 
 @pytest.mark.parametrize("weight", [1e-45, 1e-9, 0.5 / 255, 1.5 / 255, 0.3, 254.6 / 255, 1.0])
@@ -233,8 +233,8 @@ def test_eight_bits_keep_a_weight_within_half_a_step(tmp_path, weight):
         tmp_path / "a.hfxtrack", track_header, [[run(track_header, 0, [0], [[7]], [[weight]])]]
     )
     with TrackReader(path) as reader:
-        (found,) = reader.runs()
-    stored = float(found.weights[0]) * 255
+        (actual,) = reader.runs()
+    stored = float(actual.weights[0]) * 255
     assert stored == pytest.approx(round(stored), abs=1e-4) and stored > 0.99
     assert abs(stored - weight * 255) <= (0.5001 if weight > 0.5 / 255 else 1.0001)
 

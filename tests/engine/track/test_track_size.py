@@ -61,8 +61,8 @@ def test_long_tracks_need_little_memory(tmp_path):
         tracemalloc.reset_peak()
         entries = 0
         with TrackReader(path) as reader:
-            for each in reader.runs():
-                entries += len(each.vertices)
+            for item in reader.runs():
+                entries += len(item.vertices)
         read_peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

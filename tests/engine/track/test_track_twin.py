@@ -41,7 +41,7 @@ def per_vertex(data, sets, width):
 
 def floats(bits, width):
     kind = "<d" if width == 8 else "<f"
-    return [struct.unpack(kind, each.to_bytes(width, "little"))[0] for each in bits]
+    return [struct.unpack(kind, item.to_bytes(width, "little"))[0] for item in bits]
 
 
 def toggled(counts, gaps):
@@ -62,11 +62,11 @@ def twin(path):
     index = json.loads(archive.read("index.json"))
     modality = {effect["id"]: effect["modality"] for effect in head["effects"]}
     columns = [
-        len(head["modalities"][modality[each["effect_id"]]]["parameters"])
-        for each in head["streams"]
+        len(head["modalities"][modality[stream["effect_id"]]]["parameters"])
+        for stream in head["streams"]
     ]
     wide = head["encoding"]["weights"] == "float32"
-    found = {}
+    actual = {}
     for chunk in index["chunks"]:
         data = io.BytesIO(archive.read(f"chunks/{chunk:06d}.bin"))
         start = chunk * head["encoding"]["samples_per_chunk"]
@@ -88,14 +88,14 @@ def twin(path):
             at = -1
             for k in range(n):
                 at += is_new[k]
-                found[stream, start + steps[k]] = (
+                actual[stream, start + steps[k]] = (
                     levels[k],
                     [column[k] for column in parameters],
                     sets[at],
-                    floats(weights[at], 4) if wide else [each / 255 for each in weights[at]],
+                    floats(weights[at], 4) if wide else [weight / 255 for weight in weights[at]],
                     [floats(channel[at], 4) for channel in channels],
                 )
-    return found
+    return actual
 
 
 @pytest.mark.parametrize("full_precision", [False, True])
@@ -133,16 +133,16 @@ def test_the_twin_reads_the_same(tmp_path, full_precision):
     with TrackReader(path) as reader:
         streams = list(reader.header.streams)
         count = 0
-        for each in reader.runs():
-            for index, sample in zip(each.indices.tolist(), each, strict=True):
+        for item in reader.runs():
+            for index, sample in zip(item.indices.tolist(), item, strict=True):
                 level, parameters, vertices, weights, channels = expected[
-                    streams.index(each.stream), index
+                    streams.index(item.stream), index
                 ]
                 assert sample.level == level and sample.parameters.tolist() == parameters
                 assert sample.vertices.tolist() == vertices
                 assert sample.weights.tolist() == np.float32(weights).tolist()
                 if sample.positions is not None:
-                    found = [*sample.positions.T.tolist(), sample.depth_m.tolist()]
-                    assert found == channels and sample.velocities is None
+                    actual = [*sample.positions.T.tolist(), sample.depth_m.tolist()]
+                    assert actual == channels and sample.velocities is None
                 count += 1
     assert count == len(expected) == 247

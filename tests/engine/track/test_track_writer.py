@@ -102,9 +102,9 @@ def test_what_the_caller_does_to_its_arrays_later_does_not_matter(tmp_path):
         for array in (mine.vertices, mine.weights, mine.levels, mine.parameters):
             array[:] = 0
     with TrackReader(tmp_path / "a") as reader:
-        (found,) = reader.runs()
-    assert found.vertices.tolist() == [1, 3, 3, 9]
-    assert found.weights.tobytes() == GOOD.weights.tobytes()
+        (actual,) = reader.runs()
+    assert actual.vertices.tolist() == [1, 3, 3, 9]
+    assert actual.weights.tobytes() == GOOD.weights.tobytes()
 
 
 @pytest.mark.parametrize("settings", [{"a": float("nan")}, {"a": object()}, {"a": {1, 2}}])
@@ -142,19 +142,19 @@ def test_header_of_a_scene():
         "p-1": Model(modality="pressure", content_hash="bb", size=9000),
         "v-1": Model(modality="vibration", content_hash="cc", size=45000),
     }
-    made = TrackHeader.of(scene, models, settings={"rate": 100}, tools={"hfx": "1"})
-    assert made.models == (
+    created = TrackHeader.of(scene, models, settings={"rate": 100}, tools={"hfx": "1"})
+    assert created.models == (
         TrackModel("t-1", "temperature", "aa", 700),
         TrackModel("p-1", "pressure", "bb", 9000),
     )
-    assert made.bodies == (TrackBody("anna", "Anna"), TrackBody("bert", "Bert"))
-    assert [(s.effect_id, s.body_id, s.modality, s.model_id) for s in made.streams] == [
+    assert created.bodies == (TrackBody("anna", "Anna"), TrackBody("bert", "Bert"))
+    assert [(s.effect_id, s.body_id, s.modality, s.model_id) for s in created.streams] == [
         ("f", "anna", "temperature", "t-1"),
         ("f", "bert", "temperature", "t-1"),
         ("k", "bert", "wind", "p-1"),
     ]
-    assert [(e.kind, e.painted_vertices, e.clips) for e in made.effects] == [
+    assert [(e.kind, e.painted_vertices, e.clips) for e in created.effects] == [
         ("volume", None, ()),
         ("painted", 2, (Clip("knock", 3.0, 5.0),)),
     ]
-    assert (made.source, made.warnings) == ({"name": "a.blend"}, ("careful",))
+    assert (created.source, created.warnings) == ({"name": "a.blend"}, ("careful",))

@@ -53,7 +53,9 @@ def run(track_header, stream, indices, sets, weights, levels=None, parameters=No
         times_s=track_header.time.times_s(indices),
         levels=np.ones(count) if levels is None else np.asarray(levels, np.float64),
         parameters=np.ones((count, columns)) if parameters is None else parameters,
-        offsets=np.concatenate(([0], np.cumsum([len(each) for each in sets]))).astype(np.int64),
+        offsets=np.concatenate(([0], np.cumsum([len(indices) for indices in sets]))).astype(
+            np.int64
+        ),
         vertices=np.concatenate([[], *sets]).astype(np.int32),
         weights=np.concatenate([[], *weights]).astype(np.float32),
         **channels,
@@ -87,12 +89,12 @@ def quantised(weights):
 
 def rows(runs):
     """Comparable values of every sample of some runs, keyed by stream and index."""
-    found = {}
-    for each in runs:
-        for k, sample in enumerate(each):
-            key = (each.stream.effect_id, each.stream.body_id, int(each.indices[k]))
-            assert key not in found
-            found[key] = tuple(
+    actual = {}
+    for item in runs:
+        for k, sample in enumerate(item):
+            key = (item.stream.effect_id, item.stream.body_id, int(item.indices[k]))
+            assert key not in actual
+            actual[key] = tuple(
                 None if value is None else np.asarray(value).tobytes()
                 for value in (
                     sample.time_s,
@@ -105,7 +107,7 @@ def rows(runs):
                     sample.depth_m,
                 )
             )
-    return found
+    return actual
 
 
 def body_points(spacing_m=0.012):
@@ -126,8 +128,8 @@ def body_points(spacing_m=0.012):
         angle = np.arange(count) * np.pi * (3 - np.sqrt(5))  # golden angle: even spacing
         side = np.cross(axis / length, (1.0, 0.3, 0.0))
         side /= np.linalg.norm(side)
-        other = np.cross(axis / length, side)
-        ring = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), other)
+        second = np.cross(axis / length, side)
+        ring = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), second)
         points.append(low + np.outer(along, axis) + radius * ring)
     body = np.vstack(points)
     cells = ((body - body.min(axis=0)) * 512).astype(np.int64)  # Morton order of 2 mm cells
@@ -151,5 +153,5 @@ def walking_contact(points, index, with_falloff, spacing_m=0.012):
     weights = np.clip(depth / spacing_m + 0.5, 0.0, 1.0)
     if with_falloff:
         weights = weights * np.clip(depth / 0.38, 0.0, 1.0)
-    felt = np.flatnonzero(weights.astype(np.float32) > 0)
-    return felt.astype(np.int32), weights[felt].astype(np.float32)
+    samples = np.flatnonzero(weights.astype(np.float32) > 0)
+    return samples.astype(np.int32), weights[samples].astype(np.float32)

@@ -70,11 +70,11 @@ def farthest(one: MeshVolume, other: MeshVolume) -> float:
 @pytest.mark.parametrize(("scale", "place"), [(1.0, 0.0), (1e-4, 0.0), (1e5, 0.0), (1.0, 1e4)])
 def test_surfaces_are_within_the_bound_both_ways(scale: float, place: float) -> None:
     fine = dented(scale, place)
-    felt = fine.within(0.01 * scale)
-    assert len(felt.corners) <= len(fine.corners) / 4
-    assert surface_of(felt).is_watertight
-    assert max(farthest(fine, felt), farthest(felt, fine)) <= 0.0105 * scale
-    assert fine.within(0.01 * scale) is felt
+    samples = fine.within(0.01 * scale)
+    assert len(samples.corners) <= len(fine.corners) / 4
+    assert surface_of(samples).is_watertight
+    assert max(farthest(fine, samples), farthest(samples, fine)) <= 0.0105 * scale
+    assert fine.within(0.01 * scale) is samples
 
 
 def test_a_smaller_bound_leaves_more_faces_and_a_tiny_one_all() -> None:
@@ -94,8 +94,8 @@ def test_a_crumb_away_from_the_surface_is_not_felt(monkeypatch: pytest.MonkeyPat
     crumb, sides = arrays(trimesh.creation.box((0.001, 0.001, 0.001)), 0.6)
 
     def simplify(*_: object, **__: object) -> tuple[np.ndarray, np.ndarray]:
-        points, found = _simplify(0.5 * vertices, faces, target_count=5000)
-        return np.concatenate([points, crumb]), np.concatenate([found, sides + len(points)])
+        points, actual = _simplify(0.5 * vertices, faces, target_count=5000)
+        return np.concatenate([points, crumb]), np.concatenate([actual, sides + len(points)])
 
     monkeypatch.setattr(fast_simplification, "simplify", simplify)
     assert fine.within(0.02) is fine
@@ -105,8 +105,8 @@ def test_a_step_that_is_open_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> 
     fine = MeshVolume(*arrays(trimesh.creation.icosphere(5)), "Ball")
 
     def simplify(*arguments: object, **options: int) -> tuple[np.ndarray, np.ndarray]:
-        points, found = _simplify(*arguments, **options)
-        return points, found if len(found) > 2000 else found[1:]
+        points, actual = _simplify(*arguments, **options)
+        return points, actual if len(actual) > 2000 else actual[1:]
 
     monkeypatch.setattr(fast_simplification, "simplify", simplify)
     assert len(fine.within(0.05).corners) == 5120
@@ -131,16 +131,16 @@ def test_each_row_is_chosen_by_itself() -> None:
     which = np.array([0, 0, 0, 0, 0, 1])
     bounds_m = np.full(6, 0.01)
     shapes, index = of_fewer_faces((fine, Sphere()), which, matrices, bounds_m)
-    felt = [shapes[k] for k in index]
-    assert felt[0] is felt[4] is not fine and isinstance(felt[5], Sphere)
-    assert felt[2] is felt[3] is fine
-    assert isinstance(felt[0], MeshVolume) and isinstance(felt[1], MeshVolume)
-    assert farthest(fine, felt[1]) <= 0.005
+    samples = [shapes[k] for k in index]
+    assert samples[0] is samples[4] is not fine and isinstance(samples[5], Sphere)
+    assert samples[2] is samples[3] is fine
+    assert isinstance(samples[0], MeshVolume) and isinstance(samples[1], MeshVolume)
+    assert farthest(fine, samples[1]) <= 0.005
     for k in range(6):
         alone, _ = of_fewer_faces(
             (fine, Sphere()), which[k : k + 1], matrices[k : k + 1], bounds_m[k : k + 1]
         )
-        assert alone == (felt[k],)
+        assert alone == (samples[k],)
     assert of_fewer_faces((fine,), which[:1], matrices[:1], np.zeros(1))[0] == (fine,)
 
 
@@ -149,9 +149,9 @@ def felt_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[
     body = BodyDescription("anna", "Anna", SkinBinding(MODEL.bone_names))
     scene = SceneDescription(TimeBase(Fraction(100), Fraction(100), 0, 0, 1), (body,), effects)
     bones = np.eye(4)[None, None, :3].repeat(len(MODEL.bone_names), axis=1)
-    place = np.eye(4)[None] * [0.03, 0.03, 0.03, 1.0]
-    place[0, :3, 3] = MODEL.vertices[MODEL.vertices[:, 0].argmax()]
-    animated = EffectBlock(np.ones(1), np.ones((1, 1)), place, (volume,))
+    to_world = np.eye(4)[None] * [0.03, 0.03, 0.03, 1.0]
+    to_world[0, :3, 3] = MODEL.vertices[MODEL.vertices[:, 0].argmax()]
+    animated = EffectBlock(np.ones(1), np.ones((1, 1)), to_world, (volume,))
     pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], bones)
     engine = Engine(scene, models=lambda _: MODEL, tolerance=tolerance)
     [run] = engine.evaluate(AnimationBlock(np.arange(1), (animated,), (pose,)))

@@ -21,9 +21,9 @@ def _torus(around: int = 24, across: int = 12) -> MeshVolume:
     radius = 0.7 + 0.25 * np.cos(beta)
     places = np.stack([radius * np.cos(alpha), radius * np.sin(alpha), 0.25 * np.sin(beta)], -1)
     at = np.arange(around * across).reshape(around, across)
-    one, other = np.roll(at, -1, 0), np.roll(at, -1, 1)
+    one, second = np.roll(at, -1, 0), np.roll(at, -1, 1)
     both = np.roll(one, -1, 1)
-    quads = [np.stack([at, one, both], -1), np.stack([at, both, other], -1)]
+    quads = [np.stack([at, one, both], -1), np.stack([at, both, second], -1)]
     triangles = np.concatenate([quad.reshape(-1, 3) for quad in quads]).astype(np.int32)
     return MeshVolume(places.reshape(-1, 3), triangles, "torus")
 
@@ -75,8 +75,8 @@ def test_a_passage_is_what_many_moments_show(name: str) -> None:
     assert np.isfinite(first[seen]).all(), "nothing that is seen inside is missed"
     step = 1.0 / MOMENTS
     begin, end = shares[inside.argmax(axis=0)], shares[MOMENTS - inside[::-1].argmax(axis=0)]
-    for found, expected, early in ((first, begin, 1), (last, end, -1)):
-        late = early * (expected - found)[seen]
+    for actual, expected, early in ((first, begin, 1), (last, end, -1)):
+        late = early * (expected - actual)[seen]
         assert (late > -1e-9).all() and (late < step + 1e-9).all()
     unseen = np.isfinite(first) & ~seen
     if not isinstance(shape, MeshVolume):

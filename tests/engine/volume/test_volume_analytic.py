@@ -69,7 +69,7 @@ def slow_depth(shape, linear, point, rng):
         normal = normal / np.linalg.norm(normal)
         return (support(shape, (normal @ linear)[None])[0] - normal @ linear @ point) / best
 
-    found = best
+    actual = best
     for k in np.argsort(depths)[:2]:
         start = normals[k] @ linear
         result = minimize(
@@ -78,12 +78,12 @@ def slow_depth(shape, linear, point, rng):
             method="Nelder-Mead",
             options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 800},
         )
-        found = min(found, result.fun * best)
+        actual = min(actual, result.fun * best)
     for face in FLAT_FACES.get(type(shape), ()):  # kinks of h, at which a simplex may stick
         a, b, c = (linear @ corner for corner in np.array(face, np.float64))
         normal = np.cross((b - a) / np.linalg.norm(b - a), (c - a) / np.linalg.norm(c - a))
-        found = min(found, abs(normal @ (linear @ point - a)) / np.linalg.norm(normal))
-    return found
+        actual = min(actual, abs(normal @ (linear @ point - a)) / np.linalg.norm(normal))
+    return actual
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -231,8 +231,8 @@ def test_capsule_refuses_an_impossible_segment(half):
     ],
 )
 def test_rise_by_hand(shape, point, rise):
-    found = reference.rise(shape, np.array(point, np.float64)[:, None])
-    assert found[0] == pytest.approx(rise, abs=1e-15)
+    actual = reference.rise(shape, np.array(point, np.float64)[:, None])
+    assert actual[0] == pytest.approx(rise, abs=1e-15)
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -40,8 +40,8 @@ def test_depth_is_the_least_of_all_feet(semi_axes, rng):
     ellipsoid = Ellipsoid.of_map(np.diag(semi_axes))
     expected = []
     for point in ball.T:
-        place = semi_axes * point
-        expected.append(np.linalg.norm(all_feet(semi_axes, place) - place, axis=1).min())
+        position = semi_axes * point
+        expected.append(np.linalg.norm(all_feet(semi_axes, position) - position, axis=1).min())
     np.testing.assert_allclose(ellipsoid.depth(ball), expected, rtol=1e-6)
 
 
@@ -53,22 +53,26 @@ def test_local_feet_are_all_local_minima(semi_axes, rng):
     ball *= 1.3 * rng.random(200) / np.linalg.norm(ball, axis=0)  # some outside
     linear = rotation(rng) @ np.diag(semi_axes) @ rotation(rng)
     ellipsoid = Ellipsoid.of_map(linear)
-    (first, near), (second, other) = ellipsoid.local_feet(ball)
-    assert np.isfinite(near).all() and np.isfinite(other).any() and not np.isfinite(other).all()
-    assert np.all(near <= other * (1 + 1e-12))
-    for feet, distances in ((first, near), (second, other)):
-        found = np.isfinite(distances)
+    (first, near), (second, alternative) = ellipsoid.local_feet(ball)
+    assert (
+        np.isfinite(near).all()
+        and np.isfinite(alternative).any()
+        and not np.isfinite(alternative).all()
+    )
+    assert np.all(near <= alternative * (1 + 1e-12))
+    for feet, distances in ((first, near), (second, alternative)):
+        actual = np.isfinite(distances)
         reach = linear @ (feet - ball)
-        np.testing.assert_allclose(np.linalg.norm(feet, axis=0)[found], 1.0, rtol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(feet, axis=0)[actual], 1.0, rtol=1e-9)
         np.testing.assert_allclose(
-            np.linalg.norm(reach, axis=0)[found], distances[found], rtol=1e-9, atol=1e-12
+            np.linalg.norm(reach, axis=0)[actual], distances[actual], rtol=1e-9, atol=1e-12
         )
         # Moving the foot along the sphere by a little never brings it nearer.
         for _ in range(40):
             moved = feet + 1e-4 * rng.normal(size=feet.shape)
             moved /= np.linalg.norm(moved, axis=0)
             away = np.linalg.norm(linear @ (moved - ball), axis=0)
-            assert np.all(away[found] >= distances[found] * (1 - 1e-9))
+            assert np.all(away[actual] >= distances[actual] * (1 - 1e-9))
 
 
 def test_points_on_axes_and_planes_of_symmetry():
@@ -82,8 +86,8 @@ def test_points_on_axes_and_planes_of_symmetry():
     surface = np.stack([np.sqrt(1 - u * u) * np.cos(v), np.sqrt(1 - u * u) * np.sin(v), u])
     surface = semi_axes[:, None] * surface.reshape(3, -1)
     places = semi_axes[:, None] * points
-    for place, depth in zip(places.T, depths, strict=True):
-        nearest = np.sqrt(np.min(np.sum((surface - place[:, None]) ** 2, axis=0)))
+    for position, depth in zip(places.T, depths, strict=True):
+        nearest = np.sqrt(np.min(np.sum((surface - position[:, None]) ** 2, axis=0)))
         assert nearest - 0.005 < depth <= nearest + 1e-12
 
 

@@ -222,8 +222,8 @@ def slow_distance(point, corners):
         along = q - p
         square = (along * along).sum(axis=1)
         share = ((point - p) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0)
-        place = p + np.clip(share, 0.0, 1.0)[:, None] * along
-        best = min(best, np.linalg.norm(point - place, axis=1).min())
+        position = p + np.clip(share, 0.0, 1.0)[:, None] * along
+        best = min(best, np.linalg.norm(point - position, axis=1).min())
     return best
 
 
@@ -303,9 +303,9 @@ def test_rise_reaches_one_at_the_core(name, parts, radius):
 def test_rise_by_hand():
     volume = MeshVolume(*box((-1, -1, -1), (1, 1, 1)), "Box")
     points = np.array([[0, 0, 0], [0.5, 0, 0], [0, -0.75, 0.1], [1.5, 0, 0]]).T
-    found = reference.strength(volume, LINEAR, points)
-    np.testing.assert_allclose(found, [1.0, 0.5, 0.25, 0.0], atol=0.01)
-    assert found.max() <= 1.0
+    strength = reference.strength(volume, LINEAR, points)
+    np.testing.assert_allclose(strength, [1.0, 0.5, 0.25, 0.0], atol=0.01)
+    assert strength.max() <= 1.0
 
 
 CUBE = box((0, 0, 0), (1, 1, 1))
@@ -339,9 +339,9 @@ def test_small_holes_are_closed_and_told(rng):
 def test_bent_holes_are_closed_too(rng):
     """Away from a hole nothing changes; a mesh with hundreds of holes has an inside again."""
     vertices, triangles = mesh("sphere, 5120", rng)
-    kept = rng.random(len(triangles)) < 0.97
-    volume = MeshVolume(vertices, triangles[kept], "Sieve")
-    assert 50 < int(volume.note.split("edges: ")[1].split()[0]) <= np.count_nonzero(~kept)
+    stored = rng.random(len(triangles)) < 0.97
+    volume = MeshVolume(vertices, triangles[stored], "Sieve")
+    assert 50 < int(volume.note.split("edges: ")[1].split()[0]) <= np.count_nonzero(~stored)
     points = rng.uniform(-1.1, 1.1, (3, 5000))
     far = np.abs(np.linalg.norm(points, axis=0) - 1.0) > 0.01
     expected = np.linalg.norm(points, axis=0) < 1.0
@@ -379,8 +379,8 @@ def test_turned_faces_are_counted(turned, note, rng):
 def test_what_was_mended_is_told_together():
     triangles = np.delete(CUBE[1], 5, axis=0)
     triangles[2] = triangles[2, ::-1]
-    told = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
-    assert [each.partition(":")[0] for each in told] == [
+    messages = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
+    assert [finding.partition(":")[0] for finding in messages] == [
         "'Box' has 1 face with a flipped normal",
         "'Box' is open at 3 edges",
     ]

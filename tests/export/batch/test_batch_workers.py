@@ -75,15 +75,15 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def make() -> Iterator[Any]:
-    made: list[LocalWorkers] = []
+    created: list[LocalWorkers] = []
 
     def make(jobs: int = 2, limit_s: float | None = None) -> LocalWorkers:
-        made.append(LocalWorkers(jobs, limit_s))
-        return made[-1]
+        created.append(LocalWorkers(jobs, limit_s))
+        return created[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()
 
 
 def _units(tmp_path: Path, *names: str) -> list[Unit]:
@@ -105,20 +105,20 @@ def _tries(tmp_path: Path, name: str, kind: str = "scene") -> list[str]:
 
 def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -> None:
     names = ("segfault", "a", "memory", "bad", "b", "leave", "babble", "c", "hang", "d")
-    told: list[str] = []
+    messages: list[str] = []
     outcomes = batch.run(
         _units(tmp_path, *names),
         make(limit_s=1.0),
-        tell=lambda unit, outcome: told.append(unit.stem),
+        tell=lambda unit, outcome: messages.append(unit.stem),
     )
-    found = {name: each.get("error", "fine") for name, each in zip(names, outcomes, strict=True)}
-    assert {name for name, error in found.items() if error == "fine"} == set("abcd")
-    assert "crashed (SIGSEGV)" in found["segfault"] and "a second one" in found["segfault"]
-    assert "memory" in found["memory"]
-    assert "code 7 (no such thing)" in found["leave"]
-    assert found["bad"] == "is bad"
-    assert found["hang"] == "took longer than the time limit of 1 s"
-    assert "something else" in found["babble"]
+    actual = {name: item.get("error", "fine") for name, item in zip(names, outcomes, strict=True)}
+    assert {name for name, error in actual.items() if error == "fine"} == set("abcd")
+    assert "crashed (SIGSEGV)" in actual["segfault"] and "a second one" in actual["segfault"]
+    assert "memory" in actual["memory"]
+    assert "code 7 (no such thing)" in actual["leave"]
+    assert actual["bad"] == "is bad"
+    assert actual["hang"] == "took longer than the time limit of 1 s"
+    assert "something else" in actual["babble"]
     assert [outcome["exit_code"] for outcome in outcomes if "error" in outcome] == [
         1,
         1,
@@ -127,7 +127,7 @@ def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -
         1,
         3,
     ]
-    assert sorted(told) == sorted(names)
+    assert sorted(messages) == sorted(names)
     assert len(_tries(tmp_path, "segfault")) == 2  # the second in another process
     assert len(_tries(tmp_path, "hang")) == len(_tries(tmp_path, "bad")) == 1
     left = [path for path in (tmp_path / "stage").iterdir() if "error" in path.name]
@@ -163,7 +163,7 @@ def test_long_scenes_are_split_where_workers_would_be_idle(make: Any, tmp_path: 
         _units(tmp_path, "long1", "longbad", "long2"), make(3), progress=shares.append
     )
     # Only the last one had idle workers to share with.
-    assert [each["report"]["merged"] for each in outcomes if "report" in each] == [
+    assert [outcome["report"]["merged"] for outcome in outcomes if "report" in outcome] == [
         [],
         [],
         [0, 128, 256],

@@ -71,16 +71,16 @@ def test_what_does_not_go_together_is_refused(own: Path, words: list[str], messa
 def test_a_set_is_installed_under_its_name(
     own: Path, words: list[str], name: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Any] = []
+    requests: list[Any] = []
 
     def build_nothing(_source: Any, folder: Path, *rest: Any) -> dict[str, Any]:
-        asked.append((folder, rest))
+        requests.append((folder, rest))
         return {"models": {}}
 
     monkeypatch.setattr(build, "build", build_nothing)
     monkeypatch.setattr(variant_models, "build", build_nothing)
     said, _ = run("build", *words)
-    folder, rest = asked[0]
+    folder, rest = requests[0]
     assert folder.parent == own and str(folder) in said
     assert folder.name == (name or f"variant-{rest[0].suffix[1:]}")
 
@@ -95,9 +95,9 @@ def test_stats_lists_levels_and_what_is_installed(own: Path) -> None:
     for name in ("avatar", "pressure", "vibration", "temperature"):
         line = next(line for line in text.splitlines() if f"hfx-{name}-1+0badcafe" in line)
         assert line.endswith(str(own / "Eve"))
-    found = json.loads(run("stats", "--json")[0])
-    assert [each["id"] for each in found["installed"]][1] == "hfx-pressure-1+0badcafe"
-    assert found["levels"]["vibration"][0] == 41067 and len(found["parts"]) == 33
+    document = json.loads(run("stats", "--json")[0])
+    assert [item["id"] for item in document["installed"]][1] == "hfx-pressure-1+0badcafe"
+    assert document["levels"]["vibration"][0] == 41067 and len(document["parts"]) == 33
     named, _ = run("stats", "Eve")
     assert "6.75" in named.splitlines()[1]  # of the head, 0.9 times 7.5
 
@@ -127,8 +127,8 @@ def test_levels_are_made_for_the_models_of_a_folder(own: Path, tmp_path: Path) -
         "vibration: 2 levels",
         "temperature: no levels",
     ]
-    stored, made = level_files.read_levels(tmp_path / "pressure-levels.npz")
-    assert stored[0] == "hfx-pressure-1" and len(made) == 2
+    stored, created = level_files.read_levels(tmp_path / "pressure-levels.npz")
+    assert stored[0] == "hfx-pressure-1" and len(created) == 2
     with pytest.raises(InputError, match=r"manifest\.json: there is no such file"):
         run("build", "--levels", "-o", tmp_path / "nowhere")
 

@@ -57,15 +57,15 @@ def test_a_crossing_is_as_deep_as_the_least_that_would_end_it() -> None:
 def coarse_half() -> SimpleNamespace:
     """The left half of the temperature model, as the remesher has it when it is done."""
     shipped, fine = (model.load_model(f"hfx-{name}-1") for name in ("temperature", "pressure"))
-    kept, seen = (np.flatnonzero(each.side != RIGHT) for each in (shipped, fine))
+    stored, seen = (np.flatnonzero(item.side != RIGHT) for item in (shipped, fine))
     inside = shipped.triangles[(shipped.side[shipped.triangles] != RIGHT).all(axis=1)]
     targets = shipped.provenance["targets_mm"]
     return SimpleNamespace(
-        points=shipped.vertices[kept].astype(float),
-        normals=shipped.normals[kept].astype(float),
-        triangles=np.searchsorted(kept, inside),
-        part=shipped.part[kept],
-        is_midline=shipped.side[kept] == 0,
+        points=shipped.vertices[stored].astype(float),
+        normals=shipped.normals[stored].astype(float),
+        triangles=np.searchsorted(stored, inside),
+        part=shipped.part[stored],
+        is_midline=shipped.side[stored] == 0,
         spacing_m=np.array([targets[part] for part in PARTS]) / 1000.0,
         samples=Samples(
             fine.vertices[seen].astype(float),

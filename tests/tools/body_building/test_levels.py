@@ -43,22 +43,22 @@ def test_every_vertex_has_a_stand_in_which_is_one_of_those_it_stands_for(pair: P
     assert len(coarse) == pytest.approx(len(fine) / 4**level, rel=0.02)
     assert coarse_of.dtype == np.int32 and coarse_of.shape == (len(fine),)
     assert np.array_equal(np.unique(coarse_of), np.arange(len(coarse)))
-    place = {point.tobytes(): vertex for vertex, point in enumerate(fine.vertices)}
-    kept = np.array([place[point.tobytes()] for point in coarse.vertices])
-    assert np.array_equal(coarse_of[kept], np.arange(len(coarse)))
-    assert (np.diff(kept) > 0).all()
+    vertex_by_position = {point.tobytes(): vertex for vertex, point in enumerate(fine.vertices)}
+    stored = np.array([vertex_by_position[point.tobytes()] for point in coarse.vertices])
+    assert np.array_equal(coarse_of[stored], np.arange(len(coarse)))
+    assert (np.diff(stored) > 0).all()
 
 
 def test_it_is_the_same_skin_with_its_whole_area(pair: Pair) -> None:
     fine, coarse, coarse_of, level = pair
-    some = slice(None, None, 7)
-    places, points = fine.vertices[some].astype(float), coarse.vertices.astype(float)
+    examples = slice(None, None, 7)
+    places, points = fine.vertices[examples].astype(float), coarse.vertices.astype(float)
     triangle, shares, _ = locate(places, points, coarse.triangles.astype(int))
     corners = points[coarse.triangles[triangle]]
     away = np.linalg.norm(np.einsum("ij,ijk->ik", shares, corners) - places, axis=1)
-    assert np.average(away, weights=fine.areas_m2[some]) < (0.001 if level == 1 else 0.003)
+    assert np.average(away, weights=fine.areas_m2[examples]) < (0.001 if level == 1 else 0.003)
     assert away.max() < (0.010 if level == 1 else 0.015)
-    skin = [_surface_m2(each) for each in (fine, coarse)]
+    skin = [_surface_m2(item) for item in (fine, coarse)]
     assert skin[1] == pytest.approx(skin[0], rel=0.02)
     assert coarse.areas_m2.sum() == pytest.approx(fine.areas_m2.sum(), rel=1e-5)
     assert np.bincount(coarse_of, fine.areas_m2) == pytest.approx(coarse.areas_m2, rel=1e-5)
@@ -83,12 +83,12 @@ def test_left_and_right_mirror_each_other_to_the_bit(pair: Pair) -> None:
 
 def test_weights_of_a_level_are_rows_of_the_models(pair: Pair) -> None:
     fine, coarse, _, _ = pair
-    place = {point.tobytes(): vertex for vertex, point in enumerate(fine.vertices)}
+    vertex_by_position = {point.tobytes(): vertex for vertex, point in enumerate(fine.vertices)}
     for vertex in range(0, len(coarse), 97):
-        origin = place[coarse.vertices[vertex].tobytes()]
+        origin = vertex_by_position[coarse.vertices[vertex].tobytes()]
         ours, theirs = (
-            slice(*each.weights.offsets[[at, at + 1]])
-            for each, at in ((coarse, vertex), (fine, origin))
+            slice(*item.weights.offsets[[at, at + 1]])
+            for item, at in ((coarse, vertex), (fine, origin))
         )
         assert np.array_equal(coarse.weights.bones[ours], fine.weights.bones[theirs])
         assert np.array_equal(coarse.weights.values[ours], fine.weights.values[theirs])
@@ -147,11 +147,13 @@ def test_levels_are_made_the_same_twice_and_only_where_they_help(tmp_path: Path)
     first = path.read_bytes()
     making.save(fine, tmp_path)
     assert path.read_bytes() == first
-    owner, made = level_files.read_levels(path)
+    owner, created = level_files.read_levels(path)
     assert owner == (fine.id, fine.content_hash)
-    assert [len(each.vertices) for each in made] == pytest.approx([19210 / 4, 19210 / 16], rel=0.02)
+    assert [len(item.vertices) for item in created] == pytest.approx(
+        [19210 / 4, 19210 / 16], rel=0.02
+    )
     assert making.save(model.load_model("hfx-temperature-1"), tmp_path) == 0
-    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    assert [path.name for path in tmp_path.iterdir()] == [path.name]
 
 
 @pytest.mark.parametrize(

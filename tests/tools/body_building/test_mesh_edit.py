@@ -43,17 +43,17 @@ def sorted_rows(triangles: np.ndarray) -> set[tuple[int, ...]]:
 @given(st.integers(0, 10_000), st.integers(6, 60))
 @settings(max_examples=40, deadline=None)
 def test_flips_lead_back_to_delaunay(seed: int, count: int) -> None:
-    points, wanted = cloud(seed, count)
-    triangles = wanted
+    points, expected = cloud(seed, count)
+    triangles = expected
     none = np.zeros(count, bool)
     for turn in range(4):  # spoil it
         edges = mesh_edges.edges_of(triangles, count)
         inner = np.flatnonzero(~edges.is_border)
         triangles, _ = mesh_edit.flip(points, triangles, edges, inner[turn::3], none, seed)
     assert_oriented_manifold(triangles)
-    assert characteristic(triangles, count) == characteristic(wanted, count)
-    found = mesh_edit.flip_to_delaunay(points, triangles, none, rounds=500)
-    assert sorted_rows(found) == sorted_rows(wanted)
+    assert characteristic(triangles, count) == characteristic(expected, count)
+    actual = mesh_edit.flip_to_delaunay(points, triangles, none, rounds=500)
+    assert sorted_rows(actual) == sorted_rows(expected)
 
 
 @given(st.integers(0, 10_000), st.integers(8, 60))
@@ -65,13 +65,13 @@ def test_collapses_keep_a_disc_a_disc(seed: int, count: int) -> None:
         edges = mesh_edges.edges_of(triangles, count)
         on_border = np.zeros(count, bool)
         on_border[edges.ends[edges.is_border].ravel()] = True
-        one, other = edges.ends[~on_border[edges.ends[:, 0]]].T
-        good = mesh_edit.collapsible(points, up, triangles, edges, one, other, 0.2)
-        one, other = one[good], other[good]
+        one, second = edges.ends[~on_border[edges.ends[:, 0]]].T
+        good = mesh_edit.collapsible(points, up, triangles, edges, one, second, 0.2)
+        one, second = one[good], second[good]
         rank = mesh_edit.scatter_ranks(len(one), turn)
-        chosen = mesh_edit.independent(edges, one, other, rank)
+        chosen = mesh_edit.independent(edges, one, second, rank)
         before = characteristic(triangles, count)
-        triangles = mesh_edit.collapse(triangles, one[chosen], other[chosen], count)
+        triangles = mesh_edit.collapse(triangles, one[chosen], second[chosen], count)
         assert_oriented_manifold(triangles)
         assert characteristic(triangles, count) == before
         assert (mesh_edges.triangle_normals(points, triangles)[:, 2] > 0.0).all()
@@ -110,12 +110,12 @@ def test_splits_keep_area_topology_and_orientation(seed: int, count: int) -> Non
 def test_the_nearest_place_is_found_as_by_trying_everything() -> None:
     points, triangles = cloud(3, 40)
     surface = points + np.random.default_rng(4).normal(scale=0.02, size=points.shape)
-    asked = np.random.default_rng(5).uniform(-0.8, 0.8, (200, 3)) * (1, 1, 0.05)
-    triangle, weights, _ = locate(asked, surface, triangles)
-    found = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
+    requests = np.random.default_rng(5).uniform(-0.8, 0.8, (200, 3)) * (1, 1, 0.05)
+    triangle, weights, _ = locate(requests, surface, triangles)
+    products = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
     assert weights.min() >= 0.0 and weights.sum(axis=1) == pytest.approx(1.0)
     shares = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12.0
     everywhere = np.einsum("sk,tkd->tsd", shares, surface[triangles]).reshape(-1, 3)
-    for place, answer in zip(asked, found, strict=True):
-        best = np.linalg.norm(everywhere - place, axis=1).min()
-        assert np.linalg.norm(answer - place) <= best + 1e-9
+    for position, answer in zip(requests, products, strict=True):
+        best = np.linalg.norm(everywhere - position, axis=1).min()
+        assert np.linalg.norm(answer - position) <= best + 1e-9

@@ -67,9 +67,9 @@ def test_its_vertices_share_out_all_of_the_skin(
 def test_gaps_and_errors_are_those_of_the_naive_way(
     half: left_skin.Half, samples: left_skin.Samples
 ) -> None:
-    some = np.arange(0, len(samples.points), 5000)
+    indices = np.arange(0, len(samples.points), 5000)
     gaps = measure.gaps_m(samples, half.points)
-    for at in some:
+    for at in indices:
         nearest = np.linalg.norm(half.points - samples.points[at], axis=1).min()
         assert nearest <= gaps[samples.part[at]] + 1e-12
     assert (gaps[:2] > 0.3 * np.array(SPACING_M)).all() and not gaps[2:].any()
@@ -79,16 +79,16 @@ def test_gaps_and_errors_are_those_of_the_naive_way(
 
 def test_triangles_back_to_back_still_have_a_normal() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0]])
-    found = assemble.vertex_normals(points, np.array([[0, 1, 2], [2, 1, 0], [3, 3, 3]]))
-    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0)
+    vertex_normals = assemble.vertex_normals(points, np.array([[0, 1, 2], [2, 1, 0], [3, 3, 3]]))
+    assert np.linalg.norm(vertex_normals, axis=1) == pytest.approx(1.0)
 
 
 def test_a_decimated_model_has_an_id_of_its_own() -> None:
     row = thresholds.LITERATURE_MM["pressure"]
     assert thresholds.model_id("pressure", row, "quadric") == "hfx-pressure-1-quadric"
-    other = thresholds.model_id("pressure", thresholds.TABLE_1_MM["pressure"], "quadric")
+    model_id = thresholds.model_id("pressure", thresholds.TABLE_1_MM["pressure"], "quadric")
     plain = thresholds.model_id("pressure", thresholds.TABLE_1_MM["pressure"])
-    assert other == f"{plain}-quadric" and plain != "hfx-pressure-1"
+    assert model_id == f"{plain}-quadric" and plain != "hfx-pressure-1"
 
 
 def test_the_canonical_folder_is_for_the_canonical_method(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_even_cells_are_more_even_than_quadric_decimation_everywhere() -> None:
         for part, cells in entry["statistics"].items():
             decimated = entry["quadric"][part]
             if cells["sd_mm"]:
-                ours, theirs = (each["sd_mm"] / each["mean_mm"] for each in (cells, decimated))
+                ours, theirs = (item["sd_mm"] / item["mean_mm"] for item in (cells, decimated))
                 assert ours < theirs
             # A foot of three temperature vertices is a sketch either way.
             if cells["target_mm"] < 100.0:

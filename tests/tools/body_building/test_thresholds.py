@@ -36,8 +36,8 @@ def test_table_1_has_10_where_the_paper_repeats_a_row() -> None:
 def test_canonical_ids_belong_to_the_literature_alone() -> None:
     for modality, row in thresholds.LITERATURE_MM.items():
         assert thresholds.model_id(modality, row) == f"hfx-{modality}-1"
-        other = thresholds.model_id(modality, thresholds.TABLE_1_MM[modality])
-        assert other.startswith(f"hfx-{modality}-1-") and len(other.rpartition("-")[2]) == 8
+        model_id = thresholds.model_id(modality, thresholds.TABLE_1_MM[modality])
+        assert model_id.startswith(f"hfx-{modality}-1-") and len(model_id.rpartition("-")[2]) == 8
 
 
 def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
@@ -76,14 +76,14 @@ def test_a_faulty_file_says_what_is_wrong(tmp_path: Path, content: str, message:
 
 def test_a_model_of_other_thresholds_leads_to_the_canonical_ids_and_back(tmp_path: Path) -> None:
     canonical = model.load_model("hfx-temperature-1")
-    other = replace(
+    second = replace(
         canonical,
         id=thresholds.model_id("temperature", thresholds.TABLE_1_MM["temperature"]),
         vertices=canonical.vertices + np.float32(1e-3),
     )
-    correspondence.save(other, canonical, tmp_path / "temperature-map.npz")
+    correspondence.save(second, canonical, tmp_path / "temperature-map.npz")
     with np.load(tmp_path / "temperature-map.npz") as stored:
-        assert stored["model"].tolist() == [other.id, other.content_hash]
+        assert stored["model"].tolist() == [second.id, second.content_hash]
         assert stored["canonical"].tolist() == [canonical.id, canonical.content_hash]
         for name in ("to_canonical", "from_canonical"):
             assert np.array_equal(stored[name], np.arange(len(canonical)))

@@ -46,13 +46,13 @@ MOTOR = load_device("back_pad").actuators[0].type
 
 def sheet() -> PerceptualModel:
     """A piece of skin bent round an upright cylinder of 12 cm, 9 cm wide and high."""
-    u, v = (each.ravel() for each in np.meshgrid(*[np.arange(SIDE) * 0.005 - 0.045] * 2))
+    u, v = (item.ravel() for item in np.meshgrid(*[np.arange(SIDE) * 0.005 - 0.045] * 2))
     turn = u / 0.12
     normals = np.column_stack((np.sin(turn), np.cos(turn), 0.0 * u))
     corner = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
     a, b, c, d = (
-        each.ravel()
-        for each in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
+        item.ravel()
+        for item in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
     )
     return replace(
         load_model("hfx-temperature-1"),
@@ -78,9 +78,9 @@ def layout_of(scheme: str, law: str, centres: np.ndarray) -> PannedLayout:
         mount=None,
         scheme=Scheme(scheme, law=law),  # type: ignore[arg-type]
     )
-    found = panned_layout(device, actuators, SKIN)
-    assert found is not None
-    return found
+    actual = panned_layout(device, actuators, SKIN)
+    assert actual is not None
+    return actual
 
 
 def vertex(column: int, row: int) -> int:
@@ -124,8 +124,8 @@ def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, oth
     low, high = 0.0, 1.0
     for _ in range(6):
         way = np.linspace(low, high, 33)
-        found = gains(one + way[:, None] * (other - one))
-        change = np.abs(np.diff(found, axis=0)).max(axis=1)
+        actual = gains(one + way[:, None] * (other - one))
+        change = np.abs(np.diff(actual, axis=0)).max(axis=1)
         k = int(np.argmax(change))
         low, high = way[k], way[k + 1]
     return change[k]
@@ -151,7 +151,7 @@ def test_each_scheme_names_its_paper_on_the_page_and_where_it_is_written():
     rows = [line.split("|") for line in page.splitlines() if line.startswith("| `")]
     papers = {name.strip(" `"): source for _, name, _, _, source, _ in rows}
     assert set(papers) == set(get_args(SchemeName))
-    authors = {each.split(",")[0] for each in SOURCES}
+    authors = {item.split(",")[0] for item in SOURCES}
     for name, source in papers.items():
         assert any(author in source for author in authors), name
     for author, written in SOURCES.items():

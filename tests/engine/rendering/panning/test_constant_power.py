@@ -80,8 +80,8 @@ def test_power_in_space_is_constant(layout, place):
 @settings(deadline=None)
 def test_inside_the_hull_gains_point_where_the_source_is(place):
     gains = VectorBasePanning(CUBE).gains(place[None])[0]
-    felt = gains @ (CUBE / np.sqrt(3.0))
-    assert felt / np.linalg.norm(felt) == pytest.approx(place, abs=1e-6)
+    samples = gains @ (CUBE / np.sqrt(3.0))
+    assert samples / np.linalg.norm(samples) == pytest.approx(place, abs=1e-6)
 
 
 @pytest.mark.parametrize("layout", [CUBE, DOME], ids=["cube", "dome"])

@@ -38,12 +38,12 @@ def anchors_of(device: DeviceConfig) -> np.ndarray:
 
 
 def joined_on_skin(model, centres: np.ndarray, anchors: np.ndarray) -> np.ndarray:
-    one, other = np.triu_indices(len(centres), 1)
-    found = np.eye(len(centres), dtype=np.bool_)
-    found[one, other] = found[other, one] = SkinNeighbours(model, centres, anchors).are_joined(
-        one, other
+    one, second = np.triu_indices(len(centres), 1)
+    eye = np.eye(len(centres), dtype=np.bool_)
+    eye[one, second] = eye[second, one] = SkinNeighbours(model, centres, anchors).are_joined(
+        one, second
     )
-    return found
+    return eye
 
 
 def with_scheme(device: DeviceConfig, scheme: str, *, only: list[int] | None = None):
@@ -58,10 +58,10 @@ def layout_of(device: DeviceConfig):
 
 
 def test_the_belt_of_eight_is_joined_all_round_and_not_across():
-    found = joined_on_skin(MODEL, centres_of(BELT), anchors_of(BELT))
+    actual = joined_on_skin(MODEL, centres_of(BELT), anchors_of(BELT))
     for k in range(8):
-        assert found[k, (k + 1) % 8]
-        assert not found[k, (k + 4) % 8]
+        assert actual[k, (k + 1) % 8]
+        assert not actual[k, (k + 4) % 8]
 
 
 def test_straight_through_the_body_is_not_along_the_skin():
@@ -75,8 +75,8 @@ def test_two_thighs_that_nearly_touch_are_not_one_limb():
     thigh = MODEL.part == PARTS.index("upper_leg")
     left, right = (np.flatnonzero(thigh & (MODEL.side == side)) for side in (1, 2))
     away = np.linalg.norm(MODEL.vertices[left][:, None] - MODEL.vertices[right][None], axis=2)
-    one, other = np.unravel_index(away.argmin(), away.shape)
-    anchors = np.array([left[one], right[other]])
+    one, second = np.unravel_index(away.argmin(), away.shape)
+    anchors = np.array([left[one], right[second]])
     places = MODEL.vertices[anchors].astype(np.float64)
     assert np.linalg.norm(places[0] - places[1]) < 0.05
     assert not joined_on_skin(MODEL, places, anchors)[0, 1]
@@ -132,11 +132,11 @@ def test_a_gap_fades_from_a_quarter_of_it_to_its_middle():
     ring = RingPanning(np.radians([0.0, 180.0]))
     is_joined = np.eye(2, dtype=np.bool_)
     degrees = np.array([0.0, 30.0, 45.0, 67.5, 90.0, 135.0, 180.0])[:, None]
-    found = parted(ring.gains(np.radians(degrees)), lambda a, b: is_joined[a, b])
+    actual = parted(ring.gains(np.radians(degrees)), lambda a, b: is_joined[a, b])
     # Shares: 1, 5/6, 3/4, 5/8, 1/2; twice their lead: 2, 4/3, 1, 1/2, 0.
     expected = [1.0, np.sqrt(5 / 6), np.sqrt(3 / 4), 0.5 * np.sqrt(5 / 8), 0.0, 0.0, 0.0]
-    assert found[:, 0] == pytest.approx(expected, abs=1e-7)
-    assert found[5:, 1] == pytest.approx([np.sqrt(3 / 4), 1.0], abs=1e-7)
+    assert actual[:, 0] == pytest.approx(expected, abs=1e-7)
+    assert actual[5:, 1] == pytest.approx([np.sqrt(3 / 4), 1.0], abs=1e-7)
 
 
 gain_rows = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)
@@ -150,10 +150,10 @@ def test_no_two_that_are_apart_play_together_and_nothing_jumps(one, other, pairs
         is_joined[a, b] = is_joined[b, a] = bool(pairs >> k & 1)
     way = np.linspace(0.0, 1.0, 4001)[:, None]
     gains = np.array(one) * (1.0 - way) + np.array(other) * way
-    found = parted(gains, lambda a, b: is_joined[a, b])
-    assert (found <= gains).all() and (found >= 0.0).all()
+    actual = parted(gains, lambda a, b: is_joined[a, b])
+    assert (actual <= gains).all() and (actual >= 0.0).all()
     for a, b in zip(*np.nonzero(~is_joined), strict=True):
-        assert not ((found[:, a] > 0.0) & (found[:, b] > 0.0)).any()
-    assert np.abs(np.diff(found, axis=0)).max() < 0.02
+        assert not ((actual[:, a] > 0.0) & (actual[:, b] > 0.0)).any()
+    assert np.abs(np.diff(actual, axis=0)).max() < 0.02
     if is_joined.all():
-        assert (found == gains).all()
+        assert (actual == gains).all()

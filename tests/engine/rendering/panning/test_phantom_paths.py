@@ -78,12 +78,12 @@ def along(path: np.ndarray) -> np.ndarray:
     """Places (COUNT, D) at even distances along a polyline."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
-    wanted = np.linspace(0.0, at[-1], COUNT)
-    return np.stack([np.interp(wanted, at, column) for column in path.T], axis=1)
+    positions = np.linspace(0.0, at[-1], COUNT)
+    return np.stack([np.interp(positions, at, column) for column in path.T], axis=1)
 
 
 def tactors() -> np.ndarray:
-    return on_mount(PAD.mount, np.array([each.place.centre_m for each in PAD.actuators]))
+    return on_mount(PAD.mount, np.array([actuator.place.centre_m for actuator in PAD.actuators]))
 
 
 def pad_path(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -96,13 +96,13 @@ def pad_path(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def barycentric(places: np.ndarray) -> np.ndarray:
     """Shares (n, A) of the tactors in their Delaunay triangles."""
-    found = tactors()
-    mesh = Delaunay(found)
-    shares = np.zeros((len(places), len(found)))
+    actual = tactors()
+    mesh = Delaunay(actual)
+    shares = np.zeros((len(places), len(actual)))
     inside = mesh.find_simplex(places, tol=1e-9)
     assert (inside >= 0).all()
     for k, simplex in enumerate(mesh.simplices[inside]):
-        system = np.vstack([found[simplex].T, np.ones(3)])
+        system = np.vstack([actual[simplex].T, np.ones(3)])
         shares[k, simplex] = np.linalg.solve(system, [*places[k], 1.0])
     return shares.clip(0.0)
 
@@ -141,7 +141,7 @@ def test_the_power_law_keeps_the_power_within_a_tenth_of_a_decibel(seed: int) ->
 @settings(deadline=None, max_examples=2)
 def test_the_belt_keeps_the_power_within_a_tenth_of_a_decibel(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    centres = np.array([each.place.centre_m for each in BELT.actuators])
+    centres = np.array([actuator.place.centre_m for actuator in BELT.actuators])
     middle, half = centres.mean(axis=0), 0.5 * np.ptp(centres, axis=0)
     angles = np.linspace(*rng.uniform(-np.pi, np.pi, 2), 40)
     ring = np.stack([half[0] * np.cos(angles), half[1] * np.sin(angles), 0.0 * angles], axis=1)

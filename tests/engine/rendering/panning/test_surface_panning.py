@@ -16,7 +16,7 @@ from hfx_blender.engine.rendering.panning.surface_panning import MAX_SPAN_M, sur
 @pytest.fixture(scope="module")
 def model():
     shipped = manifest()["models"].items()
-    return load_model(next(id for id, each in shipped if each["modality"] == "pressure"))
+    return load_model(next(id for id, item in shipped if item["modality"] == "pressure"))
 
 
 def vertex_near(model, part: str, side: str, *point: float) -> int:
@@ -38,28 +38,28 @@ def back(model, rows: int = 3, columns: int = 4) -> np.ndarray:
 
 def test_under_an_actuator_it_alone_plays_in_full(model):
     anchors = back(model)
-    found = surface_gains(model, anchors, "linear")
-    at = np.searchsorted(found.vertices, anchors)
-    assert found.gains[at] == pytest.approx(np.eye(len(anchors)), abs=1e-6)
+    actual = surface_gains(model, anchors, "linear")
+    at = np.searchsorted(actual.vertices, anchors)
+    assert actual.gains[at] == pytest.approx(np.eye(len(anchors)), abs=1e-6)
 
 
 def test_between_actuators_shares_sum_to_one_and_glide(model):
     anchors = back(model)
-    found = surface_gains(model, anchors, "linear")
-    inside = found.gains.sum(axis=1) > 0.999
+    actual = surface_gains(model, anchors, "linear")
+    inside = actual.gains.sum(axis=1) > 0.999
     assert np.count_nonzero(inside) > 100
-    assert found.gains.sum(axis=1).max() == pytest.approx(1.0)
+    assert actual.gains.sum(axis=1).max() == pytest.approx(1.0)
     # The centroid of gains follows the vertex, up to the body's curvature under flat triangles.
-    torso = model.vertices[found.vertices].astype(float)
+    torso = model.vertices[actual.vertices].astype(float)
     middle = np.linalg.norm(torso[:, [0, 2]] - [0.0, 1.22], axis=1) < 0.05
-    felt = found.gains[middle] @ model.vertices[anchors].astype(float)
-    assert np.linalg.norm((felt - torso[middle])[:, [0, 2]], axis=1).max() < 0.006
+    samples = actual.gains[middle] @ model.vertices[anchors].astype(float)
+    assert np.linalg.norm((samples - torso[middle])[:, [0, 2]], axis=1).max() < 0.006
 
 
 def test_neighbouring_vertices_have_neighbouring_gains(model):
-    found = surface_gains(model, back(model), "linear")
-    dense = np.zeros((len(model), found.gains.shape[1]))
-    dense[found.vertices] = found.gains
+    actual = surface_gains(model, back(model), "linear")
+    dense = np.zeros((len(model), actual.gains.shape[1]))
+    dense[actual.vertices] = actual.gains
     a, b = model.triangles[:, 0], model.triangles[:, 1]
     step = np.linalg.norm(model.vertices[a] - model.vertices[b], axis=1)
     slope = np.abs(dense[a] - dense[b]).max(axis=1) / step
@@ -79,7 +79,7 @@ def fingertips(model) -> list[int]:
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(model),) * 2)
     _, piece = connected_components(graph, directed=False)
     pieces = [np.flatnonzero((piece == label) & is_end) for label in np.unique(piece[is_end])]
-    return [int(each[np.argmax(away[each])]) for each in pieces if len(each) > 20]
+    return [int(piece[np.argmax(away[piece])]) for piece in pieces if len(piece) > 20]
 
 
 def test_nothing_is_joined_through_the_air(model):
@@ -89,8 +89,8 @@ def test_nothing_is_joined_through_the_air(model):
     chest = vertex_near(model, "torso", "left", 0.15, 0.0, 1.3)
     arm = vertex_near(model, "upper_arm", "left", 0.2, 0.0, 1.3)
     anchors = np.array([*tips, chest, arm])
-    found = surface_gains(model, anchors, "linear")
-    joined = {tuple(sorted(set(s))) for s in found.simplices.tolist()}
+    actual = surface_gains(model, anchors, "linear")
+    joined = {tuple(sorted(set(s))) for s in actual.simplices.tolist()}
     assert not any({4, 5} <= set(s) for s in joined)
     assert not any(len({*s} & {0, 1, 2, 3}) > 1 for s in joined)
 
@@ -98,8 +98,8 @@ def test_nothing_is_joined_through_the_air(model):
 def test_no_neighbours_are_farther_apart_than_the_limit(model):
     rng = np.random.default_rng(4)
     anchors = rng.choice(len(model), 60, replace=False)
-    found = surface_gains(model, anchors, "linear")
-    for simplex in found.simplices:
+    actual = surface_gains(model, anchors, "linear")
+    for simplex in actual.simplices:
         corners = model.vertices[anchors[simplex]]
         assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max() <= MAX_SPAN_M
         limbs = {
@@ -112,18 +112,18 @@ def test_no_neighbours_are_farther_apart_than_the_limit(model):
 
 def test_a_lone_actuator_fades_out_along_the_skin(model):
     anchor = back(model)[5]
-    found = surface_gains(model, np.array([anchor]), "linear")
-    distance = np.linalg.norm(model.vertices[found.vertices] - model.vertices[anchor], axis=1)
-    assert found.gains[np.argmin(distance)] == pytest.approx(1.0)
+    actual = surface_gains(model, np.array([anchor]), "linear")
+    distance = np.linalg.norm(model.vertices[actual.vertices] - model.vertices[anchor], axis=1)
+    assert actual.gains[np.argmin(distance)] == pytest.approx(1.0)
     assert distance.max() <= MAX_SPAN_M / 2
-    assert set(model.part[found.vertices]) == {PARTS.index("torso")}
+    assert set(model.part[actual.vertices]) == {PARTS.index("torso")}
 
 
 def test_two_actuators_on_one_vertex_share_it(model):
     anchor = back(model)[5]
-    found = surface_gains(model, np.array([anchor, anchor]), "linear")
-    at = np.searchsorted(found.vertices, anchor)
-    assert found.gains[at] == pytest.approx([0.5, 0.5])
+    actual = surface_gains(model, np.array([anchor, anchor]), "linear")
+    at = np.searchsorted(actual.vertices, anchor)
+    assert actual.gains[at] == pytest.approx([0.5, 0.5])
 
 
 def folded_sheet(model, angle: float):
@@ -133,7 +133,7 @@ def folded_sheet(model, angle: float):
     c, s = np.cos(angle), np.sin(angle)
     corner = np.arange(21 * 11).reshape(21, 11)
     quads = (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
-    a, b, d, e = (each.ravel() for each in quads)
+    a, b, d, e = (quad.ravel() for quad in quads)
     return replace(
         model,
         vertices=np.column_stack((u * c, v, np.abs(u) * s)).astype(np.float32),
