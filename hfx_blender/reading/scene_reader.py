@@ -71,10 +71,10 @@ class SceneReader:
     Attributes
     ----------
     found : HapticObjects
-        Objects of the scene that take part.
+        Participating objects of the scene.
     instances : Instances
     unfelt : dict of str to Unfelt
-        Effects by name that are known before reading not to be felt.
+        Effects by name, known before reading not to be felt.
 
     Raises
     ------

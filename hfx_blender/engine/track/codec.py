@@ -216,7 +216,7 @@ def decode(
     Raises
     ------
     ValueError
-        The bytes are no such section; the message tells the fault.
+        The bytes are no such section; the message names the fault.
     """
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")

@@ -154,7 +154,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
     Raises
     ------
     ValueError
-        The text is no such header; the message tells the place.
+        The text is no such header; the message names the place.
     """
     document = parse_json(text, "header")
     version = value_in(document, _BEGIN, "header")["version"]

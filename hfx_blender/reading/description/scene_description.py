@@ -61,7 +61,7 @@ _CURE = "press Move to Body in the panel Haptic Effect"
 
 @dataclass(frozen=True)
 class HapticObjects:
-    """Bodies and effects of a scene that take part, with the activations of the effects."""
+    """Participating bodies and effects of a scene, with the activations of the effects."""
 
     scene: bpy.types.Scene
     layer: bpy.types.ViewLayer

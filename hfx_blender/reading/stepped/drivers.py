@@ -33,7 +33,7 @@ def drivers_of(
 
 
 class RetriedDrivers:
-    """Evaluate every driver of given data-blocks at every time, also after earlier failures.
+    """Evaluate every driver of the given data-blocks at every time, also after earlier failures.
 
     Parameters
     ----------

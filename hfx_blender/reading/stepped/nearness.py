@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounding boxes of skin and of moving volumes, for skipping volumes far from all skin.
+"""Bounding boxes of skin and of moving volumes, for skipping volumes far from skin.
 
 Boxes here contain the boxes of the engine's broad phase, so that a skipped volume can never touch.
 """
