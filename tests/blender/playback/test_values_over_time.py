@@ -260,6 +260,17 @@ def _constrain(scene: Any, ball: Any, guide: Any) -> None:
     effects.bodies_of(scene)[0].constraints.new("COPY_LOCATION").target = guide
 
 
+def _beat(scene: Any, ball: Any, guide: Any) -> None:
+    _constrain(scene, ball, guide)
+    bpy.ops.hfx.add_painted(modality="vibration", name="Beat")
+    bpy.ops.hfx.fill_part(part="all")
+    bpy.context.object.hfx.intensity = 0.5
+    bpy.context.object.keyframe_insert("hfx.intensity", frame=1)
+    bpy.context.object.hfx.intensity = 1.0
+    bpy.context.object.keyframe_insert("hfx.intensity", frame=6)
+    bpy.ops.hfx.add_heartbeat()
+
+
 def _drive(scene: Any, ball: Any, guide: Any) -> None:
     ball.driver_add("location", 2).driver.expression = "frame * 0.05"
 
@@ -321,7 +332,7 @@ def ball_and_guide(scene: Any, soon: None) -> Iterator[tuple[Any, Any]]:
 
 @pytest.mark.parametrize(
     "moved",
-    [_constrain, _drive, _chain_parents, _simulate, _show_in_two_scenes, _instance, _emit],
+    [_constrain, _beat, _drive, _chain_parents, _simulate, _show_in_two_scenes, _instance, _emit],
 )
 def test_update_values_is_valid_until_an_edit(
     scene: Any, ball_and_guide: tuple[Any, Any], moved: Callable[[Any, Any, Any], None]

@@ -73,6 +73,31 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("6_moved.png")
     yield 3.0
     h.check(known.count == before + 1, f"once ({known.count - before})")
+    yield from constrained(h, known)
+
+
+def constrained(h: Any, known: Any) -> Iterator[float]:
+    """A body that a constraint moves needs Update Values; the values hold until an edit."""
+    scene = bpy.context.scene
+    guide = bpy.data.objects.new("Guide", None)
+    scene.collection.objects.link(guide)
+    for frame, x in ((1, 0.0), (96, 0.5)):
+        guide.location.x = x
+        guide.keyframe_insert("location", frame=frame)
+    body = next(obj for obj in bpy.data.objects if obj.hfx.role == "BODY")
+    body.constraints.new("COPY_LOCATION").target = guide
+    yield from h.until(lambda: known.must_step, "a constraint needs Update Values", 60)
+    with h.context():
+        bpy.ops.hfx.update_values()
+    yield 2.0
+    h.check(known.valid is not None, "after Update Values they are valid")
+    yield from hands.go_to(h, 48)
+    yield 2.0
+    h.check(known.valid is not None, "at another frame, too")
+    h.shot("7_constrained.png")
+    body.location.z = 0.1
+    yield 1.0
+    h.check(known.valid is None, "until an edit")
 
 
 def greener(h: Any, pixels: Any) -> int:
