@@ -20,13 +20,13 @@ def add_parser(commands: Any) -> None:
         "validate",
         help="check files of any format",
         description=(
-            "Check files strictly against the rules of their formats; of a folder, all that are "
-            "known. Each finding has a code that stays the same, a place and a message. Ends with "
-            "3 if all have errors, with 5 if some have."
+            "Check files strictly against the rules of their formats, in folders all files of "
+            "known formats. Each finding has a stable code, a place and a message. The exit code "
+            "is 3 if all files have errors, and 5 if some files have errors."
         ),
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files or folders")
-    parser.add_argument("--strict", action="store_true", help="warnings are errors")
+    parser.add_argument("--strict", action="store_true", help="treat warnings as errors")
     add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
@@ -40,32 +40,26 @@ def run(options: argparse.Namespace, console: Console) -> int:
         for path in (_known_in(given) if given.is_dir() else (given,))
     ]
     console.result(results if len(results) > 1 else results[0])
-    failed = sum(not each["is_valid"] for each in results)
+    failed = sum(not result["is_valid"] for result in results)
     if not failed:
         return 0
     return SOME_FAILED if 0 < failed < len(results) else InputError.exit_code
 
 
 def _known_in(folder: Path) -> list[Path]:
-    """Files in a folder and those below it that can be checked, but for hidden ones.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
+    """Visible files of known formats in a folder and its subfolders, sorted; InputError without."""
     from ..formats.files import can_validate
 
-    found = [
+    files = [
         path
         for path in sorted(folder.rglob("[!.]*"))
-        if (path.is_file() or not path.exists())  # the latter: a link to nothing
+        if (path.is_file() or not path.exists())  # a broken link does not exist
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
         and (kind_of(path) or can_validate(path))
     ]
-    if not found:
+    if not files:
         raise InputError(f"{folder}: holds no file of a format that is known here.")
-    return found
+    return files
 
 
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
@@ -74,23 +68,23 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     if own := kind_of(path):
         return _check_own(path, own, console)
     try:
-        found, findings = validate(path)
+        info, findings = validate(path)
     except InputError as error:
         console.warn(f"hfx: {error}")
         return {"file": str(path), "format": None, "is_valid": False, "error": str(error)}
-    for each in findings:
-        console.say(f"{path}: {each}")
-    is_valid = not any(strict or each.severity == "error" for each in findings)
+    for finding in findings:
+        console.say(f"{path}: {finding}")
+    is_valid = not any(strict or finding.severity == "error" for finding in findings)
     verdict = "valid" if is_valid else "not valid"
     count = len(findings)
-    told = f", {count} findings" if count else ""
-    told += f"; {found.unchecked}" if found.unchecked and is_valid else ""
-    console.say(f"{path}: {found.title}, {verdict}{told}")
+    details = f", {count} findings" if count else ""
+    details += f"; {info.unchecked}" if info.unchecked and is_valid else ""
+    console.say(f"{path}: {info.title}, {verdict}{details}")
     return {
         "file": str(path),
-        "format": found.id,
+        "format": info.id,
         "is_valid": is_valid,
-        "findings": [vars(each) for each in findings],
+        "findings": [vars(finding) for finding in findings],
     }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that appear under their name only when they are complete."""
+"""Atomic writing: files get their final names only when complete."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from ..errors import OutputError
 from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 
 _passing: set[Path] = set()
-"""Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
+"""Staging folders of :func:`passing`; files are synchronised to disk when moved out of them."""
 
 _unfinished: dict[Path, Callable[[Path], object]] = {}
-"""Files and folders that a signal would leave behind, each with the function that removes it."""
+"""Unfinished files and folders, with the functions that remove them after a signal."""
 
 placing = threading.Lock()
-"""Lock held while finished files get their names; a forced end of the process waits for it."""
+"""Lock held while files get their final names; a forced end of the process waits for it."""
 
 _LONGEST_NAME: Final = 100  # of a name that becomes part of another; a file system allows 255 bytes
 _TOKEN_BYTES: Final = 8
 
 _inputs: dict[tuple[int, int], int] = {}
-"""Device and inode of files that are being read, with the number of :func:`inputs_kept` blocks."""
+"""Device and inode of protected input files, with the number of :func:`inputs_kept` blocks."""
 
 _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
 
 
 def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
-    """Have a file or folder that this process makes removed by ``remove`` when it is ended."""
+    """Register a file or folder for removal by ``remove`` when a signal ends the process."""
     _unfinished[path] = remove
 
 
 @contextmanager
 def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
-    """Context with a file or folder that is removed where the process is ended within it."""
+    """Context with a file or folder that is removed if a signal ends the process."""
     remove_at_end(path, remove)
     try:
         yield
@@ -56,7 +56,7 @@ def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
 
 
 def remove_unfinished() -> None:
-    """Remove what is not finished, the newest first: the process ends now."""
+    """Remove all registered files and folders, newest first, before the process ends."""
     for path, remove in reversed(list(_unfinished.items())):
         with suppress(OSError):
             remove(path)
@@ -64,7 +64,7 @@ def remove_unfinished() -> None:
 
 @contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Context with a folder that is removed afterwards; :func:`move` files that are to be kept."""
+    """Context with a temporary staging folder; :func:`move` results out of the folder."""
     _passing.add(folder)
     try:
         yield
@@ -223,12 +223,12 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def temporary_name(name: str) -> str:
-    """New hidden name of something unfinished, which tells that it is of this machine."""
+    """New hidden name for an unfinished file or folder, with a hash of the machine's name."""
     return f"{_temporary_start(name)}{secrets.token_hex(_TOKEN_BYTES)}.tmp"
 
 
 def temporary_pattern(name: str | None = None) -> str:
-    """Pattern of ``glob`` for the :func:`temporary_name` of a name, or of any, on this machine."""
+    """Glob pattern of the :func:`temporary_name` of ``name`` (None: any name) on this machine."""
     start = f".*.{_machine()}-" if name is None else glob.escape(_temporary_start(name))
     return f"{start}{'[0-9a-f]' * 2 * _TOKEN_BYTES}.tmp"
 
@@ -243,7 +243,7 @@ def _machine() -> str:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove hidden files of processes that were killed while they wrote ``path``."""
+    """Remove unfinished files of ended processes for ``path``."""
     with suppress(OSError):
         for left in path.parent.glob(temporary_pattern(path.name)):
             with suppress(OSError):
@@ -253,7 +253,7 @@ def _remove_abandoned(path: Path) -> None:
 
 @contextmanager
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
-    """Context in which no result replaces one of these files, by whatever name it is known."""
+    """Context in which no result may replace these files, under any name or link."""
     known = []
     for path in paths:
         with suppress(OSError, ValueError):
@@ -334,7 +334,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
-    """Replace a JSON file that several processes write, each of which changes a part of it.
+    """Replace a JSON file in which several processes change parts.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""JSON documents from strangers: bytes of a file, parsed strictly, and documents as bytes."""
+"""Strict JSON of other programs: bounded reading, parsing with places of faults, encoding."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Unit executors on this machine: this process itself, or worker processes.
 
-A worker process is started on demand, and started anew after a crash, after a time limit, and after
-some units, so that nothing piles up in its memory.
+A worker process starts with its first unit. A new process replaces it after a crash, after a time
+limit, and after :data:`RENEW_AFTER` units, which bounds its memory.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from ...processes.worker import Worker
 from .units import Outcome, Unit, failure
 
 RENEW_AFTER = 20
-"""Units after which a worker is replaced by a new one."""
+"""Number of units after which a new worker process replaces a worker."""
 
 START_LIMIT_S = 300.0
-"""Time for a worker to start Blender, seconds; a hanging one is replaced."""
+"""Time limit for the start of a worker's Blender, seconds."""
 
 LIMITED_START_S = 60.0
-"""The same where units have a time limit, unless that is longer."""
+"""Time limit for the start of units with a shorter time limit, seconds."""
 
 Progress = Callable[[float], None]
 
 
 class WorkerDiedError(Exception):
-    """End of a process without an answer; says how it ended."""
+    """Error of a process that ended without an answer; the text is the cause of the end."""
 
 
 class TimeLimitError(Exception):
-    """Raised after a process was ended because it took too long."""
+    """Error of a process that exceeded its time limit and was ended."""
 
 
 class UnitWorker:
@@ -51,7 +51,7 @@ class UnitWorker:
     Parameters
     ----------
     variables : mapping, optional
-        Of its environment, besides those of this process.
+        Additional environment variables.
     """
 
     def __init__(self, variables: Mapping[str, str] | None = None) -> None:
@@ -62,19 +62,19 @@ class UnitWorker:
 
     @property
     def pid(self) -> int | None:
-        """Process id, or None."""
+        """Process id; None before the first unit and after the end."""
         worker = self._worker
         return None if worker is None else worker.pid
 
     def do(self, unit: Unit, progress: Progress, limit_s: float | None = None) -> Outcome:
-        """Have a unit done.
+        """Execute a unit in the worker; return its outcome.
 
         Raises
         ------
         WorkerDiedError
-            The process died; it is started anew for the next unit.
+            The process died; the next unit starts a new one.
         TimeLimitError
-            The same, as it took longer than ``limit_s``.
+            The process exceeded ``limit_s`` seconds (None: no limit) and was ended.
         HfxError
             Blender cannot be started on this machine.
         """

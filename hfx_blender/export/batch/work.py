@@ -135,7 +135,7 @@ def _check_name(unit: Unit) -> None:
 
 
 def _open(unit: Unit) -> None:
-    """Open the unit's file, unless it is open already and has not changed."""
+    """Open the file of a unit; parts reuse an open, unchanged file."""
     if unit.input is None:
         return
     path = Path(unit.input)
@@ -153,7 +153,7 @@ def _open(unit: Unit) -> None:
 def _devices(
     options: ExportOptions, scene: bpy.types.Scene
 ) -> tuple[list[str], tuple[DeviceConfig, ...], dict[str, str]]:
-    """The devices, their names or files, and those that a scene names and that are none."""
+    """Names or files of devices, their configurations, and errors by unusable device."""
     from ...reading.description.scene_settings import scene_devices
 
     if options.devices:
@@ -188,7 +188,7 @@ def _settings(
 
 
 def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
-    """Parts of a scene that is long enough to be cut."""
+    """Parts (first, stop) of a scene; a single part for a short scene."""
     time = reader.time
     if unit.part_frames is not None:
         size = ceil(unit.part_frames * time.rate_hz / time.fps)
@@ -216,7 +216,7 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
 def _piece(
     unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
 ) -> Outcome:
-    """Record one piece of a scene, for a later command that merges all of them."""
+    """Record one piece of a scene for a later merge; empty pieces get a record without samples."""
     from ..recording import why_in_one_go
 
     assert unit.piece is not None
