@@ -5,7 +5,7 @@ from hfx_blender.processes import startup
 
 
 def main() -> None:
-    """Run the command line; nothing is imported from the current folder."""
+    """Run the command line; modules in the current folder are never imported."""
     startup.begin()
     from hfx_blender import cli
 

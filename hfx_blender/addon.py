@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registration of the add-on's modules with Blender, in order."""
+"""Registers the add-on's modules with Blender, in order."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _MODULES = (
 
 
 def register() -> None:
-    """Register every module.
+    """Register every module; in Blender's Python module, unregister at the end of the process.
 
-    Blender's Python module takes itself down after Python. What is still registered then hangs or
-    crashes 4.5, so a script that only ends takes it back; a whole Blender does so by itself.
+    Blender's Python module shuts down after Python. Classes still registered then hang the process
+    or crash Blender 4.5; a full Blender unregisters add-ons itself.
     """
     for module in _MODULES:
         module.register()

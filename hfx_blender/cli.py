@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command line ``hfx``: a thin shell over functions that are there for scripts as well."""
+"""Entry of the command line ``hfx``: parser of all commands and exit codes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
-    """The parser of all commands."""
+    """Build the parser of all commands available in this installation."""
     from .commands import convert, device, export, info, play, sound, texture, validate
 
     parser = _Parser(
@@ -61,14 +61,17 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
 
 
 def run(arguments: Sequence[str], prog: str = "hfx") -> int:
-    """Run one command and return its exit code; every fault of the user's becomes one line."""
+    """Run one command and return its exit code; print each user fault as one line.
+
+    SystemExit is raised by ``--help`` and ``--version`` only.
+    """
     console = Console(as_json="--json" in arguments)
     try:
         left_out.refuse(arguments)
         parser = build_parser(prog)
         process_end.check()
         options = parser.parse_args(_joined_ranges(arguments))
-        # Blender also prints what operators report through Python's own stream.
+        # Blender prints reports of operators to Python's standard output.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             has_largest = "largest" in options
             with (
@@ -87,45 +90,42 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
             console.warn(f"hfx: {ended}")
         process_end.answered()
         return ended.exit_code
-    except KeyboardInterrupt:  # in the process of another program
+    except KeyboardInterrupt:  # inside another program's process, without our signal handlers
         console.warn("hfx: interrupted; nothing half written was left behind")
         return 130
     except OSError as error:
-        found = fault_of_file(error) if error.filename is not None else _lost_folder()
-        if found is None:
+        fault = fault_of_file(error) if error.filename is not None else _lost_folder()
+        if fault is None:
             return defect(console)
-        console.warn(f"hfx: {found}")
-        console.result({"error": str(found)})
-        return found.exit_code
+        console.warn(f"hfx: {fault}")
+        console.result({"error": str(fault)})
+        return fault.exit_code
     except Exception:
         return defect(console)
 
 
 def _named_files(options: argparse.Namespace) -> Iterator[Path]:
-    """Paths among the arguments but those of results, which must not replace any of these."""
+    """Yield existing files among the option values, except options that name results."""
     for name, value in vars(options).items():
         if name not in _RESULTS:
-            for each in value if isinstance(value, list) else [value]:
-                if isinstance(each, str | Path) and os.path.isfile(each):
-                    yield Path(each)
+            for item in value if isinstance(value, list) else [value]:
+                if isinstance(item, str | Path) and os.path.isfile(item):
+                    yield Path(item)
 
 
 def _exit_code_of(console: Console) -> int:
-    """Exit code of finished work, by whether its results could be printed."""
-    if console.fault is None:
-        return 0
-    return _unprinted(console, console.fault)
+    """Exit code of finished work: 0, or that of an unwritable standard output."""
+    return 0 if console.fault is None else _unprinted(console, console.fault)
 
 
 def _unprinted(console: Console, fault: OSError) -> int:
-    """Tell that results could not be printed, and give the exit code."""
+    """Warn about results that could not be printed, and return the exit code."""
     console.warn(f"hfx: standard output: cannot be written ({fault.strerror}).")
     return OutputError.exit_code
 
 
 def _lost_folder() -> InputError | None:
-    """The fault of relative paths where somebody has removed the current folder, or of a machine
-    without a temporary folder."""
+    """InputError for a removed current folder or a missing temporary folder; None otherwise."""
     try:
         os.getcwd()
     except OSError as error:
@@ -140,6 +140,7 @@ def _lost_folder() -> InputError | None:
 
 
 def defect(console: Console) -> int:
+    """Print the current traceback as a defect of hfx and return exit code 1."""
     text = "hfx: a defect of hfx, please report it:\n" + traceback.format_exc()
     console.warn(text, several_lines=True)
     return 1
@@ -151,7 +152,7 @@ _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
 def _joined_ranges(arguments: Sequence[str]) -> list[str]:
-    """Join ``--frames -10:20`` into one argument: argparse would take the range for an option."""
+    """Join ``--frames -10:20`` into one argument; argparse would read the range as an option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in _MAY_BE_NEGATIVE:
@@ -162,14 +163,14 @@ def _joined_ranges(arguments: Sequence[str]) -> list[str]:
 
 
 def main() -> None:
-    """Run the command of the process's arguments, and end the process with its exit code."""
+    """Run the command of ``sys.argv`` and end the process with its exit code."""
     blender_session.open_standard_streams()
     blender_session.end_on_signals()
     try:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
-    except OSError as error:  # of argparse's output past the console
+    except OSError as error:  # argparse prints without the console
         code = 0
         if not is_unread(error):
             code = _unprinted(Console(), error)
@@ -182,9 +183,9 @@ _blender_command: Any = None
 
 
 def run_in_blender(arguments: list[str]) -> int:
-    """Run one command in Blender's own process, and return its exit code."""
+    """Run one command in Blender's own process and return its exit code."""
     if blender_session.inside_blender():
-        startup.clean_import_path()  # the process is this command's, and ends with it
+        startup.clean_import_path()  # safe: Blender's process ends with this command
     try:
         return run(arguments, prog="blender --command hfx")
     except SystemExit as finished:  # --help
@@ -192,10 +193,10 @@ def run_in_blender(arguments: list[str]) -> int:
 
 
 def register() -> None:
-    """Register the command with Blender, if this is one."""
+    """Register the command ``hfx`` with Blender; nothing in Blender's Python module."""
     global _blender_command
-    # Blender's Python module has no command line. It would let go of the handle when the process
-    # ends, after Python has: 4.5 crashes (BPyCommandHandler's destructor asks for Python's lock).
+    # Blender's Python module has no command line. Its handle would be released after Python's end:
+    # Blender 4.5 crashes, because BPyCommandHandler's destructor takes Python's lock.
     if blender_session.inside_blender():
         import bpy
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors that a user can cause, worded so that they can be shown as they are."""
+"""Errors with messages for the user."""
 
 import stat
 from pathlib import Path
@@ -8,31 +8,31 @@ from .text import printable
 
 
 class HfxError(Exception):
-    """Base of all errors that are shown to the user as one sentence.
+    """Base of all errors with a one-sentence message for the user.
 
-    Pure code raises it (or a subclass); operators, the command line and the frame handlers
-    catch it. ``exit_code`` is what the command line ends with.
+    Raised by pure code; operators, the command line and the frame handlers catch it. ``exit_code``
+    is that of the command line.
     """
 
     exit_code = 3
 
     def __str__(self) -> str:
-        """Text of the error, with names escaped so that they cannot steer a terminal."""
+        """Message with control characters of names escaped."""
         return printable(super().__str__())
 
 
 class UsageError(HfxError):
-    """Error in the command or its arguments; nothing was tried."""
+    """Error in the command or its arguments; nothing was started."""
 
     exit_code = 2
 
 
 class InputError(HfxError):
-    """Error in a file or a scene that cannot be used as it is; nothing was written for it."""
+    """Error in an unusable file or scene; no result was written for it."""
 
 
 class NothingFeltError(InputError):
-    """Error of a format that cannot hold a track in which nothing is felt."""
+    """Error of a format that cannot hold a track without any sample."""
 
 
 class OutputError(HfxError):
@@ -40,26 +40,24 @@ class OutputError(HfxError):
 
 
 class ScriptError(HfxError):
-    """Error of a device's script, which cannot run to its end; nothing was written for its
-    device.
-    """
+    """Error of a device script that did not finish; no result was written for its device."""
 
     exit_code = 5
 
 
 class DeviceError(HfxError):
-    """Error of a device while it was driven."""
+    """Error of a device during playback."""
 
     exit_code = 4
 
 
 def fault_of_file(error: OSError) -> InputError:
-    """Error message for a file that the system rejects, such as one with too long a name."""
+    """Convert an OSError about a file into an InputError."""
     return InputError(f"{error.filename}: {error.strerror or error}.")
 
 
 def is_endless(path: Path) -> bool:
-    """Test for a pipe, a device or a socket: reading it might never end."""
+    """Test for a pipe, device or socket: reading might never end. False for a missing path."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):
@@ -68,12 +66,8 @@ def is_endless(path: Path) -> bool:
 
 
 def refuse_no_file(path: Path) -> None:
-    """Refuse a path of which nothing can be read: a pipe would be waited for without an end.
-
-    Raises
-    ------
-    InputError
-        It is missing, no plain file, or cannot be asked for.
+    """Raise InputError for a path that is missing, unreadable or no regular file (a pipe would
+    block).
     """
     try:
         mode = path.stat().st_mode
@@ -82,5 +76,5 @@ def refuse_no_file(path: Path) -> None:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
     if not stat.S_ISREG(mode):
-        found = "a folder" if stat.S_ISDIR(mode) else "no plain file"
-        raise InputError(f"{path}: it is {found}.")
+        kind = "a folder" if stat.S_ISDIR(mode) else "no plain file"
+        raise InputError(f"{path}: it is {kind}.")

@@ -17,7 +17,7 @@ UNSAFE: Final = re.compile(
 
 def printable(text: str) -> str:
     """Escape control, direction and line-end characters of one line as ``\\x1b``; idempotent."""
-    return UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+    return UNSAFE.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def printable_lines(text: str) -> str:

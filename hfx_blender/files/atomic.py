@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Atomic writing: files get their final names only when complete."""
+"""Atomic file writing: a file gets its name when its content is complete."""
 
 from __future__ import annotations
 
@@ -23,10 +23,12 @@ from ..errors import OutputError
 from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 
 _passing: set[Path] = set()
-"""Staging folders of :func:`passing`; files are synchronised to disk when moved out of them."""
+"""Active folders of :func:`passing`."""
 
 _unfinished: dict[Path, Callable[[Path], object]] = {}
-"""Unfinished files and folders, with the functions that remove them after a signal."""
+"""Unfinished files and folders, each with the function for its removal by
+:func:`remove_unfinished`.
+"""
 
 placing = threading.Lock()
 """Lock held while files get their final names; a forced end of the process waits for it."""
@@ -35,19 +37,19 @@ _LONGEST_NAME: Final = 100  # of a name that becomes part of another; a file sys
 _TOKEN_BYTES: Final = 8
 
 _inputs: dict[tuple[int, int], int] = {}
-"""Device and inode of protected input files, with the number of :func:`inputs_kept` blocks."""
+"""Number of open :func:`inputs_kept` blocks for each protected (device, inode)."""
 
-_AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
+_AT_ONCE = 8  # parallel fsync calls: a disk writes several files in one pass
 
 
 def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
-    """Register a file or folder for removal by ``remove`` when a signal ends the process."""
+    """Register an unfinished file or folder for removal, by ``remove(path)``, at a forced end."""
     _unfinished[path] = remove
 
 
 @contextmanager
 def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
-    """Context with a file or folder that is removed if a signal ends the process."""
+    """Context with a file or folder that a forced end of the process removes."""
     remove_at_end(path, remove)
     try:
         yield
@@ -56,7 +58,9 @@ def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
 
 
 def remove_unfinished() -> None:
-    """Remove all registered files and folders, newest first, before the process ends."""
+    """Remove registered files and folders, newest first, ignoring OSError; for the end of a
+    process.
+    """
     for path, remove in reversed(list(_unfinished.items())):
         with suppress(OSError):
             remove(path)
@@ -64,7 +68,10 @@ def remove_unfinished() -> None:
 
 @contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Context with a temporary staging folder; :func:`move` results out of the folder."""
+    """Context with a staging folder in which files are not forced to the disk.
+
+    :func:`move` syncs the files on their way out; the caller removes the folder.
+    """
     _passing.add(folder)
     try:
         yield
@@ -73,40 +80,43 @@ def passing(folder: Path) -> Iterator[None]:
 
 
 def _is_passing(folder: Path) -> bool:
+    """Test for a folder of :func:`passing` or a subfolder."""
     return folder in _passing or not _passing.isdisjoint(folder.parents)
 
 
 def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into a folder, in this order, when all of them are on the disk.
+    """Move finished files into a folder, in order, after all are forced to the disk.
+
+    Returns the new paths. After an error no file is moved.
 
     Parameters
     ----------
     base : Path, optional
-        Folder of the files: those below get folders below ``folder``, which are there.
-        Without it, all come into ``folder`` itself.
+        Root of the relative paths to keep; subfolders of ``folder`` must exist. None: all files go
+        directly into ``folder``.
 
     Raises
     ------
     OutputError
-        One of them cannot be written to the disk; none was moved.
+        A file cannot be forced to the disk.
     OSError
-        One of them cannot be moved.
+        A file cannot be moved.
     """
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
-    stays = not _is_passing(folder)
-    if stays and files:
+    is_durable = not _is_passing(folder)
+    if is_durable and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
     with folder_locked(folder):
-        _replace(files, targets, stays)
+        _replace(files, targets, is_durable)
     return tuple(targets)
 
 
-def _replace(files: Sequence[Path], targets: Sequence[Path], stays: bool) -> None:
-    """Give files their final names, all or none: after an error, the earlier files are back.
+def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -> None:
+    """Give files their final names, all or none: an error restores replaced files and moves new
+    ones back.
 
-    ``stays``: the folders are forced to the disk as well. An earlier file cannot come back where
-    the file system knows no hard links.
+    Restoring needs hard links. ``is_durable`` forces the folders to the disk.
     """
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
@@ -114,12 +124,13 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], stays: bool) -> Non
     try:
         for file, target in zip(files, targets, strict=True):
             second_name = file.with_name(temporary_name(target.name))
-            with suppress(OSError):  # there is none, or no hard links
+            # A second name keeps a replaced file until all moves have succeeded.
+            with suppress(OSError):  # no file to replace, or no hard links
                 os.link(target, second_name, follow_symlinks=False)
                 earlier[target] = second_name
             os.replace(file, target)
             moved.append((file, target))
-        for folder in dict.fromkeys(target.parent for target in targets) if stays else ():
+        for folder in dict.fromkeys(target.parent for target in targets) if is_durable else ():
             _sync_folder(folder)
     except BaseException:
         for file, target in reversed(moved):
@@ -148,10 +159,10 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
 
 
 class WatchedFile(io.FileIO):
-    """Unbuffered file that remembers why it could not be written, and fails only once.
+    """Unbuffered file that raises its first write error only and stores that error in ``fault``.
 
-    Whoever writes into it can close what it has begun then, such as an archive, without a second
-    error; the file is removed anyway.
+    Later writes report success and write nothing, so that an archive can be closed without a second
+    error.
     """
 
     fault: OSError | None = None
@@ -168,52 +179,51 @@ class WatchedFile(io.FileIO):
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that replaces ``path`` when the ``with`` block ends well.
+    """Open a binary file that replaces ``path`` when the ``with`` block ends without an exception.
 
-    The bytes go to a new hidden file beside it, are forced to the disk (but for a folder that is
-    :func:`passing`) and moved into place. After any exception, Ctrl-C included, there is no
-    hidden file and what ``path`` held before is untouched. A link of that name is replaced, not
-    what it leads to.
+    The content goes to a hidden file in the same folder, is forced to the disk (except in folders
+    of :func:`passing`) and moved into place. Any exception, Ctrl-C included, removes the hidden
+    file and leaves ``path`` as before. A symbolic link is replaced, not its target.
 
     Raises
     ------
     OutputError
-        The file cannot be written (no such folder, not allowed, disk full, name of a folder or
-        of a device, a file of :func:`inputs_kept`; in a folder that is :func:`passing`, there is
-        such a file).
-        An ``OSError`` of the block that names another file is passed on as it is.
+        The file cannot be written: no folder, no permission, full disk, name of a folder or device,
+        a file of :func:`inputs_kept`, an existing file in a folder of :func:`passing`.
+        An ``OSError`` of the block about another file is raised unchanged.
     """
     if not path.name:
         raise OutputError(f"'{path}' is no name of a file.")
-    stays = not _is_passing(path.parent)
-    temporary = path.with_name(temporary_name(path.name) if stays else f"{path.name}.tmp")
+    is_durable = not _is_passing(path.parent)
+    temporary = path.with_name(temporary_name(path.name) if is_durable else f"{path.name}.tmp")
     raw: WatchedFile | None = None
     try:
         refuse_taken(path)
-        if stays:
+        if is_durable:
             _remove_abandoned(path)
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
         raw = WatchedFile(temporary, "xb+")
         remove_at_end(temporary, Path.unlink)
-        if stays:
-            with suppress(OSError):  # no locks: then it is never removed
+        if is_durable:
+            with suppress(OSError):  # file system without locks: an abandoned file stays
                 take_lock(raw.fileno(), LOCKED_BYTE)
         with io.BufferedRandom(raw) as file:
             yield file
             file.flush()
             if raw.fault is not None:
                 raise raw.fault
-            if stays:
+            if is_durable:
                 os.fsync(file.fileno())
-        _replace([temporary], [path], stays)
+        _replace([temporary], [path], is_durable)
     except BaseException as error:
         if raw is not None:
             _remove(temporary)
+        # The block may hide the write error behind one of its own; report the write error.
         fault = raw.fault if raw is not None and isinstance(error, Exception) else None
         if fault is None and isinstance(error, OSError):
-            ours = {str(path), str(temporary), str(path.parent)}
-            if error.filename is None or str(error.filename) in ours:
+            own_names = {str(path), str(temporary), str(path.parent)}
+            if error.filename is None or str(error.filename) in own_names:
                 fault = error
         if fault is None:
             raise
@@ -223,12 +233,12 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def temporary_name(name: str) -> str:
-    """New hidden name for an unfinished file or folder, with a hash of the machine's name."""
+    """Make a random hidden name ``.name.machine-token.tmp`` of an unfinished file or folder."""
     return f"{_temporary_start(name)}{secrets.token_hex(_TOKEN_BYTES)}.tmp"
 
 
 def temporary_pattern(name: str | None = None) -> str:
-    """Glob pattern of the :func:`temporary_name` of ``name`` (None: any name) on this machine."""
+    """Glob pattern of :func:`temporary_name` on this machine, for one name or all names (None)."""
     start = f".*.{_machine()}-" if name is None else glob.escape(_temporary_start(name))
     return f"{start}{'[0-9a-f]' * 2 * _TOKEN_BYTES}.tmp"
 
@@ -243,32 +253,36 @@ def _machine() -> str:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove unfinished files of ended processes for ``path``."""
+    """Remove unlocked hidden files of :func:`atomic_file` left by killed processes."""
     with suppress(OSError):
-        for left in path.parent.glob(temporary_pattern(path.name)):
+        for abandoned in path.parent.glob(temporary_pattern(path.name)):
             with suppress(OSError):
-                if stat.S_ISREG(left.lstat().st_mode) and is_ownerless(left):
-                    left.unlink()
+                if stat.S_ISREG(abandoned.lstat().st_mode) and is_ownerless(abandoned):
+                    abandoned.unlink()
 
 
 @contextmanager
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
-    """Context in which no result may replace these files, under any name or link."""
-    known = []
+    """Context that forbids results in place of the given files, under any name (same device and
+    inode).
+
+    Missing files are ignored. Contexts may be nested.
+    """
+    identities = []
     for path in paths:
         with suppress(OSError, ValueError):
             state = path.stat()
             if state.st_ino:
-                known.append((state.st_dev, state.st_ino))
-    for each in known:
-        _inputs[each] = _inputs.get(each, 0) + 1
+                identities.append((state.st_dev, state.st_ino))
+    for identity in identities:
+        _inputs[identity] = _inputs.get(identity, 0) + 1
     try:
         yield
     finally:
-        for each in known:
-            _inputs[each] -= 1
-            if not _inputs[each]:
-                del _inputs[each]
+        for identity in identities:
+            _inputs[identity] -= 1
+            if not _inputs[identity]:
+                del _inputs[identity]
 
 
 def _is_input(path: Path) -> bool:
@@ -280,15 +294,10 @@ def _is_input(path: Path) -> bool:
 
 
 def refuse_taken(path: Path) -> None:
-    """Refuse a name that a file cannot take: of a folder, a device, a pipe or an open file, or of
-    a file of :func:`inputs_kept`.
+    """Raise OutputError for a path that no result may take.
 
-    A file moved to the name ``/dev/stdout`` would take that away from the whole machine.
-
-    Raises
-    ------
-    OutputError
-        There is something of that name that is no file, or is being read.
+    Rejected: folders, devices, pipes, open files (``/dev/stdout``: a move would replace the name
+    for the whole machine) and files of :func:`inputs_kept`.
     """
     if path.is_dir():
         raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
@@ -300,33 +309,27 @@ def refuse_taken(path: Path) -> None:
 
 
 def refuse_device(path: Path) -> None:
-    """Refuse the name of a device, a pipe or an open file.
-
-    Raises
-    ------
-    OutputError
-        It is.
-    """
-    # os.path takes names that are too long as names of nothing; writing reports these.
+    """Raise OutputError for a device, a pipe or a link to an open file."""
+    # os.path reports too long names as missing; writing raises their error.
     is_open_file = os.path.islink(path) and os.readlink(path).startswith("/proc/")
     if is_open_file or (os.path.exists(path) and not os.path.isfile(path)):
         raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")
 
 
 def _remove(path: Path) -> None:
-    # The folder may have become unwritable or vanished: the first error is the one to report.
+    # The caller reports the first error, not a second one of an unwritable or missing folder.
     with suppress(OSError):
         path.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:
-    if os.name == "nt":  # a folder cannot be opened there; NTFS journals the move itself
+    if os.name == "nt":  # folders cannot be opened; NTFS journals the move itself
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        # Some network and FUSE file systems cannot; the file itself is safe and in place.
+        # Some network and FUSE file systems cannot sync folders; the file is in place already.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
     finally:
@@ -334,20 +337,20 @@ def _sync_folder(folder: Path) -> None:
 
 
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
-    """Replace a JSON file in which several processes change parts.
+    """Replace a JSON file under a lock against other processes that use this function.
 
     Parameters
     ----------
     content : callable
-        Reads the file and gives what it is to hold. Nobody else who amends the file writes it
-        between the two; what it raises leaves the file as it was.
+        Reads the file and returns the new document, while the lock is held. An exception leaves the
+        file unchanged.
 
     Raises
     ------
     OutputError
-        Somebody else keeps it for longer than :data:`.locks.PATIENCE_S`, or it cannot be written.
+        The lock is held for longer than :data:`.locks.PATIENCE_S`, or the file cannot be written.
     """
     with locked(path):
-        made = json.dumps(content(), indent=1).encode()
+        data = json.dumps(content(), indent=1).encode()
         with atomic_file(path) as file:
-            file.write(made)
+            file.write(data)

@@ -135,8 +135,8 @@ def _files_in(folder: Path) -> list[Path]:
     """Files of a folder and its subfolders with suffixes in :data:`KINDS`; empty for no folder."""
     files: list[Path] = []
     count = 0
-    for place, _, names in os.walk(folder):
-        paths = (Path(place, name) for name in names)
+    for subfolder, _, names in os.walk(folder):
+        paths = (Path(subfolder, name) for name in names)
         files += (path for path in paths if is_of_a_kind(path) and path.is_file())
         count += len(names)
         if count > MOST_FILES:

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes of JSON documents from strangers: faults with their place, and stable codes.
+"""Shapes of JSON documents: validation with located findings, reading, and JSON Schema.
 
-A shape declares a value: its type, range with unit, allowed texts, members. The same shape gives
-:func:`check` its findings, readers their documents (:meth:`Node.hold`), and editors a JSON Schema
-(``hfx_tools/json_schema.py``). Every fault is a :class:`Finding`; its code is the format's name and
-a word that scripts can rely on::
+A shape declares a value: its type, range with unit, allowed texts, members. :func:`check` reports
+findings, :meth:`Node.read` returns Python values, and ``hfx_tools/json_schema.py`` writes a JSON
+Schema from the same shape. Each :class:`Finding` has a stable code::
 
     SPOT = Record({"radius_m": Number(0.0, 1.0, "m")}, {"side": Text(("left", "right"))})
-    spot = read(path).read(SPOT)  # {"radius_m": 0.03}, or what SPOT's ``into`` makes of it
+    spot = read(path).read(SPOT)  # {"radius_m": 0.03}, or the result of SPOT's ``into``
 """
 
 from __future__ import annotations
@@ -25,27 +24,27 @@ from .findings import Finding, Report, sentence
 from .strict_json import SHOWN, Place, parse, read_bytes, shown_place
 
 MAX_OWN_BYTES: Final = 1 << 20
-"""Largest file of this program's own kinds, bytes, where a reader does not name another size."""
+"""Default size limit of this program's own files, bytes."""
 MAX_OWN_DEPTH: Final = 16
-"""Deepest nesting of this program's own kinds."""
+"""Nesting limit of this program's own files."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """A finite number in a range, both ends included."""
+    """Finite number in a range, both ends included."""
 
     lowest: float = -math.inf
     highest: float = math.inf
     unit: str = ""
     is_whole: bool = False  # written without a decimal point
-    smallest: float = 0.0  # of its size: numbers nearer to 0 are not allowed
+    smallest: float = 0.0  # lowest allowed absolute value
     choices: tuple[int, ...] = ()
-    may_be_text: bool = False
-    note: str = ""  # for messages, in place of the range
+    may_be_text: bool = False  # a decimal number in a string is allowed, too
+    note: str = ""  # allowed values in messages, instead of the range
 
     @property
     def allowed(self) -> str:
-        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
+        """Allowed values for messages: "a number from 0 to 1 m", "one of 8, 16"."""
         if self.note or self.choices:
             return self.note or "one of " + ", ".join(map(str, self.choices))
         if self.lowest == self.highest:
@@ -62,16 +61,16 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """A string: any, one of some, or one that a pattern matches as a whole."""
+    """String: any, one of ``choices``, or a full match of ``pattern``."""
 
     choices: tuple[str, ...] = ()
     pattern: str = ""
-    note: str = ""  # what the pattern matches, for messages
-    code: str = "CHOICE"
+    note: str = ""  # allowed values in messages, instead of the pattern
+    code: str = "CHOICE"  # of the finding
 
     @property
     def allowed(self) -> str:
-        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
+        """Allowed values for messages: "one of left, right", "text"."""
         if self.note:
             return self.note
         if self.choices:
@@ -87,7 +86,7 @@ SHA256: Final = Text(pattern=r"[0-9a-f]{64}", note="a SHA-256 as 64 hexadecimal 
 
 @dataclass(frozen=True)
 class Flag:
-    """True or false, or only one of them."""
+    """Boolean; with ``only``, that value alone."""
 
     only: bool | None = None
     note: str = "true or false"
@@ -100,16 +99,19 @@ class Anything:
 
 @dataclass(frozen=True)
 class Items:
-    """A list of items of one shape; an order is that of the items, or of their first items."""
+    """List of items of one shape, with limits on the count and an order.
+
+    Lists as items are ordered by their first items.
+    """
 
     item: Shape
     least: int = 0
-    most: int | None = None
+    most: int | None = None  # None: no limit
     order: Literal["any", "unique", "ascending", "never falling"] = "any"
 
     @property
     def allowed(self) -> str:
-        """Text for messages that names the allowed values: "0 to 1", "one of a, b"."""
+        """Allowed count for messages: "a list of 1 to 8 items"."""
         if self.most is None:
             return f"a list of {self.least} or more items" if self.least else "a list"
         if self.least == self.most:
@@ -119,27 +121,27 @@ class Items:
 
 @dataclass(frozen=True)
 class Row:
-    """A list of a fixed number of items, each of its own shape."""
+    """List of a fixed number of items, each with a shape of its own."""
 
     items: tuple[Shape, ...]
 
 
 @dataclass(frozen=True)
 class Record:
-    """An object with known members."""
+    """Object with required and optional members."""
 
     required: Mapping[str, Shape] = field(default_factory=dict)
     optional: Mapping[str, Shape] = field(default_factory=dict)
     unknown: Literal["error", "warning", "ignore"] = "warning"
-    one_of: tuple[str, ...] = ()  # optional members of which exactly one is there
-    needs: Mapping[str, str] = field(default_factory=dict)  # members that others go with
+    one_of: tuple[str, ...] = ()  # optional members, exactly one of which must be present
+    needs: Mapping[str, str] = field(default_factory=dict)  # member: required companion
     title: str = "an object"  # for messages
-    into: Callable[..., Any] = dict  # called with the members that are there, by their names
+    into: Callable[..., Any] = dict  # called with the present members as keywords
 
 
 @dataclass(frozen=True)
 class Table:
-    """An object with free keys."""
+    """Object with free keys and values of one shape."""
 
     item: Shape
     least: int = 0
@@ -149,10 +151,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Tagged:
-    """An object of one of several kinds, which a text in it names.
-
-    ``tag`` is the text's place, such as ``kind`` or ``encoder.kind``.
-    """
+    """Object of one of several kinds, chosen by the text at ``tag``, such as ``encoder.kind``."""
 
     tag: str
     kinds: Mapping[str, Shape]
@@ -160,7 +159,7 @@ class Tagged:
 
 @dataclass(frozen=True)
 class Either:
-    """An object of one of two shapes, told by the presence of a member."""
+    """Object of one of two shapes, chosen by the presence of ``member``."""
 
     member: str
     present: Record
@@ -173,19 +172,19 @@ Shape = Number | Text | Flag | Anything | Items | Row | Record | Table | Tagged 
 def strict(
     required: Mapping[str, Shape], optional: Mapping[str, Shape] | None = None, **more: Any
 ) -> Record:
-    """A record of this program's own kinds: unknown members are errors."""
+    """Make a record whose unknown members are errors, for this program's own files."""
     return Record(required, optional or {}, unknown="error", **more)
 
 
 def loose(
     required: Mapping[str, Shape], optional: Mapping[str, Shape] | None = None, **more: Any
 ) -> Record:
-    """A record of which only some members matter: others may be there."""
+    """Make a record whose unknown members are ignored."""
     return Record(required, optional or {}, unknown="ignore", **more)
 
 
 def tagged(tag: str, kinds: Mapping[str, Record]) -> Tagged:
-    """Kinds of an object whose member ``tag`` names its kind; the records are without the tag."""
+    """Make a :class:`Tagged`; ``tag`` is added to the records as a required member."""
     return Tagged(
         tag,
         {
@@ -196,20 +195,20 @@ def tagged(tag: str, kinds: Mapping[str, Record]) -> Tagged:
 
 
 def numbers(count: int, lowest: float, highest: float, unit: str = "") -> Row:
-    """A list of a fixed number of numbers in one range."""
+    """Make a row of ``count`` numbers in one range."""
     return Row((Number(lowest, highest, unit),) * count)
 
 
 def curve(
     *, least: int = 1, earliest_s: float = 0.0, lowest: float = 0.0, highest: float = 1.0
 ) -> Items:
-    """Pairs of seconds, which never fall and last a day at most, and values in a range."""
+    """Make a list of (seconds, value) pairs; times never fall, at most one day."""
     pair = Row((Number(earliest_s, 86_400.0, "s"), Number(lowest, highest)))
     return Items(pair, least, 100_000, order="never falling")
 
 
 def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None:
-    """Hold a value against a shape; every fault is reported."""
+    """Validate a value against a shape and add every fault to ``report``."""
     match shape:
         case Record():
             _check_record(shape, value, report, place)
@@ -225,15 +224,13 @@ def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None
             if not isinstance(value, bool) or (shape.only is not None and value != shape.only):
                 report.error("TYPE", place, _found(value, shape.note))
         case Tagged() | Either():
-            found = chosen(shape, value)
-            if found is None:
-                check(_tag_only(shape), value, report, place)
-            else:
-                check(found, value, report, place)
+            # An unknown tag is the only fault: the other members belong to no known kind.
+            kind = chosen(shape, value) or _tag_only(shape)
+            check(kind, value, report, place)
 
 
 def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
-    """The shape that a value of several kinds has to have; None where its tag is none of them."""
+    """Select the shape of a value by its tag or member; None for an unknown or missing tag."""
     if isinstance(shape, Either):
         has_member = isinstance(value, dict) and shape.member in value
         return shape.present if has_member else shape.absent
@@ -243,18 +240,17 @@ def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
 
 
 def _tag_only(shape: Tagged | Either) -> Shape:
-    """Shape of an object of which only the tag is known."""
+    """Shape of an object with a valid tag and any other members."""
     assert isinstance(shape, Tagged)
-    found: Shape = Text(tuple(shape.kinds))
+    tag_shape: Shape = Text(tuple(shape.kinds))
     for key in reversed(shape.tag.split(".")):
-        found = Record({key: found}, unknown="ignore")
-    return found
+        tag_shape = Record({key: tag_shape}, unknown="ignore")
+    return tag_shape
 
 
 def known_members(shape: Shape, value: Any) -> Any:
-    """A document without the members that its shape does not know.
-
-    Readers get this one: a member that is only unknown where it stands was never checked.
+    """Copy a document without unknown members, in lists and tables, too; unknown members are
+    unchecked.
     """
     if isinstance(shape, Record) and isinstance(value, dict):
         members = {**shape.required, **shape.optional}
@@ -267,10 +263,10 @@ def known_members(shape: Shape, value: Any) -> Any:
 
 
 def value_of(shape: Shape, value: Any) -> Any:
-    """A value that has a shape, as readers use it.
+    """Convert a valid value: numbers to float (unless whole), lists to tuples, records by their
+    ``into``.
 
-    Numbers that may have a decimal point are floats, lists are tuples, and records are what their
-    ``into`` makes of the members that they know.
+    Unknown members of records are dropped.
     """
     match shape:
         case Number():
@@ -311,9 +307,11 @@ def _check_record(shape: Record, value: Any, report: Report, place: Place) -> No
             report.warn("UNKNOWN", place, f"'{key[:SHOWN]}' is unknown")
     if shape.one_of and sum(key in value for key in shape.one_of) != 1:
         report.error("COUNT", place, _found(value, "exactly one of " + ", ".join(shape.one_of)))
-    for key, other in shape.needs.items():
-        if key in value and value.get(other, False) is False:
-            must = f'"{other}"' + (": true" if isinstance(shape.optional[other], Flag) else "")
+    for key, companion in shape.needs.items():
+        if key in value and value.get(companion, False) is False:
+            must = f'"{companion}"' + (
+                ": true" if isinstance(shape.optional[companion], Flag) else ""
+            )
             report.error("MISSING", (place, key), _found(value[key], f"left out: it needs {must}"))
 
 
@@ -371,7 +369,7 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
             report.error("TYPE", place, _found(value, shape.allowed))
             return
         value = number
-    # bool is an int in Python, and a true amplitude would be full power.
+    # bool is an int in Python: an amplitude of true would be full power.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or (shape.is_whole and not isinstance(value, int)):
         report.error("TYPE", place, _found(value, shape.allowed))
@@ -382,7 +380,7 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
 
 
 def _number_of(text: str) -> float | None:
-    """Number that a text holds; None for another text, infinities and what is no number."""
+    """Parse a finite number; None for any other text."""
     try:
         number = float(text)
     except ValueError:
@@ -404,50 +402,46 @@ def _found(value: Any, allowed: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Begin of a value as JSON, as a message repeats it."""
+    """Encode a value as JSON for a message, cut after :data:`SHOWN` characters."""
     text = ""
     for part in json.JSONEncoder().iterencode(value):
         text += part
-        if len(text) > SHOWN:  # a document may be large: the rest of it is not encoded
+        if len(text) > SHOWN:  # the rest of a large document is not encoded
             return text[:SHOWN] + "..."
     return text
 
 
 @dataclass(frozen=True)
 class Node:
-    """Value of a JSON document with its place in the file."""
+    """Value of a JSON document with its file name and place, for messages."""
 
     value: Any
     file: str
     place: Place = None
 
     def hold(self, shape: Shape) -> Node:
-        """Refuse a value that has not a shape.
-
-        Raises
-        ------
-        InputError
-            With the first fault: file, place, found value and allowed values.
-        """
+        """Validate the value and return the node; raise InputError for the first error."""
         report = Report("")
         check(shape, self.value, report, self.place)
-        for each in report.findings:
-            if each.severity == "error":
-                raise InputError(f"{self.file}: {sentence(each)}.")
+        for finding in report.findings:
+            if finding.severity == "error":
+                raise InputError(f"{self.file}: {sentence(finding)}.")
         return self
 
     def read(self, shape: Shape) -> Any:
-        """Value of a shape, see :func:`value_of`; raises as :meth:`hold`."""
+        """Validate and convert the value, see :func:`value_of`; raise InputError for the first
+        error.
+        """
         return value_of(shape, self.hold(shape).value)
 
     def fail(self, allowed: str) -> NoReturn:
-        """Raise an ``InputError`` with file, place, found value and allowed values."""
+        """Raise InputError with file, place, value and the allowed values."""
         finding = Finding("", shown_place(self.place), _found(self.value, allowed))
         raise InputError(f"{self.file}: {sentence(finding)}.")
 
     @property
     def path(self) -> str:
-        """Place as text: ``actuators[1].id``; empty for the document."""
+        """Place as text, such as ``actuators[1].id``; empty for the whole document."""
         return shown_place(self.place)
 
     def __contains__(self, key: str) -> bool:
@@ -457,43 +451,43 @@ class Node:
         return Node(self.value[key], self.file, (self.place, key))
 
     def items(self) -> Iterable[Node]:
-        """The items of a list."""
+        """Yield the items of a list as nodes."""
         return (self[k] for k in range(len(self.value)))
 
     def members(self) -> dict[str, Node]:
-        """The members of an object."""
+        """Nodes of an object's members by name."""
         return {key: self[key] for key in self.value}
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Value of a member, or a default without it."""
+        """Value of a member, or ``default`` for a missing member."""
         return self.value.get(key, default)
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Number of a member as float, or a default without it."""
+        """Member as float; KeyError for a missing member without a default."""
         return float(self.value[key] if default is None else self.value.get(key, default))
 
     def numbers(self, key: str) -> tuple[float, ...]:
-        """List of numbers of a member, as floats."""
+        """Member, a list of numbers, as floats."""
         return tuple(map(float, self.value[key]))
 
     def curve(self, key: str) -> tuple[tuple[float, float], ...]:
-        """Pairs of numbers of a member, as floats; none without it."""
+        """Member, a list of number pairs, as floats; empty for a missing member."""
         return tuple((float(a), float(b)) for a, b in self.value.get(key, ()))
 
 
 def read(path: Path, most_bytes: int = MAX_OWN_BYTES) -> Node:
-    """Read a JSON document of this program's own kinds.
+    """Read a JSON file of one of this program's own formats.
 
     Raises
     ------
     InputError
-        It cannot be read, is larger than ``most_bytes`` or deeper than ``MAX_OWN_DEPTH``, is not
-        UTF-8, is not JSON, repeats a key in an object or holds a number that is not finite.
+        Unreadable file, more than ``most_bytes``, nesting deeper than ``MAX_OWN_DEPTH``, no UTF-8,
+        no JSON, a repeated key in an object, or a number that is not finite.
     """
     return node_of(read_bytes(path, most_bytes), str(path), most_bytes)
 
 
 def node_of(content: bytes, name: str, most_bytes: int = MAX_OWN_BYTES) -> Node:
-    """:func:`read` for bytes that are no file; messages call them by ``name``."""
+    """Parse JSON bytes like :func:`read`; ``name`` stands for the file in messages."""
     document = parse(content, name, most_bytes, MAX_OWN_DEPTH, has_file_names=True)
     return Node(document, name)

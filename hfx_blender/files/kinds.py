@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Kinds of JSON documents of this program, told by a mark in them, whatever a file is called."""
+"""Identifies this program's JSON documents by a marker in their content."""
 
 from __future__ import annotations
 
@@ -27,14 +27,17 @@ _MOST_BYTES: Final = 64 << 20
 
 
 def refuse_another(document: Any, file: str, own: str) -> None:
-    """Raise InputError if the document of a file is of another kind than its reader's ``own``."""
+    """Raise InputError for a document with the marker of another kind than ``own``.
+
+    Documents without a known marker pass. ``file`` is the name for the message.
+    """
     mark = _mark_of(document)
     if mark not in ("", own):
         raise InputError(f"{file}: is {_TITLES[mark]}, expected {_TITLES[own]}.")
 
 
 def title_of(path: Path) -> str:
-    """Kind of a file by its content, with an article; by its suffix where that is unknown."""
+    """Describe a file with an article: by its JSON marker, else by its suffix."""
     suffix = f"a {path.suffix} file" if path.suffix else "a file without a suffix"
     try:
         if path.suffix.lower() != ".json" or path.stat().st_size > _MOST_BYTES:

@@ -39,28 +39,28 @@ class Limit:
         """Current limit."""
         return self.default * (_times.get() or 1.0)
 
-    def check(self, asked: float, name: str, asks: str) -> None:
+    def check(self, amount: float, name: str, clause: str) -> None:
         """Raise TooLargeError for an amount above the limit, or NaN.
 
         Parameters
         ----------
-        asked : float
-            Amount, in the limit's unit.
+        amount : float
+            Required amount, in the limit's unit.
         name : str
             Name of the file, for the message.
-        asks : str
+        clause : str
             Subject and verb of the message: ``its envelope lasts``, ``values would take``.
         """
-        if not asked <= self.allowed:  # also true for NaN
-            times = asked / self.default if asked < _COUNTLESS else math.inf
-            way = ""
+        if not amount <= self.allowed:  # also true for NaN
+            times = amount / self.default if amount < _COUNTLESS else math.inf
+            cure = ""
             if not times <= MOST_TIMES:
-                way = " (far too much)"
+                cure = " (far too much)"
             elif _times.get() is not None:
-                way = f" ('--largest {_up(times)}' allows it)"
+                cure = f" ('--largest {_up(times)}' allows it)"
             raise TooLargeError(
-                f"{name}: {asks} {_shown(asked)} {self.unit}, allowed are "
-                f"{_shown(self.allowed)} {self.unit}{way}."
+                f"{name}: {clause} {_shown(amount)} {self.unit}, allowed are "
+                f"{_shown(self.allowed)} {self.unit}{cure}."
             )
 
 

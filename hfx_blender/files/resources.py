@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Folders of data: in a checkout, in an installed wheel, in an extension."""
+"""Folders and files of shipped data (checkout, wheel or extension) and of the user's data."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _data_folder(name: str) -> Path:
-    # A wheel and an extension carry the data inside the package; a checkout beside it.
+    # Wheel and extension: inside the package. Checkout: next to the package.
     for folder in (_PACKAGE / name, _PACKAGE.parent / name):
         if folder.is_dir():
             return folder
@@ -27,7 +27,7 @@ def _data_folder(name: str) -> Path:
 
 
 def body_models() -> Path:
-    """Folder of the perceptual models, the avatar and their manifest."""
+    """Folder of the shipped perceptual models, the avatar and their manifest."""
     return _data_folder("body_models")
 
 
@@ -42,63 +42,52 @@ def effect_library() -> Path:
 
 
 def user_body_models() -> Path:
-    """Folder of the sets of body models that the user has installed; it need not exist.
-
-    The environment variable ``HFX_BODY_MODELS`` names another one.
-    """
+    """Folder of installed body model sets, or the variable ``HFX_BODY_MODELS``; may be missing."""
     return _named_by(BODY_MODELS_VARIABLE) or _user_data() / "body_models"
 
 
 def user_devices() -> Path:
-    """Folder of the user's own device configurations and scripts; it need not exist.
-
-    The environment variable ``HFX_DEVICES`` names another one.
-    """
+    """Folder of the user's device configurations and scripts, or ``HFX_DEVICES``; may be absent."""
     return _named_by(DEVICES_VARIABLE) or _user_data() / "devices"
 
 
 def user_effects() -> Path:
-    """Folder of the user's own sensations; it need not exist.
-
-    The environment variable ``HFX_EFFECTS`` names another one.
-    """
+    """Folder of the user's sensations, or the variable ``HFX_EFFECTS``; may be missing."""
     return _named_by(EFFECTS_VARIABLE) or _user_data() / "effects"
 
 
 def approved_scripts() -> Path:
-    """File of the approved device scripts; it need not exist."""
+    """File of approved device scripts; may be missing."""
     return _user_data() / "approved_scripts.json"
 
 
 def time_on() -> Path:
-    """Folder that remembers how long devices were on; it need not exist."""
+    """Folder of the recorded on-times of devices; may be missing."""
     return _user_data() / "time_on"
 
 
 def live_settings() -> Path:
-    """File that remembers how the user's devices are connected; it need not exist."""
+    """File of the connection settings of live devices; may be missing."""
     return _user_data() / "live_devices.json"
 
 
 def saved_areas() -> Path:
-    """File of the user's own painted areas; it need not exist."""
+    """File of the user's painted areas; may be missing."""
     return _user_data() / "areas.json"
 
 
 def surface_calibration() -> Path:
-    """File of the calibrated strength of surfaces, per device; it need not exist."""
+    """File of the calibrated surface strength of each device; may be missing."""
     return _user_data() / "surface_calibration.json"
 
 
 def kept_fits() -> Path:
-    """Folder of the fits to the user's avatars, which may be deleted; it need not exist."""
+    """Cache folder of fits to the user's avatars; may be missing or deleted."""
     return _user_data() / "fits"
 
 
 def _user_data() -> Path:
-    """Folder for our user data by the platform's convention, or by the variable
-    ``HFX_USER_DATA``.
-    """
+    """Folder of the user's data by the platform's convention, or the variable ``HFX_USER_DATA``."""
     if named := _named_by(USER_DATA_VARIABLE):
         return named
     if sys.platform == "win32":
@@ -109,13 +98,13 @@ def _user_data() -> Path:
 
 
 def _named_by(variable: str) -> Path | None:
-    """Folder that an environment variable names; None where it is not set, or empty."""
-    named = os.environ.get(variable)
-    return Path(os.path.expanduser(named)) if named else None
+    """Folder in an environment variable; None for an unset or empty variable."""
+    value = os.environ.get(variable)
+    return Path(os.path.expanduser(value)) if value else None
 
 
 def _home() -> Path:
-    """The user's home folder; one that does not exist where the user has none (containers)."""
+    """Home folder of the user; a missing folder for users without a home (containers)."""
     try:
         return Path.home()
     except RuntimeError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strict JSON of other programs: bounded reading, parsing with places of faults, encoding."""
+"""Strict JSON parsing with limits, bounded file reading, and deterministic JSON encoding."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from . import limits
 
 MAX_BYTES: Final = 64 << 20
 SHOWN: Final = 60
-"""Most characters of a value that a message repeats."""
+"""Largest number of characters of a value in a message."""
 _READ_BYTES: Final = 1 << 20
 _STRINGS: Final = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
 _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
 
 Place = tuple[Any, ...] | None
-"""Place in a document: (place of its parent, key or index); None for the document itself."""
+"""Location in a document as (parent location, key or index); None for the document itself."""
 
 
 def shown_place(place: Place) -> str:
-    """``perceptions[0].channels[3].id``."""
+    """Location as text, such as ``perceptions[0].channels[3].id``; empty for the document."""
     keys: list[str | int] = []
     while place is not None:
         place, key = place
         keys.append(key)
     text = ""
-    for each in reversed(keys):
-        text += f"[{each}]" if isinstance(each, int) else f".{each[:SHOWN]}" if text else each
+    for key in reversed(keys):
+        text += f"[{key}]" if isinstance(key, int) else f".{key[:SHOWN]}" if text else key
     return text
 
 
@@ -48,15 +48,24 @@ def parse(
     *,
     has_file_names: bool = False,
 ) -> Any:
-    """Parse a JSON document; numbers are finite, keys are there once. A byte order mark may be.
+    """Parse JSON bytes with finite numbers and unique keys; a byte order mark is allowed.
 
-    Texts may have halves of surrogate pairs only with ``has_file_names``: so Python names files
-    whose names are not UTF-8.
+    Parameters
+    ----------
+    name : str
+        Name of the file for messages.
+    most_bytes : int, optional
+        Size limit; None: :data:`MAX_BYTES`.
+    most_depth : int, optional
+        Nesting limit; None: that of Python's parser.
+    has_file_names : bool
+        Allow unpaired surrogates: Python's form of file names that are not UTF-8.
 
     Raises
     ------
     InputError
-        It is too large, not UTF-8, not JSON, too deep, or has one of the faults above.
+        Too large, too deep, no UTF-8, no JSON, a repeated key, a number that is not finite or has
+        more than 20 digits, or an unpaired surrogate.
     """
     if len(content) > (most_bytes := most_bytes or MAX_BYTES):
         raise InputError(f"{name}: is larger than {most_bytes >> 20} MiB, the most that is read.")
@@ -80,18 +89,12 @@ def parse(
 
 
 def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
-    """A file's content, if it is not larger than allowed.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or is larger.
-    """
+    """Read a regular file of at most ``most`` bytes; raise InputError for any other path."""
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:
             parts, size = [], 0
-            # Part by part: for one large read Python allocates the largest possible size.
+            # In chunks: one large read would allocate the largest allowed size.
             while size <= most and (part := file.read(_READ_BYTES)):
                 parts.append(part)
                 size += len(part)
@@ -103,58 +106,46 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
 
 
 def read_data(path: Path) -> bytes:
-    """A file of samples or tables, within :data:`.limits.MEMORY`.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or is larger.
-    """
+    """Read a regular file within the limit :data:`.limits.MEMORY`; raise InputError for others."""
     refuse_no_file(path)
     limits.MEMORY.check(path.stat().st_size, str(path), "it has")
     return read_bytes(path, int(limits.MEMORY.allowed))
 
 
 def mapped(path: Path) -> bytes:
-    """Memory-mapped content of a file of any size.
-
-    Raises
-    ------
-    InputError
-        It cannot be read.
-    """
+    """Map a regular file of any size into memory; InputError for an unreadable path."""
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:
             if not os.fstat(file.fileno()).st_size:
                 return b""
             content: Any = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            return content  # type: ignore[no-any-return]  # it is sliced as bytes are
+            return content  # type: ignore[no-any-return]  # slices of a map are bytes
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
 
 
 def encoded(document: Any) -> bytes:
-    """A document as JSON, the same bytes for the same content."""
+    """Encode a document as compact JSON with a final line end; equal documents give equal bytes."""
     return (json.dumps(document, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
 
 
 def clean(name: str) -> str:
-    """A name as UTF-8 can hold it: Blender's may have broken characters."""
+    """Replace characters of a name that UTF-8 cannot encode (names in Blender may be broken)."""
     return name.encode("utf-8", "replace").decode()
 
 
 @dataclass(frozen=True)
 class _Fault:
-    """Placeholder of a value or an object that is not allowed, until its place is known."""
+    """Placeholder of a forbidden value until its location is known."""
 
     described: str
 
 
 def _located(text: str) -> str:
-    """Place and description of the first number or object that is not allowed; else empty.
+    """Location and description of the first forbidden number or object; empty for no such fault.
 
-    The document is parsed a second time, with placeholders: a parser's hook knows no place.
+    Parses the text again with placeholders: a hook of the parser has no location.
     """
     try:
         waiting: list[tuple[Any, Place]] = [(json.loads(text, **_MARKING), None)]
@@ -171,7 +162,7 @@ def _located(text: str) -> str:
 
 
 def _depth(text: str) -> int:
-    """Deepest nesting, counted before the recursive parser sees the text."""
+    """Deepest nesting of brackets outside strings, measured before the recursive parser runs."""
     depth = deepest = 0
     for character in _STRINGS.sub("", text):
         if character in "[{":
@@ -205,7 +196,7 @@ def _whole(text: str) -> int:
 
 
 def _marked(hook: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A parser's hook that gives a placeholder where another one raises."""
+    """Wrap a hook: return a placeholder instead of raising ValueError."""
 
     def marking(content: Any) -> Any:
         try:
@@ -222,6 +213,6 @@ _STRICT: Final[dict[str, Any]] = {
     "parse_int": _whole,
     "parse_constant": _finite,
 }
-"""Arguments of ``json.loads`` that refuse repeated keys, NaN, infinity and too long numbers."""
+"""Arguments of ``json.loads`` for rejecting repeated keys, NaN, infinity and too long numbers."""
 
 _MARKING: Final[dict[str, Any]] = {key: _marked(hook) for key, hook in _STRICT.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Endings of files that the user interface names before their formats are imported."""
+"""File name suffixes for the user interface, available before the formats are imported."""
 
 from __future__ import annotations
 
