@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Report of an export: samples by effect, effects that no device played, files."""
+"""Report of an export: felt and unfelt effects, effects without a device, files, warnings."""
 
 from __future__ import annotations
 
@@ -67,9 +67,10 @@ class ExportReport:
 
 
 def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[dict[str, Any], ...]:
-    """Summary of each effect on each body over a whole track.
+    """Facts of each stream of a track: name, body, modality, seconds, times and vertices.
 
-    With ``times``, samples whose strength is 0 count for the vertices only.
+    With ``times``, only samples of nonzero strength count for seconds, and for the first and last
+    time (seconds; None without samples).
     """
     names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
@@ -94,7 +95,7 @@ def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[di
 def _with_strength(
     summary: StreamSummary, header: TrackHeader, times: FeltTimes | None
 ) -> StreamSummary:
-    """Summary with the number and the times of those samples only whose strength is not 0."""
+    """Copy of a summary with samples of nonzero strength only; unchanged without ``times``."""
     if times is None:
         return summary
     stream = summary.stream
@@ -117,26 +118,26 @@ def told_effects(
     answering: Collection[str] = (),
     seen_on: Collection[str] = (),
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
-    """Each effect of a scene: when it is felt on any body, or the reason why it is not.
+    """Facts of each effect of a scene: times at which any body feels it, or the reason of silence.
 
     Parameters
     ----------
     track : TrackReader
-        Of all samples.
+        Track of all samples.
     unfelt : mapping
-        Reasons that are known already, by the names of effects.
+        Reasons known before the recording, by effect name.
     warnings : sequence of str
-        Of the recording. An effect that they name needs no other warning.
+        Warnings of the recording; an effect named in one of them gets no second warning.
     is_part : bool
-        Only some frames of the scene were recorded: effects that are felt at others are expected.
+        Only some frames of the scene were recorded, so silence of effects is expected.
     instances : collection of str
-        Ids of effects that are instances: one of them may pass by, if another is felt.
+        Ids of instances and particles; silence is expected if another one of the swarm is felt.
     times : FeltTimes, optional
-        Samples at which effects are on, and have a strength.
+        Samples at which effects are on with nonzero strength.
     answering : collection of str
         Ids of volumes with a contact response.
     seen_on : collection of str
-        Ids of volumes that were on where else only their place was read, as they are near no skin.
+        Ids of volumes that were on at samples far from all skin.
 
     Returns
     -------
@@ -215,7 +216,7 @@ def _driver_fault(warnings: Sequence[str], name: str) -> str | None:
 def _why_missed(
     effect: TrackEffect, times: FeltTimes | None, has_response: bool, is_seen_on: bool
 ) -> str:
-    """Reason why an effect has no sample at all."""
+    """Reason for an effect without samples, as a predicate."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
             what = times.no_number[effect.id]
@@ -240,7 +241,7 @@ def _felt_or_not(
 
 
 def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Warnings about effects, each with the reason, that are not felt."""
+    """Warnings about unfelt effects, from (name, reason); one warning for each reason."""
     reasons: dict[str, list[str]] = {}
     for name, why in missed:
         reasons.setdefault(why, []).append(name)
@@ -254,7 +255,7 @@ def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
 
 
 def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
-    """Effects on a body that none of its devices renders."""
+    """Facts of streams that no device of the body renders, with seconds and share."""
     effects = {effect.id: effect.name for effect in header.effects}
     bodies = {body.id: body.name for body in header.bodies}
     return tuple(
@@ -277,51 +278,41 @@ _OTHERWISE = {
 
 
 def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
-    """Notes on effects that devices play differently or not at all.
+    """Notes on modalities that devices lack, and on effects that devices play differently.
 
-    What no device plays of an effect is told by :func:`not_played`; that one of several devices
-    does not lie where an effect is felt is how devices share a body.
+    :func:`not_played` covers effects without any device. A device away from an effect gets no note,
+    because several devices share a body.
     """
     effects = {effect.id: effect.name for effect in header.effects}
     notes = []
     for raster in rasters:
-        lacking = {each.modality for each in raster.shortfalls if each.reason == "modality"}
-        if lacking:
-            notes.append(f"device '{raster.device_id}' plays no {', '.join(sorted(lacking))}")
+        missing = {short.modality for short in raster.shortfalls if short.reason == "modality"}
+        if missing:
+            notes.append(f"device '{raster.device_id}' plays no {', '.join(sorted(missing))}")
         notes += [
             f"device '{raster.device_id}' "
-            f"{_OTHERWISE[each.reason].format(effects[each.effect_id])} "
-            f"for {each.seconds:.2f} s ({each.share:.0%})"
-            for each in raster.shortfalls
-            if each.reason in _OTHERWISE
+            f"{_OTHERWISE[short.reason].format(effects[short.effect_id])} "
+            f"for {short.seconds:.2f} s ({short.share:.0%})"
+            for short in raster.shortfalls
+            if short.reason in _OTHERWISE
         ]
     return tuple(notes)
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """Read a report; None if the file is missing or no report."""
+    """Read a report or record; None for a missing, too large or invalid file."""
     try:
-        # A pipe of that name would be waited for, and no signal ends that.
+        # Opening a pipe would block without an end, even against signals.
         if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
             return None
-        found = json.loads(path.read_bytes())
+        report = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return report if isinstance(report, dict) else None
 
 
 def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
-    """Unchanged device files that an earlier export of this name wrote.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the results and their report are.
-    stem : str
-        Their common name.
-    devices : collection of str
-        Ids of the devices.
-    """
+    """Unchanged files of devices (by id) from an earlier export to ``folder/stem.*``."""
     report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
     return tuple(
         path

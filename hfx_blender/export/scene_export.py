@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports one scene: records its track, renders it for devices, writes files and a report.
+"""Exports one scene: records its track, renders the track for devices, writes files and a report.
 
-Everything is written into a folder of its own beside the destination and moved into place when
-all of it is complete.
+All files are written into a staging folder and moved to the destination together when complete.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ writes."""
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """Settings of an export. A format or a device that is given twice counts once.
+    """Settings of an export; repeated formats and devices count once.
 
     Raises
     ------
@@ -82,10 +81,10 @@ class ExportSettings:
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
-    threads: int = field(default_factory=cores)  # at most; the results are the same
+    threads: int = field(default_factory=cores)  # largest number, without effect on results
     clip_detail: int = DETAIL  # level of detail of bodies in game clips
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
-    missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
+    missing: Mapping[str, str] = field(default_factory=dict)  # device id to reason of silence
 
     def __post_init__(self) -> None:
         writing.check(self.formats, self.devices)
@@ -94,7 +93,7 @@ class ExportSettings:
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> ExportSettings:
-        """The same, but some devices play nothing.
+        """Return settings without the given devices, mapped to reasons.
 
         Raises
         ------
@@ -103,7 +102,7 @@ class ExportSettings:
         """
         if not missing:
             return self
-        devices = tuple(each for each in self.devices if each.id not in missing)
+        devices = tuple(device for device in self.devices if device.id not in missing)
         together = {**self.missing, **missing}
         formats = formats_without(together, self.formats, devices)
         return replace(self, formats=formats, devices=devices, missing=together)
@@ -111,11 +110,11 @@ class ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """Part of a scene's samples that was recorded alone."""
+    """Part of the samples of a scene, recorded separately."""
 
     track: Path
     recorded: Recorded
-    volumes: Path  # where volumes were; only if a format asks for it
+    volumes: Path  # arrays of SceneRecorders; missing without recorders
 
 
 class SceneExport:
@@ -389,7 +388,7 @@ def export_scene(
 
 
 def _refuse(warnings: Sequence[str]) -> None:
-    """Raise InputError if there is anything to warn of."""
+    """Raise InputError with all warnings, unless there are none."""
     if warnings:
         raise InputError("; ".join(shortened(warnings, MOST_LINES)) + ".")
 
