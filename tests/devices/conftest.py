@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fixtures of devices: a valid configuration, a client that is closed after each test."""
+"""Fixtures for devices: a valid configuration, and a client closed after each test."""
 
 import copy
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Valid device configurations that together use every field of the format."""
+"""Valid device configurations with every field of the format."""
 
 from __future__ import annotations
 
@@ -104,12 +104,12 @@ FULL: dict[str, Any] = {
 
 
 def changed(**members: Any) -> dict[str, Any]:
-    """The full configuration with other members at its top."""
+    """Copy the full configuration and replace top-level members."""
     return copy.deepcopy(FULL) | members
 
 
 def with_types(*types: dict[str, Any], **members: Any) -> dict[str, Any]:
-    """A configuration with an actuator of each of some types, which stand in the room."""
+    """Return a configuration with one actuator of each given type, placed in the room."""
     return {
         "schema": "hfx-device",
         "version": 1,
@@ -189,7 +189,7 @@ SCHEMES = [
 
 
 def substituting(source: str, target: str) -> dict[str, Any]:
-    """A configuration in which one modality is shown as another."""
+    """Return a configuration with a substitution of one modality by another."""
     kinds = {"vibration": VIBRATION, "temperature": THERMAL}
     kinds |= dict(zip(STRENGTHS, OTHERS, strict=True))
     how = {"as": target, "scale": {"value": 1, "unit": f"{UNITS[target]} per {UNITS[source]}"}}
@@ -199,7 +199,7 @@ def substituting(source: str, target: str) -> dict[str, Any]:
 
 
 def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """All of them by name: shipped ones, and those made to use what none of these does."""
+    """Return all configurations by name: shipped devices, then documents for the remaining fields."""
     actual = {
         path.stem: json.loads(path.read_text(encoding="utf-8"))
         for path in sorted(resources.device_configs().glob("*.json"))

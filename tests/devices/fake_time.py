@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device thread on a clock that only the test moves: no waiting, the same each time."""
+"""Device thread on a simulated clock: repeatable tests without waiting."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BAND = load_device("forearm_band_left")  # eight motors: amplitude and frequency
 
 
 class FakeClock:
-    """Time that stands still until it is moved."""
+    """Clock advanced by the test only."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0
@@ -35,7 +35,7 @@ def frame(amplitude: float = 10.0) -> np.ndarray:
 
 
 class Port:
-    """An output that keeps what it is given, and when."""
+    """Output recording values and times."""
 
     def __init__(self, clock: FakeClock) -> None:
         self._clock = clock
@@ -57,14 +57,14 @@ class Port:
         return bool(self.given) and self.strengths()[-1][1] > 0.0
 
     def last_loud_s(self, since_s: float = 0.0) -> float:
-        """Time at which the last perceptible output was replaced; -1 without any."""
+        """Return the end of the last perceptible output, or -1 without such output."""
         actual = [*self.strengths(), (self._clock.now_s, 0.0)]
         ends = [after for (t, v), (after, _) in pairwise(actual) if v > 0.0]
         return max((item for item in ends if item > since_s), default=-1.0)
 
 
 class Played:
-    """An armed device thread, its port and what it reports."""
+    """Armed device thread with a recording port and a list of reports."""
 
     def __init__(self, clock: FakeClock | None = None, device: Any = BAND, **more: Any) -> None:
         self.clock = clock or FakeClock()
@@ -73,7 +73,7 @@ class Played:
         self.thread = DeviceThread(
             1, device, lambda: self.port, self._told, clock=self.clock, **more
         )
-        self.thread.output, self.thread.is_open = self.port, True  # its threads are this one
+        self.thread.output, self.thread.is_open = self.port, True  # without threads
         self.thread.silence = self.port.stop  # type: ignore[method-assign]
         self.thread.arm()
 
@@ -89,7 +89,7 @@ class Played:
 
 
 def run(played: Iterable[Played], seconds: float) -> None:
-    """Let time pass for device threads that share a clock."""
+    """Advance the shared clock of several device threads."""
     threads = [block.thread for block in played]
     clock = next(iter(played)).clock
     end = clock.now_s + seconds

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Worker process that a test plays: notes what it is sent, and says what the test wants."""
+"""Scripted worker process: records messages and answers on demand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ class FakeWorker:
 
     @classmethod
     def replace(cls, monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> list[FakeWorker]:
-        """Take the place of a module's workers; returns those that it starts, as it does."""
+        """Replace the Worker class of a module and return the list of started workers (filled
+        later).
+        """
         started: list[FakeWorker] = []
         monkeypatch.setattr(cls, "started", started)
         monkeypatch.setattr(module, "Worker", cls)

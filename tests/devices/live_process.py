@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process for tests: a client whose heart beats while it waits, devices that log."""
+"""Output process for tests: a client with heartbeats while waiting, and logging devices."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def wait(
 
 
 def play(client: LiveClient, name: str, log: Path, values: np.ndarray | None = None) -> None:
-    """Connect a simulator, and play until it can be felt."""
+    """Connect a simulator and send values until the log shows output."""
     client.connect(name, BAND, {"kind": "simulator", "path": str(log)})
     sent = playing() if values is None else values
     wait(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A websocket server of bytes: what it answers and sends need not be right."""
+"""Websocket server of raw bytes, for wrong handshakes and frames."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ RIGHT = (
 
 
 class RawServer:
-    """Server for one client: answers the handshake, sends bytes, and reads till the end, or, if
-    it says goodbye, till the client does so.
+    """Server for one client: answers the handshake, sends bytes, and reads to the end (after a
+    goodbye: until the client closes).
 
     Attributes
     ----------
     received : bytearray
-        After the client's request.
+        Bytes after the client's request.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class RawServer:
             return
         while content := taken.recv(65536):
             self.received += content
-            # A client's close frame with a code of two bytes, behind whatever came before.
+            # The client's close frame with a code of two bytes comes last.
             if self._says_goodbye and self.received[-8:-6] == b"\x88\x82":
                 return
 
@@ -85,7 +85,7 @@ class RawServer:
 
 
 def fault_of(connection: WebSocket, within_s: float = 30.0) -> str:
-    """Wait for the loss of a connection; its message."""
+    """Wait for the loss of a connection and return the error message."""
     until = time.monotonic() + within_s
     while time.monotonic() < until:
         try:

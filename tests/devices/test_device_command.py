@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx device``: devices of the user's own beside shipped ones, and what integrators read."""
+"""``hfx device``: user and shipped devices, and the information for integrators."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading device configurations: what is understood, and every field wrong in turn."""
+"""Reading device configurations: accepted fields, and a wrong value in every field."""
 
 import json
 from pathlib import Path
@@ -289,7 +289,7 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
         load_device(file)
     message = str(caught.value)
     assert message.startswith(str(file)) and message.endswith(".") and "\n" not in message
-    # The message names the field, or the object or list that it is in.
+    # The message names the field, or the enclosing object or list.
     keys = [key for key in path.split("/") if not key.isdigit()]
     assert any(key in message for key in keys[-2:])
     assert check(file) == [message]
@@ -340,7 +340,7 @@ def test_an_element_that_is_always_hotter_than_allowed_is_refused(full, stored):
         (b"{", "not valid JSON"),
         (b"[]", "allowed is an object"),
         (b"\xff\xfe{}", "not UTF-8"),
-        (b"\xef\xbb\xbf\xef\xbb\xbf{}", "not valid JSON"),  # one mark is none of its content
+        (b"\xef\xbb\xbf\xef\xbb\xbf{}", "not valid JSON"),  # only the first mark is skipped
         (b'{"a": NaN}', "not finite"),
         (b'{"a": -Infinity}', "not finite"),
         (b'{"a": 1e999}', "not finite"),

@@ -48,7 +48,7 @@ def test_faults_of_a_scheme_name_their_place(full, stored, rendering, found):
 
 
 def pad(full):
-    """The full example with its first actuator on a pad in front of the chest."""
+    """Return the full example with the first actuator on a pad in front of the chest."""
     full["mount"] = {"origin_m": [0.0, -0.1, 1.2], "x_axis": [1, 0, 0], "y_axis": [0, 0, 1]}
     full["actuators"][0]["place"] = {
         "pad": {"parts": ["torso"], "at_mm": [63.5, -20], "radius_m": 0.02}
@@ -94,7 +94,8 @@ def bent(full, radius_mm):
 
 
 def test_a_pad_bent_round_the_body_stands_where_its_arc_ends(full, stored):
-    # A quarter of 4 x 63.5 mm: 90 degrees, so beside the cylinder's axis, a radius behind the pad.
+    # A quarter of 4 x 63.5 mm is 90 degrees: level with the cylinder's axis, a radius behind the
+    # pad.
     radius_mm = 4 * 63.5 / math.tau
     at = read(stored, bent(full, radius_mm)).actuators[0].place.centre_m
     assert at == pytest.approx((radius_mm / 1000, -0.1 + radius_mm / 1000, 1.18))

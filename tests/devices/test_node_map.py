@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Node maps of VRChat haptics become devices that load, fit the body and can be driven."""
+"""VRChat node maps become devices: loading, fit to the body, and driving."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def node(bone: str, x: float, y: float, z: float, address: str | None = None) ->
     return actual if address is None else {**actual, "address": address}
 
 
-# Unity: Y up, the avatar faces +Z, its left is -X.
+# Unity: Y up, the avatar faces +Z with -X on the left.
 NODES = [
     node("Chest", -0.08, 1.3, 0.1, "/avatar/parameters/h/VestFront_0"),
     node("Chest", 0.08, 1.3, -0.1, "/avatar/parameters/h/VestBack_3"),

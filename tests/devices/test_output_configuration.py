@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output section of device configurations, and every field of it wrong in turn."""
+"""Output section of device configurations, with a wrong value in every field."""
 
 import copy
 import json
@@ -101,7 +101,7 @@ GOOD = {
 
 
 def with_output(full, document):
-    """A device with this output; our firmware drives only what is silent at 0."""
+    """Return a device with the given output; for the wire encoder all actuators are silent at 0."""
     full["output"] = document
     if document.get("encoder") == WIRE["encoder"]:
         full["actuators"][2]["type"] = "motor"
@@ -201,7 +201,7 @@ def test_each_field_of_an_output_wrong_in_turn(full, stored, document, path, val
 
 
 def test_our_firmware_drives_nothing_that_is_not_silent_at_0(full, stored):
-    full["output"] = WIRE  # a Peltier element at 0 would be as cold as it can
+    full["output"] = WIRE  # a Peltier element at 0 would be at the lowest temperature
     with pytest.raises(InputError, match="actuator 'c' is not silent at its minimum"):
         load_device(stored(full))
 

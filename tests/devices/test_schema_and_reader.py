@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every field that the JSON Schema knows, wrong in turn; and schema and reader agree.
+"""A wrong value in every field of the JSON Schema; schema and reader agree.
 
-The fields are found by walking the schema. One that is added to it and that no document uses fails
-the first test; as soon as a document uses it, all others try it.
+The fields come from a walk of the schema. A new field fails the first test until a document has the
+field; then all tests cover the field.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def resolved(schema: Any) -> Any:
 
 
 def kind_of(members: dict[str, Any]) -> str:
-    """``[ring]`` for an object whose ``scheme`` is ``ring``; nothing for most."""
+    """Return ``[ring]`` for an object with the ``scheme`` ``ring``; usually empty."""
     return "".join(f"[{members[key]}]" for key in KINDS if isinstance(members.get(key), str))
 
 
 def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Members and items that the schema knows: path, and allowed values."""
+    """Yield the path and the allowed values of each member and list element in the schema."""
     schema = resolved(schema)
     for item in schema.get("anyOf", ()):
         yield from fields_of_schema(item, path)
@@ -139,7 +139,7 @@ def type_name(value: Any) -> str:
 
 
 def with_raw(document: Any, place: Place, raw: str) -> bytes:
-    """A document's text with something at a place that no JSON writer writes."""
+    """Return a document's bytes with raw text at a place, for text outside JSON writers."""
     document = copy.deepcopy(document)
     put(document, place, "@raw@")
     return json.dumps(document).replace('"@raw@"', raw).encode()
@@ -183,11 +183,12 @@ def test_every_field_wrong_in_turn(path):
     for why, item in wrong:
         document = copy.deepcopy(whole)
         put(document, position, item)
-        # Of a kind that allows more; and Python's $ takes a line feed, as the standard's does not.
+        # Another allowed kind; and in Python, unlike in the standard, $ also matches before a line
+        # feed.
         if why in ("maybe", "too low", "too high") and VALIDATOR.is_valid(document):
             continue
         check_refused(document, (*position, UNKNOWN) if why == "unknown" else position, why)
-        if why in ("as None", "as 0.5", "as '?'"):  # a schema is slow: not all of them
+        if why in ("as None", "as 0.5", "as '?'"):  # the schema is slow, so only for some values
             assert not VALIDATOR.is_valid(document), f"the schema accepts {position} {why}"
     for raw in ("NaN", "-Infinity", "1e999", "9" * 40):
         check_refused(with_raw(whole, position, raw), position, raw)

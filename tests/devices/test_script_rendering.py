@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Device scripts on recorded tracks: told what they are told live, and what they say is played."""
+"""Device scripts on recorded tracks: input as in live mode, and playback of the returned values."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def render(haptics):
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's own devices, a band among them; nothing is approved."""
+    """Set up user devices with a band, and no approvals; return the device folder."""
     created = tmp_path / "devices"
     created.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(created))
@@ -109,7 +109,7 @@ def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
 
 
 def run_of(made: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRun:
-    """A stream on the forearms and a bit of all else, its strength another one at each row."""
+    """Return samples on the forearms and a few other vertices; the strength differs by row."""
     model = load_model(stream.model_id)
     is_felt = model.part == PARTS.index("forearm")
     is_felt[::50] = True
@@ -210,7 +210,7 @@ def test_limits_come_after_the_script(folder: Path, path: Path) -> None:
     ((_, raster),) = actual.played
     kind = load_device(BAND).actuators[0].type
     highest = [kind.strength.highest, kind.controls[1].highest]
-    assert (raster.values[:, :2] == raster.neutral[:2]).all()  # no number: that motor is silent
+    assert (raster.values[:, :2] == raster.neutral[:2]).all()  # not a number: silent motor
     assert (raster.values[:, 2:14] == highest * 6).all()
     assert (raster.values[:, 14:] == [0.0, 90.0]).all()
     assert f"no number at {ROWS} of {ROWS} times" in actual.warnings[0]
@@ -256,14 +256,14 @@ def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path) -> None
     assert len(exported) == len(live) == ROWS
     assert "'buzz'" in exported[BUZZ[0]] and "'warm'" in exported[WARM[0]]
     late = round(latency_ms / 1000 * RATE_HZ)
-    begins = range(BUZZ[0])  # an export gives at its own time what should begin before the track
+    begins = range(BUZZ[0])  # an export has no time before the track's start
     for row in range(ROWS):
         if row not in begins or row >= late:
             assert exported[row] == live[row], row
 
 
 def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
-    """A script's answers to moments one after the other, by the process of live playback."""
+    """Return a script's answers to consecutive moments, through the process of live playback."""
     assert device.script is not None
     script = approval.script_of(device.script.configuration)
     assert script is not None
@@ -398,7 +398,7 @@ def test_a_script_that_prints_a_lot_is_not_in_its_own_way(folder: Path, path: Pa
 
 
 def test_the_same_track_gives_the_same_bytes(folder: Path, path: Path) -> None:
-    # Sets of text are in another order in each process, unless one sees to it.
+    # The order of a set of strings differs between processes unless the hash seed is fixed.
     source = (
         "def render(h):\n"
         "    order = list({'a', 'b', 'c', 'd', 'e', 'f'})\n"
@@ -419,7 +419,7 @@ def test_each_wearer_has_a_script_of_its_own(folder: Path, tmp_path: Path) -> No
 
 
 def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) -> None:
-    """A band of motors lacks temperature; its script shows warmth as vibration."""
+    """For a band of motors without temperature, the script plays warmth as vibration."""
     source = (
         "def render(h):\n"
         "    warm = h.strongest('temperature')\n"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shipped devices sit where they say, on all perceptual models."""
+"""Shipped devices are placed as described, on all perceptual models."""
 
 from pathlib import Path
 
@@ -51,7 +51,7 @@ EXPECTED = {  # parts, sides, actuators
     "peltier_sleeve_right": ("forearm", {RIGHT}, 2),
 }
 IN_THE_ROOM = {name for name, (part, _, _) in EXPECTED.items() if part is None}
-ALL_ROUND = {"thalmic_myo_left", "thalmic_myo_right"}  # centred in the arm, reaches its skin
+ALL_ROUND = {"thalmic_myo_left", "thalmic_myo_right"}  # centred in the arm
 
 
 def cells(name, model_id):
@@ -171,7 +171,7 @@ def test_a_small_peltier_between_temperature_vertices_still_fires(side):
     device, model, actual = cells(f"peltier_sleeve_{side}", "hfx-temperature-1")
     mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
     gaps = np.linalg.norm(model.vertices[None] - (centres_of(device) * mirror)[:, None], axis=2)
-    assert gaps.min(axis=1).max() > 0.02  # no vertex under the 40 mm of at least one element
+    assert gaps.min(axis=1).max() > 0.02  # at least one element has no vertex within 20 mm
     assert (actual.counts >= 1).all()
     assert device.actuator_types["element"].strength.highest <= MAX_TEMPERATURE_C
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuator layouts of Unitouch Studio become devices that load and fit the body."""
+"""Actuator layouts of Unitouch Studio become devices: loading, and fit to the body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PLACES = [(x, y, z) for z in (0.75, 0.25) for y in (0.8, 0.2) for x in (0.3, 0.7
 
 
 def layout(**others: Any) -> dict[str, Any]:
-    """A cube of eight, of which the first four are at the front."""
+    """Return a layout of eight actuators in a cube, the first four at the front."""
     return {
         "name": "Cube",
         "visualReference": "Skinetic",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""User settings: two processes that write at the same time lose nothing."""
+"""User settings: concurrent writes of two processes lose nothing."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Khronos' validator of glTF: npm's package gltf-validator, which Node finds by NODE_PATH.
+"""Khronos' validator of glTF: npm package gltf-validator, found by Node through NODE_PATH.
 
-``npm install --no-save --prefix FOLDER gltf-validator`` and ``NODE_PATH=FOLDER/node_modules``
-install it; ``.ci/run`` does, and demands that Node finds it. Without it files count as sound, and
-``test_khronos_validator_is_asked`` says that it was skipped.
+Install with ``npm install --no-save --prefix FOLDER gltf-validator`` and
+``NODE_PATH=FOLDER/node_modules``; ``.ci/run`` does so and fails without Node. Elsewhere, without
+the package, files count as valid and ``test_khronos_validator_is_asked`` is skipped.
 """
 
 from __future__ import annotations
@@ -24,14 +24,17 @@ validator.validateBytes(bytes).then(
 
 @cache
 def is_there() -> bool:
-    """Test that Node and the package can be used."""
+    """Test for Node and the npm package."""
     node = shutil.which("node")
     expected = [node or "", "-e", "require('gltf-validator')"]
     return node is not None and subprocess.run(expected, capture_output=True).returncode == 0
 
 
 def gltf_faults(path: Path) -> list[str]:
-    """Errors and warnings about a GLB file; extensions that are not Khronos' are none."""
+    """Return errors and warnings about a GLB file, except about extensions outside Khronos' list.
+
+    Empty without Node or the package.
+    """
     if not is_there():
         return []
     done = subprocess.run(

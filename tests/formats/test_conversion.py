@@ -83,7 +83,7 @@ def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
     writing.check(["csv"], [one, again])
     with pytest.raises(UsageError, match="two different devices have the id 'back_pad'"):
         writing.check(["csv"], [one, replace(again, gain=0.5)])
-    with pytest.raises(UsageError, match="the id 'back_pad' or 'Back_Pad'"):  # one file on Windows
+    with pytest.raises(UsageError, match="the id 'back_pad' or 'Back_Pad'"):  # equal on Windows
         writing.check(["csv"], [one, replace(again, id="Back_Pad")])
 
 
@@ -148,7 +148,7 @@ def test_vibration_goes_from_format_to_format(tmp_path, source, target):
     assert files.validate(written.files[0])[1] == []
     times = np.linspace(0.02, 0.55, 100)
     off = np.abs(before.amplitude.at(times) - after.amplitude.at(times))
-    if target != "he1" and source != "tact":  # which are silent between events, or have steps
+    if target != "he1" and source != "tact":  # steps, or silence between events
         assert off.max() <= 0.03
 
 
@@ -186,7 +186,7 @@ def test_a_single_signal_gets_exactly_the_name_that_was_asked_for(tmp_path):
 
 @pytest.mark.parametrize("target", ["csv", "raster.npz", "wav", "tact", "ahap"])
 def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, target):
-    """1 s up to full scale at 120 Hz: at its middle half of what each may be given."""
+    """A ramp of 1 s to full scale at 120 Hz reaches half of each actuator's maximum in the middle."""
     haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
     written = convert(tmp_path / "x.buzz.haptic", tmp_path / f"y.{target}", device="back_pad")
     assert files.validate(written.files[0])[1] == []
@@ -311,7 +311,7 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
 
 
 def test_envelopes_go_to_hjif_as_what_a_device_plays(tmp_path):
-    """1 s up to full scale; with the device there are its 20 actuators, their places and m/s^2."""
+    """A ramp of 1 s to full scale; a device adds 20 actuators, positions and m/s^2."""
     haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
     source = tmp_path / "x.buzz.haptic"
     device = load_device("back_pad")
@@ -373,7 +373,7 @@ def test_a_track_is_validated_as_a_whole(tmp_path, capsys):
 
 
 def _tones(folder, hertz):
-    """An HJIF file with a tone a channel, as MPEG writes it: no range of frequencies."""
+    """Write an HJIF file with one tone per channel and, as in MPEG's files, no frequency range."""
     signals = [
         signal([1.0] * 10, [frequency_hz] * 10, name=f"{frequency_hz:g}") for frequency_hz in hertz
     ]
@@ -434,7 +434,9 @@ def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path)
 
 
 def test_square_roots_of_earlier_versions_are_read_back():
-    """Intensity 0 to 1 in a second, then a tick of 0.8: a quarter, a half of full scale on it."""
+    """Intensity 0 to 1 in a second, then a tick of 0.8: a quarter and a half of full scale in the
+    middle.
+    """
     points = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 1.0, "ParameterValue": 1.0}]
     curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
     parts = [
@@ -486,11 +488,11 @@ def test_a_model_of_somebody_elses_beside_the_target_stays(tmp_path, capsys, con
         assert str(model) in capsys.readouterr().err
         assert model.read_bytes() == content and not (tmp_path / "b.hjif").exists()
         model.unlink()
-        for _ in range(2):  # ours is replaced
+        for _ in range(2):  # an own file is replaced
             assert cli.run(["convert", str(track.path), str(tmp_path / "b.hjif")]) == 0
 
 
-FOREIGN = {  # as other programs write these formats
+FOREIGN = {  # as written by other programs
     "ahap": b'{"Version": 1.0, "Metadata": {"Project": "Mine"}, "Pattern": []}',
     "haptic": b'{"version": {"major": 1}, "metadata": {"editor": "Haptics Studio"}, "signals": {}}',
     "he": b'{"Metadata": {"Version": 2, "Description": "rain"}, "PatternList": []}',
@@ -511,7 +513,7 @@ def test_a_file_of_somebody_elses_that_nobody_named_stays(tmp_path, capsys, suff
     assert companions
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     capsys.readouterr()
-    # Of another program; ours, laid out anew by another program; nothing that can be read.
+    # A file of another program; an own file reformatted by another program; unreadable bytes.
     theirs = json.dumps(json.loads(before[companions[-1]]), indent=4).encode()
     for content in (FOREIGN[suffix], theirs, b"\xff\xfe"):
         companions[-1].write_bytes(content)

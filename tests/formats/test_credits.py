@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Author, project and tags of files: kept where the other format has a place, else told."""
+"""Author, project and tags survive conversions, or a note names the loss."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ TACT = {
 
 
 def converted(document, source, target, folder, **options):
-    """The written document, and the note about what it has no place for."""
+    """Return the written document and the note about unsupported metadata, or None."""
     path = folder / source
     path.write_bytes(encoded(document))
     written = convert(path, folder / target, **options)
@@ -177,7 +177,7 @@ def test_info_shows_them(tmp_path, capsys):
     }
 
 
-# Statements that are no text, or characters that no file can hold.
+# Metadata of another type than text, or with characters outside the target format.
 @pytest.mark.parametrize("value", [None, 3, ["a"], {"b": 1}, "\x00", "a" * 10_000])
 def test_any_statement_is_read(value, tmp_path):
     document = {**AHAP, "Metadata": dict.fromkeys(("Project", "Created", "Team", "tags"), value)}

@@ -27,9 +27,9 @@ def curve_of(values, rate_hz=100.0):
 
 
 def least_count(curve, tolerance):
-    """Keyframes of the best curve that turns at rows only, found by trying all of them.
+    """Return the least number of keyframes at sample rows within a tolerance, by exhaustive search.
 
-    A linear programme for every choice of rows says whether some values there would do.
+    A linear programme per choice of rows decides whether suitable values exist.
     """
     from scipy.optimize import linprog
 

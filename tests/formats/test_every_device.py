@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every shipped device in every format: what plays in the table plays in the file, or is told.
+"""Every shipped device in every format: the raster plays in the file, or a note names the loss.
 
 The readers here are a few lines each, written from the formats' pages alone.
 """
@@ -88,7 +88,7 @@ def _wav(folder, device):
 
 
 def _tact(folder, device):
-    """By the dots of the configuration; of other devices only how many levels there are."""
+    """Return levels by the configuration's dots; for other devices only the number of levels."""
     levels = []
     for path in folder.glob("*.tact"):
         for track in json.loads(path.read_text())["project"]["tracks"]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene's volumes as glTF nodes and draft triggers, where and when they were."""
+"""A scene's volumes as glTF nodes and draft triggers, with positions and times."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def recorded(shape, matrices, levels=None):
     time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
     recorder = glb_scene.VolumeRecorder(SceneDescription(time, (), (effect,)))
     levels = np.ones(COUNT) if levels is None else np.asarray(levels)
-    for first in range(0, COUNT, 5):  # each block repeats the row before it, as history
+    for first in range(0, COUNT, 5):  # each block repeats the row before as history
         rows = np.arange(max(first - 1, 0), min(first + 5, COUNT))
         block = EffectBlock(levels[rows], np.zeros((len(rows), 2)), matrices[rows], (shape,))
         recorder.add(AnimationBlock(rows, (block,), (), history=int(first > 0)))
@@ -141,7 +141,7 @@ def test_a_moving_volume_is_animated(tmp_path):
                 [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
             ]
         )
-        again = rotation @ np.diag(actual["nodes"][0]["scale"])  # it stays
+        again = rotation @ np.diag(actual["nodes"][0]["scale"])  # constant scale
         np.testing.assert_allclose(again, turn @ matrices[k][:3, :3], atol=1e-5)
     steps = (paths["rotation"][1:] * paths["rotation"][:-1]).sum(axis=1)
     assert (steps > 0.0).all()  # the short way round
@@ -174,7 +174,7 @@ def test_rows_without_a_level_are_left_out(tmp_path):
 def test_triggers_without_what_they_play_are_told(tmp_path):
     sheared = STILL.copy()
     sheared[:, 0, 1] += 0.5
-    assert written(recorded(Cuboid(), sheared), tmp_path)[2].notes == ()  # a matrix holds it
+    assert written(recorded(Cuboid(), sheared), tmp_path)[2].notes == ()  # a matrix holds shear
     alone = recorded(Cuboid(), STILL).write([load_model("hfx-temperature-1")], tmp_path / "y")
     assert "no HJIF file" in alone.notes[0]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF: strict validation, lossless round trips, and envelopes that are what was felt."""
+"""HJIF: strict validation, lossless round trips, and envelopes equal to the samples."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_the_sample_is_valid():
     assert hjif_rules.findings(sample()) == []
 
 
-# One entry for each semantic rule of the standard's conformance configuration.
+# One entry per semantic rule of the standard's conformance configuration.
 SEMANTIC = {
     "VERSION-YEAR": (("version",), "2022"),
     "VERSION-AMENDMENT": (("version",), "2023-0"),
@@ -240,8 +240,8 @@ def test_each_semantic_rule_has_its_code(code):
     assert severities == {"warning" if is_warning else "error"}
 
 
-# MPEG's reference software (IOJson.cpp) takes them: a date needs four digits in a row, a URI one
-# character, a target may be the resolution itself, channels count for each perception.
+# Accepted by MPEG's reference software (IOJson.cpp): a date needs four digits in a row, a URI one
+# character, a target may equal the resolution, and channels count per perception.
 TAKEN = {
     "HJIF-DATE": (("date",), "2024-13-01 12:00"),
     "HJIF-AVATAR-URI": (("avatars", 1, "mesh"), "body mesh.glb"),
@@ -327,7 +327,7 @@ REQUIRED = {
 
 @pytest.mark.parametrize("place", list(places(sample())), ids=lambda p: ".".join(map(str, p)))
 def test_each_member_is_checked(place):
-    """Of a wrong type, misspelt, and, where the standard requires it, missing."""
+    """A member of a wrong type, with a misspelt name, or missing against the standard is refused."""
     for wrong in (None, True, {"a": 1}, [[]], "\u0000?"):
         actual = with_change(place, wrong)
         original = at(sample(), place)
@@ -379,7 +379,7 @@ def test_numbers_keep_their_ranges(place, lowest, highest):
     "HFX_HJIF_SCHEMAS" not in os.environ, reason="the standard's schemas are not ours"
 )
 def test_the_standards_schemas_agree():
-    """An independent reader of the schemas refuses what we refuse for them, and nothing else."""
+    """An independent reader of the standard's schemas refuses the same documents."""
     jsonschema = pytest.importorskip("jsonschema")
     from referencing import Registry, Resource
     from referencing.jsonschema import DRAFT4
@@ -394,7 +394,7 @@ def test_the_standards_schemas_agree():
     schema_codes = {"HJIF-MISSING", "HJIF-TYPE", "HJIF-RANGE", "HJIF-CHOICE", "HJIF-COUNT"}
     schema_codes |= {"HJIF-MODALITY", "HJIF-VERSION"}
     for position in places(sample()):
-        if "composition" in position:  # the schema's own misses what is in it
+        if "composition" in position:  # the schema does not check compositions
             continue
         for wrong in (None, True, {"a": 1}, [[]], -1, 1.5, 20_000, "?", ...):
             actual = with_change(position, None if wrong is ... else wrong)
@@ -518,7 +518,7 @@ def test_many_channels_and_keyframes_survive():
 
 
 def test_envelopes_of_references_compositions_and_ticks():
-    waves = sample()  # without the curve and the wavelet, which are samples of the vibration
+    waves = sample()  # without the curve and the wavelet, both samples of the vibration
     at(waves, (*C, "bands"))[:] = at(waves, (*C, "bands"))[1:3]
     (actual,) = to_signals.envelopes(hjif_reader.decode(encoded(waves), "x")[0])
     # A wave from 0.1 to 0.5 s; the library's from 0.6 to 1.1 s; the composition from 1.5 s on.
@@ -555,7 +555,7 @@ DENSE = envelopes.Dense(np.arange(3.0), np.array([0.0, 1.0, 0.0]))
 def track_of(
     folder, modality, kind, values, *, fps=Fraction(24), rate_hz=None, name="Rain", strengths=None
 ):
-    """A track of one effect; its levels a sample, on vertices of the shipped model."""
+    """Write a track with one effect and one level per sample, on vertices of the shipped model."""
     id = f"hfx-{'pressure' if modality == 'wind' else modality}-1"
     body = load_model(id)
     vertices = np.arange(0, len(body), 7, dtype=np.int32)[:40]
@@ -660,7 +660,7 @@ def test_short_and_constant_scenes(tmp_path, modality, levels):
 
 
 def _reference_channels(document):
-    """Channels as the reference decoder finds them: by id, over the whole file."""
+    """Return channels as in the reference decoder: by id, over the whole file."""
     return {c["id"]: c for p in document["perceptions"] for c in p["channels"]}
 
 
@@ -682,7 +682,7 @@ def test_channels_are_numbered_over_the_whole_file():
 
 
 @pytest.mark.parametrize("modality", ["vibration", "pressure"])
-@pytest.mark.parametrize("seconds", [20, 150])  # of 600 ticks a second; one effect holds 109
+@pytest.mark.parametrize("seconds", [20, 150])  # at 600 ticks a second; one effect holds 109 s
 def test_a_binary_form_of_16_bits_loses_no_time(tmp_path, modality, seconds):
     levels = 0.5 + 0.5 * np.sin(np.arange(100 * seconds) / 7.0)
     levels[300::500] = 1.0

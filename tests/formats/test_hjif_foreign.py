@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF of other tools: what the standard's schema takes is read, wavelets included."""
+"""HJIF of other tools: every document valid by the standard's schema is read, wavelets included."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DIGITS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 
 
 def channel_with(*bands, modality="Other", **members):
-    """A document as MPEG's encoder writes it, of one channel."""
+    """Return a document of one channel in the manner of MPEG's encoder."""
     channel = {"id": 0, "description": "c", "gain": 1.0, "mixing_coefficient": 1.0}
     channel |= {"body_part_mask": 0, "bands": list(bands), **members}
     perception = {"id": 0, "avatar_id": 0, "description": "", "perception_modality": modality}
@@ -47,7 +47,7 @@ def signal_of(document):
 
 
 def analysed(samples):
-    """The 9/7 transform by lifting, as JPEG 2000 (ISO/IEC 15444-1, annex F) gives it."""
+    """Return the 9/7 wavelet transform by lifting, after JPEG 2000 (ISO/IEC 15444-1, annex F)."""
     actual = np.array(samples, float)
     length = len(actual)
     while length >= 8:
@@ -63,7 +63,7 @@ def analysed(samples):
             else:
                 even += weight * (odd + np.append(odd[0], odd[:-1]))
         gain = 1.230174104914001 / np.sqrt(2.0)
-        # The standard counts details with the other sign.
+        # The standard negates the details.
         actual[: length // 2], actual[length // 2 : length] = even / gain, -odd * gain
         length //= 2
     return actual
@@ -110,13 +110,13 @@ class Code:
 
 
 def stream_of(values, planes, scale, is_large):
-    """SPIHT (Said and Pearlman, 1996) of whole numbers, each list's decision as it says."""
+    """Return the SPIHT code (Said and Pearlman, 1996) of integers, a bit per list decision."""
     code, count = Code(), len(values)
     for number, length in ((planes, 4), (int(is_large), 1), (scale, 7)):
         for index in range(length):
             code.put(number >> index & 1, 0)
 
-    def below(root, is_deep):  # the largest of all descendants, or of those after the children
+    def below(root, is_deep):  # largest of all descendants; deep: of those below the children
         level, most = [2 * root, 2 * root + 1], 0
         while level and level[0] < count:
             most = max(most, *(abs(values[k]) for k in level)) if not is_deep else most
@@ -181,8 +181,8 @@ def coded(samples, spacing_ticks=128):
     return {"band_type": "WaveletWave", "block_length": 128, **limits, "effects": effects}
 
 
-# A tone of 0.6 at 150 Hz, for 2048 samples; the reference encoder's own decoder places blocks
-# too near, and plays them one after the other.
+# A tone of 0.6 at 150 Hz for 2048 samples. The decoder of the reference encoder overlaps close
+# blocks; here blocks play one after the other.
 @pytest.mark.parametrize("spacing_ticks", [128, 16])
 def test_a_wavelet_band_is_its_tone(spacing_ticks):
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / RATE)
@@ -207,10 +207,10 @@ def test_early_wavelets_are_keyframes_with_their_scale():
 
 @pytest.mark.parametrize("loudness", [0.2, 1.0, 1.7])
 def test_quiet_and_loud_blocks_keep_their_ratio(loudness):
-    """A block's largest value has 7 bits after the point below 1, 4 before it and 3 after above.
+    """A block's maximum has 7 fraction bits below 1; above, 4 integer and 3 fraction bits.
 
-    The bits are those of Spiht_Enc.h in MPEG's reference software: WAVMAXLENGTH 8,
-    FRACTIONBITS_0 7, INTEGERBITS_1 4, FRACTIONBITS_1 3.
+    The bits are those of Spiht_Enc.h in MPEG's reference software: WAVMAXLENGTH 8, FRACTIONBITS_0
+    7, INTEGERBITS_1 4, FRACTIONBITS_1 3.
     """
     blocks = analysed(0.5 * np.sin(2 * np.pi * 150 * np.arange(1024) / RATE)) * loudness
     largest = np.abs(blocks).max()
@@ -225,7 +225,7 @@ def test_quiet_and_loud_blocks_keep_their_ratio(loudness):
 @pytest.mark.parametrize("stream", ["", "A", "AAAA"])
 def test_a_silent_block_is_a_block_and_keeps_its_length(stream):
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(3072) / RATE)
-    band = coded(tone, spacing_ticks=16)  # blocks that follow each other, as their places overlap
+    band = coded(tone, spacing_ticks=16)  # consecutive blocks, as the positions overlap
     band["effects"][1]["wavelet_stream"] = stream
     actual = signal_of(channel_with(band))
     assert actual.left_out == ()
@@ -271,7 +271,7 @@ def test_a_chirp_has_its_frequency_and_an_envelope_its_shape():
 
 
 def test_the_curve_of_a_vibration_is_its_slow_part():
-    # Extremes of a tone of 20 Hz: the cubic between them is nearly its sine.
+    # Extremes of a tone of 20 Hz: the cubic between neighbours is nearly the tone's sine.
     frames = [(k * 25, 0.5 * (-1) ** k, 0) for k in range(40)]
     effect = {**basis(*frames), "effect_type": "Basis"}
     band = {"band_type": "Curve", "curve_type": "Unknown", "effects": [effect]}
@@ -311,7 +311,7 @@ def early(document):
 
 
 def older(document):
-    """As its first drafts were."""
+    """Return the document in the form of the standard's first drafts."""
     document["perceptions"][0]["tracks"] = document["perceptions"][0].pop("channels")
     for band in document["perceptions"][0]["tracks"][0]["bands"]:
         band |= {"band_type": "Wave", "encoding_modality": "Vectorial", "window_length": 0}
@@ -350,7 +350,7 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
 
 
 def test_anything_in_a_composition_is_read_without_it():
-    """The standard's schema says nothing of what is in a composition."""
+    """The standard's schema allows any content of a composition."""
     parts = [basis((0, 0.5, 100), (400, 0.5, 200)), {"effect_type": True}, {"id": "x"}, 7]
     whole = {"effect_type": "Composite", "position": 100, "composition": parts}
     limits = {"lower_frequency_limit": 65, "upper_frequency_limit": 300}
@@ -394,7 +394,7 @@ def test_amplitudes_of_both_signs_pass_silence_in_between():
 
 
 def test_a_band_may_be_sampled_faster_than_the_schema_has_limits(tmp_path):
-    """The upper limit of a wavelet band is its rate, 16 kHz here; the schema ends at 10 kHz."""
+    """The upper limit of a wavelet band is the sample rate, 16 kHz here; the schema ends at 10 kHz."""
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / 16_000)
     band = {**coded(tone, spacing_ticks=64), "upper_frequency_limit": 16_000, "block_length": 64}
     document = channel_with(band)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info`` and ``hfx validate`` of reports, effects and paths; JSON that is nothing of ours."""
+"""``hfx info`` and ``hfx validate`` of reports, effects, paths, and foreign JSON."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""JPEG files whose end is missing."""
+"""JPEG files with a missing end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from hfx_blender.formats.pictures import jpeg
 
-# Start, a segment with a thumbnail (start to end of its own), a scan, data with a stuffed 255.
+# Start, a segment with a thumbnail (with start and end marks), a scan, data with a stuffed 255.
 THUMBNAIL = b"\xff\xe1\0\x08\xff\xd8\xff\xda\xff\xd9"
 BEGIN = b"\xff\xd8" + THUMBNAIL + b"\xff\xff\xdb\0\x03x" + b"\xff\xda\0\x02" + b"data\xff\0data"
 

@@ -24,14 +24,14 @@ from hfx_blender.formats.files import format_of, validate, without_invalid_files
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 
-DEVICE = load_device("phone_lra")  # one vibration actuator: 2 columns, and their times
+DEVICE = load_device("phone_lra")  # one vibration actuator: 2 columns and the times
 OF_DEVICES = tuple(id for id in FORMATS if id not in ("track", "glb"))
 SHORT_S = 7.0
 RATE_HZ = 50
 
 
 def _written(folder: Path, rows: int, formats=OF_DEVICES):
-    """What an export of a scene with one effect writes, and what it leaves out."""
+    """Export a scene with one effect; return written files and reasons for omitted files."""
     raster = replace(raster_for(DEVICE, rows=rows, rate_hz=Fraction(RATE_HZ)), body_id="b")
     with track_of(folder, "vibration", "painted", [1.0] * rows, fps=Fraction(RATE_HZ)) as track:
         return without_invalid_files(
@@ -79,7 +79,7 @@ def test_what_is_written_is_read_at_and_beyond_each_limit(
 def test_a_silent_raster_is_read_however_well_it_packs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rows = 20_000  # of two columns that never change: packed about 30 times, as are their times
+    rows = 20_000  # two constant columns: packed about 30 times, as are the times
     monkeypatch.setattr(limits, "PACKING", 10.0)
     monkeypatch.setattr(limits, "UNPACKED", Limit(8.0 * rows, "bytes"))
     path = tmp_path / "a.raster.npz"

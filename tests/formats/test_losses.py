@@ -185,11 +185,11 @@ def test_strict_refuses_what_is_left_out(tmp_path):
     assert not (tmp_path / "b.wav").exists()
 
 
-# --- what is cut, and what notes claim ------------------------------------------------------------
+# --- clipped values, and claims of notes ------------------------------------------------------
 
 
 def keyframes_of(path):
-    """Amplitude and frequency of a file as JSON has them: times and values, shares of the range."""
+    """Return amplitude and frequency keyframes in a file's JSON: times, and shares of the range."""
     actual = json.loads(path.read_bytes())
     if path.name.endswith(".haptic"):
         envelopes = actual["signals"]["continuous"]["envelopes"]
@@ -210,7 +210,7 @@ def keyframes_of(path):
     ]
 
 
-# Ramps of frequency that pass the limits of what a file holds: it goes along them from there on.
+# Frequency ramps beyond the range of a file are clamped to the limit from there on.
 @pytest.mark.parametrize("kind", ["ahap", "haptic"])
 @pytest.mark.parametrize("hertz", [(20.0, 500.0), (500.0, 20.0), (150.0, 1000.0)])
 def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
@@ -289,7 +289,7 @@ def test_errors_count_what_the_other_signal_has_near_in_time():
     assert losses.errors_of(one, late, 1e-6)[0] == pytest.approx(0.7)
 
 
-# A ramp from silence: the frequency at its silent end is as good as any other.
+# A ramp from silence: any frequency at the silent end gives the same signal.
 @pytest.mark.parametrize("levels", [[0.0, 0.8], [0.8, 0.0], [0.5, 0.0, 0.9]])
 def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
     times = np.linspace(0.0, 2.0, len(levels))

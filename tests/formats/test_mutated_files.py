@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every member of small files with values of other kinds, and in every other object.
+"""Small files with every member replaced by values of other kinds, and moved to every object.
 
 ``tests/manual/fuzz/run.py`` does the same at random, with any number, and through the commands.
 """
@@ -20,7 +20,7 @@ from hfx_blender.formats.files import decoded
 from hfx_blender.formats.registry import FORMATS
 
 VALUES = (None, True, -1, 1.5, 1e308, 10**400, "", "x", "NaN", "1e999", [], {}, [0], ["x"], [{}])
-# Members that are missing, and left out by players: what stands beside them is looked at.
+# Documents without members ignored by players, to check the neighbouring members.
 UNNAMED = {"Version": 1.0, "Pattern": [{"Event": {"Time": 0.0}}, *CURVED["Pattern"]]}
 SHORT = {**HE2, "PatternList": HE2["PatternList"][:1]}
 SEEDS = {"ahap": [AHAP, UNNAMED], "haptic": [HAPTIC], "he": [HE, SHORT], "hjif": [HJIF]}
@@ -36,7 +36,7 @@ def objects(tree):
 
 
 def changed(document):
-    """Copies with one member of another value, or in another object."""
+    """Yield copies with one member of another value, or in another object."""
     whole = list(objects(document))
     keys = sorted({key for item in whole for key in item})
     for number, owner in enumerate(whole):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Point clouds are read as they were written, in any of PLY's ways, or refused in a sentence."""
+"""Point clouds: round trips in all encodings of PLY, and refusal in one sentence."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rasters as NPZ (to the last bit) and as CSV, read back; damaged ones are refused."""
+"""Rasters as NPZ (exact) and as CSV: round trips, and refusal of damaged files."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused():
         one.writestr("values.npy", b"\0" * (64 << 20))
     small = bytearray(file.getvalue())
     at = small.rfind(b"PK\x01\x02")
-    small[at + 24 : at + 28] = (2**32 - 2).to_bytes(4, "little")  # the size that it claims
+    small[at + 24 : at + 28] = (2**32 - 2).to_bytes(4, "little")  # the claimed size
     with pytest.raises(InputError, match="would take"):
         npz_raster.decode(bytes(small), "x")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of formats: its functions are there, its page names them, it imports nothing."""
+"""Table of formats: existing functions, agreement with the page, no imports."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""AHAP, .haptic, .he and OpenXR: what is written is valid, and is what is read back."""
+"""AHAP, .haptic, .he and OpenXR: valid output and exact round trips."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FORMATS = {
 
 
 def round_trip(kind, content, frequencies=RANGE):
-    """Write a simplified signal, hold it against the rules, and read it back."""
+    """Write a simplified signal, validate the file, and return the signal read back."""
     document, validate, decode, _ = FORMATS[kind]
     data = encoded(document(content, frequencies))
     assert validate(data, "x") == []
@@ -80,7 +80,7 @@ def test_ticks_survive(kind, content):
     ticks = sorted(actual.transients, key=lambda each: each.time_s)
     assert [t.time_s for t in ticks] == pytest.approx([t.time_s for t in transients], abs=0.6e-3)
     for one, second in zip(ticks, transients, strict=True):
-        # Emphasis is never weaker than the envelope under it.
+        # Emphasis is never weaker than the envelope at the same time.
         level = second.amplitude
         if kind == "haptic":
             level = max(level, float(few.amplitude.at(second.time_s)))
@@ -99,7 +99,7 @@ def test_one_frequency_is_kept(kind):
 @pytest.mark.parametrize("kind", FORMATS)
 def test_very_many_keyframes(kind):
     random = np.random.default_rng(4)
-    count = 20_000  # at which what grows with its square takes minutes
+    count = 20_000  # quadratic time would take minutes here
     content = signal(random.random(count), rate_hz=100.0)
     actual, _ = round_trip(kind, content)
     times = np.arange(0, count, 997) / 100.0
@@ -156,7 +156,7 @@ def test_he_versions_keep_their_limits():
 
 
 def refused_at(document):
-    """Pattern at which a player returns without playing: Android's, or RichTap's library."""
+    """Return the first pattern refused by a player (Android's or RichTap's library), or None."""
     last_time = last_duration = library_end = 0
     for number, item in enumerate(document["PatternList"]):
         start = item["AbsoluteTime"]
@@ -172,7 +172,7 @@ def refused_at(document):
 
 
 def ticking(gap_s, level, count=90):
-    """Short sounds that each end in a tick, or ticks alone."""
+    """Return a signal of short sounds, each with a tick at the end, or of ticks alone."""
     ticks = [Transient(gap_s * (k + 0.8), 0.8, 150.0) for k in range(count)]
     rows = np.where(np.arange(count * 10) % 10 < 6, level, 0.0)
     return signal(rows, rate_hz=10.0 / gap_s, transients=ticks)
@@ -346,7 +346,7 @@ BROKEN = [
 
 
 def changed(document, place, value):
-    """A copy with one member changed; None removes it."""
+    """Return a copy with one member changed; None removes the member."""
     copy = json.loads(json.dumps(document))
     at = copy
     for key in place[:-1]:
@@ -413,7 +413,7 @@ def test_a_fault_does_not_hide_behind_a_thousand_others():
 
 
 def test_an_ahap_of_defaults_is_read():
-    """Single parameters, ticks, values out of range and audio, as Apple's reader takes them."""
+    """Single parameters, ticks, values out of range and audio are read as in Apple's reader."""
     pattern = [
         {"Event": {"Time": 0.5, "EventType": "HapticTransient"}},
         {"Event": {"Time": 0.0, "EventType": "AudioCustom", "EventWaveformPath": "a.wav"}},

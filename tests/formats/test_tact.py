@@ -49,7 +49,7 @@ def test_each_20_ms_has_the_strongest_of_it(content):
 
 def test_the_back_pad_is_the_back_of_the_vest():
     motors = motors_of(load_device("back_pad"))
-    # r1c1 is at the left shoulder blade, which is dot 0; r5c4 is the last, at the right.
+    # r1c1 at the left shoulder blade is dot 0; r5c4 on the right is the last dot.
     expected = {
         f"r{r + 1}c{c + 1}": Motor("Vest", "VestBack", 4 * r + c)
         for r in range(5)
@@ -66,7 +66,7 @@ def test_a_forearm_band_is_a_sleeve_on_its_side():
 
 
 def _levels_at(document, time_ms):
-    """Strength of each dot at a time, read from a file as the Player plays it."""
+    """Return the strength of each dot at a time, as the Player plays the file."""
     actual = {}
     for track in document["project"]["tracks"]:
         for effect in track["effects"]:
@@ -161,7 +161,7 @@ def test_long_silence_ends_an_effect():
 
 
 def test_files_in_the_manner_of_other_tools_are_read():
-    """Numbers as text, fades, a path, a disabled track, members that we do not know."""
+    """Text as numbers, fades, a path, a disabled track and unknown members are accepted."""
     actual = json.loads(encoded(tact.document([signal([0, 0])], {"r1c1": BACK}, "Vest", "x")))
     dot = {
         "startTime": 0,
@@ -258,7 +258,7 @@ def test_a_device_without_motors_costs_no_other(tmp_path):
 
 
 def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
-    """Version 1 of .he holds 16 events: what one pad plays is too wild for it."""
+    """Version 1 of .he holds 16 events, too few for the raster of one pad."""
     pad, phone = (load_device(name) for name in ("back_pad", "phone_wide_band"))
     wild = raster_for(pad)
     wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
@@ -267,7 +267,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     written = writing.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
     names = {path.name for path in written.files}
     assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
-    # The first actuator is gentle enough: it alone has a file.
+    # Of the pad, only the first actuator has few enough events for a file.
     assert {name for name in names if name.endswith(".v1.he")} == {
         "x.phone.phone.v1.he",
         "x.pad.r1c1.v1.he",

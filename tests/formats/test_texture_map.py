@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic maps as files, and the PNG pictures that they are made of."""
+"""Height maps as files, and as PNG pictures."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_samples_are_those_of_the_track(tmp_path, modality):
 
 
 def _track_with_spot_and_actuators(folder):
-    """A spot that moves, and a curve for two actuators of a device."""
+    """Write a track with a moving spot, and with a curve for two actuators of a device."""
     model = load_model("hfx-vibration-1")
     time = TimeBase(Fraction(25), Fraction(25), 0, 0, 9)
     streams = tuple(Stream(id, "b", "vibration", model.id) for id in ("s", "a"))
@@ -126,7 +126,7 @@ def test_spots_and_actuators_are_in_the_lines(tmp_path):
     assert values == [[pytest.approx(k / 20.0), pytest.approx(k / 10.0)] for k in range(10)]
 
 
-# By its page: gaps, changes of an earlier set, weights in 1/255, parameters that stay.
+# By the format's page: gaps, changes of an earlier set, weights in 1/255, constant parameters.
 COMPACT_HEADER = {
     "type": "header",
     "format": "hfx-samples",
@@ -253,12 +253,12 @@ def test_a_model_is_the_same_mesh_in_gltfs_space(tmp_path, id):
     x, y, z = model.vertices.T
     np.testing.assert_allclose(mesh.vertices, np.column_stack([x, z, -y]), atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, model.triangles)
-    # It stands upright and looks along +Z: turned, not mirrored.
+    # The model stands upright and looks along +Z: rotated, not mirrored.
     assert mesh.bounds[1][1] > 1.6 and mesh.volume > 0.0
 
 
 def test_khronos_validator_is_asked(tmp_path):
-    """It finds a triangle beyond the vertices, which no rule of ours looks for."""
+    """The validator reports a triangle index beyond the vertices; no own rule checks indices."""
     if not is_there():
         pytest.skip("needs Node, and npm's gltf-validator in NODE_PATH; .ci/run has them")
     document = glb.Document()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of vendors' tools: what plays there is read here, and what is lost is named."""
+"""Files of vendors' tools: playback as in the tools, and a note for every loss."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_what_stands_in_the_wrong_place_is_bad_input_to_every_command(
         assert messages.count("\n") == (command != "validate") and "Traceback" not in messages
 
 
-# Members that a format knows elsewhere, of any kind: no reader may look at them there.
+# Members known in another part of the format, of any type, must be ignored here.
 @pytest.mark.parametrize("value", [None, 3, "x", [], [3], {"Event": 1}])
 def test_unknown_members_are_not_looked_at(value, tmp_path, capsys):
     strange = dict.fromkeys(
@@ -209,7 +209,7 @@ def test_a_late_last_frequency_is_a_warning(late_s):
 
 @pytest.mark.parametrize("points", [[(0.0, 0.5)], [(0.0, 0.5), (0.0, 0.2)]])
 def test_an_envelope_without_duration_is_a_warning(points, tmp_path):
-    """Lofelt's reader wants one breakpoint, Meta's two and time between them."""
+    """Lofelt's reader needs a single breakpoint; Meta's reader two, with time in between."""
     data = encoded(clip(points))
     actual = haptic.validate(data, "x")
     assert [(entry.code, entry.severity) for entry in actual] == [("HAPTIC-DURATION", "warning")]
@@ -217,11 +217,11 @@ def test_an_envelope_without_duration_is_a_warning(points, tmp_path):
     path.write_bytes(data)
     for name in ("y.ahap", "y.he", "y.hjif", "y.openxr.json", "y.haptic"):
         written = convert(path, tmp_path / name)
-        assert written.files or name in ("y.ahap", "y.he")  # which hold no vibration of no time
+        assert written.files or name in ("y.ahap", "y.he")  # without empty vibrations
 
 
 def test_strengths_and_times_are_compared_with_32_bits():
-    """As both vendors' readers have them: 0.6 and the number of 32 bits next to it are equal."""
+    """Both vendors' readers compare in 32 bits: 0.6 and the nearest 32-bit number are equal."""
     document = clip([(0.0, 0.0), (0.3, 0.6000000238418579), (1.0, 0.0)])
     points = document["signals"]["continuous"]["envelopes"]["amplitude"]
     points[1]["emphasis"] = {"amplitude": 0.6, "frequency": 0.5}
@@ -258,7 +258,7 @@ def test_members_that_metas_reader_takes_as_missing_may_be_null():
     document = clip([(0.0, 0.5), (1.0, 0.5)])
     document["signals"]["continuous"]["envelopes"]["amplitude"][0]["emphasis"] = None
     assert haptic.validate(encoded(document), "x") == []
-    document["version"]["minor"] = 2**32  # which that reader holds in 32 bits
+    document["version"]["minor"] = 2**32  # beyond the 32 bits of the vendor's reader
     assert errors(haptic.validate(encoded(document), "x")) == ["HAPTIC-RANGE"]
 
 
@@ -269,7 +269,7 @@ def pattern_event(**members):
 
 
 def test_patterns_of_other_tools_are_read_with_a_note():
-    # Without an index, longer than the editor makes, two patterns that overlap.
+    # Without an index, longer than the editor's maximum, two overlapping patterns.
     patterns = [
         {"AbsoluteTime": 0, "Pattern": [pattern_event(Duration=6000)]},
         {"AbsoluteTime": 500, "Pattern": [pattern_event(RelativeTime=60_000)]},

@@ -78,7 +78,7 @@ def make_raster(amplitudes, frequencies, rate_hz=Fraction(100)):
 
 
 def waveform(raster):
-    """Samples (n, C) before they are rounded."""
+    """Return samples before rounding, (n, C)."""
     return np.concatenate([*wav.waveforms(raster, make_device(len(raster.actuators)), RATE)])
 
 

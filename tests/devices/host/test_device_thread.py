@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device thread: what its output is given, whatever that output and its sender do."""
+"""Device thread: values given to an output, with faulty outputs and senders."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEVICE = load_device(BAND)
 
 
 class Recorder:
-    """An output that keeps what it is given."""
+    """Output recording values, with optional faults and hangs."""
 
     def __init__(self) -> None:
         self.given: list[Any] = []
@@ -58,7 +58,7 @@ def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Playing:
-    """A device thread with its output and its reports."""
+    """Device thread with a recording output and a list of reports."""
 
     def __init__(self) -> None:
         self.output = Recorder()
@@ -149,7 +149,7 @@ def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
     played.thread.fault("does not answer")
     played.until(lambda: played.output.ends_in_stops())
     assert not played.output.goes_on.is_set()
-    # What hung comes after the stop; so the stop comes once more.
+    # The hanging send ends after the stop, so the stop is repeated.
     count = len(played.output.given)
     played.output.goes_on.set()
     played.until(lambda: len(played.output.given) > count + 3 and played.output.ends_in_stops())
@@ -213,7 +213,7 @@ def test_what_cannot_be_opened_is_told() -> None:
 
 
 class Opening:
-    """A device thread whose output takes its time to open."""
+    """Device thread with a slow opening of the output."""
 
     def __init__(self) -> None:
         self.opens = threading.Event()
@@ -227,7 +227,7 @@ class Opening:
         return self.output
 
     def _told(self, event: str, _device: int, **_: Any) -> None:
-        if event == "connected":  # whoever arms it just now has to wait
+        if event == "connected":  # arming has to wait for the opening
             second = threading.Thread(target=self.thread.arm)
             second.start()
             second.join(0.05)

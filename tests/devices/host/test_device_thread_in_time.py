@@ -23,7 +23,7 @@ SILENT_WITHIN_S = 0.05
 
 
 def stream(played: Played, rate: float, seconds: float, amplitude: float) -> None:
-    """Frames as Blender sends them; each is asked for and answered at once."""
+    """Send frames at Blender's rate, each requested and answered at once."""
     for _ in range(round(seconds * rate)):
         thread = played.thread
         thread.feed(frame(amplitude), thread.question(played.clock.now_s))
@@ -118,7 +118,7 @@ def test_a_flood_of_frames_takes_only_so_much_memory_and_the_newest_is_played() 
 
 
 def updating_every(*intervals_ms: float) -> DeviceConfig:
-    """The band with actuators that are updated so often, in turn."""
+    """Return the band with the given update intervals, assigned to the actuators in turn."""
     kinds = [
         replace(a.type, update_interval_ms=intervals_ms[k % len(intervals_ms)])
         for k, a in enumerate(BAND.actuators)
@@ -176,7 +176,7 @@ def test_a_thread_that_gets_nothing_new_is_silent_by_itself(offset_s: float) -> 
     played.run(1.0)
     end_s = played.port.last_loud_s()
     assert last_s + offset_s < end_s <= last_s + offset_s + 0.3
-    assert played.thread.is_armed  # what is new plays
+    assert played.thread.is_armed  # new frames play
     stream(played, 60, offset_s + 0.1, 8.0)
     assert played.port.is_loud()
 
@@ -241,7 +241,7 @@ def test_a_pause_is_silence_with_the_next_turn_and_cuts_what_waits(
     parts = zip(BAND.actuators, kinds, strict=True)
     device = replace(BAND, actuators=tuple(replace(a, type=k) for a, k in parts))
     played = Played(device=device, offset_s=offset_s)
-    for _ in range(100):  # up and down, so that a ramp is under way
+    for _ in range(100):  # up and down, for a ramp in progress
         played.thread.feed(frame(10.0))
         played.run(0.011)
         played.thread.feed(frame(3.0))
@@ -285,7 +285,7 @@ def test_what_was_asked_before_is_never_played_after(name: str, offset_s: float)
 
 
 def test_an_answer_that_comes_after_a_newer_one_is_not_played() -> None:
-    """A scene stands still and is to fade, while its last moment is still rendered."""
+    """A still scene fades out while the last moment is still being rendered."""
     played = Played()
     stream(played, 60, 0.2, 10.0)
     moment = played.thread.question(played.clock.now_s)

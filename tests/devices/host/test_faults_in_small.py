@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Guards against faults that whole processes hardly ever show: each alone, without any process."""
+"""Guards against faults too rare for tests with whole processes, each tested in isolation."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ DEVICE = load_device(BAND)
 
 
 class Kept:
-    """An output that keeps what it is given."""
+    """Output recording values."""
 
     def __init__(self) -> None:
         self.given: list[Any] = []
@@ -68,7 +68,7 @@ class Kept:
 
 
 def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
-    """A lane that is open, without its threads."""
+    """Return an open device thread, without running threads, and a recording output."""
     output = Kept()
     thread = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
     thread.output, thread.is_open = output, True
@@ -92,7 +92,7 @@ def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
     thread.feed(playing())
     thread.stop("enough")
     assert not thread.waiting
-    thread.waiting.add(playing(), 0.0)  # one that slipped through
+    thread.waiting.add(playing(), 0.0)  # a frame queued in spite of the fault
     thread.arm()
     assert not thread.waiting
 
@@ -108,7 +108,7 @@ def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
     ("facts", "expected"),
     [
         ({}, 3.0),  # no ramp from 10
-        ({"update_interval_ms": 500.0}, 3.0),  # which holds nothing for the rest of 500 ms
+        ({"update_interval_ms": 500.0}, 3.0),  # no room for a ramp within 500 ms
         ({"slew_per_s": 100.0}, 0.5),  # of 3, after the 5 ms between two values
     ],
 )
@@ -158,7 +158,7 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.send("band", playing())
     client.stop_all("enough")
     kinds = [item.kind for item in messages(io.BytesIO(next(written)))]
-    assert kinds == [MessageKind.STOP, MessageKind.ARM, MessageKind.STOP]  # else it is armed after
+    assert kinds == [MessageKind.STOP, MessageKind.ARM, MessageKind.STOP]  # not armed at the end
     client.heartbeat()
     assert next(written) == message(MessageKind.HEARTBEAT)  # no values
 
@@ -173,7 +173,7 @@ def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
     client.stop_all("enough")
     now[0] += 5.0
     pipe.watch()
-    assert not worker.is_killed  # it imports numpy still, and has no port open
+    assert not worker.is_killed  # still importing numpy, without an open port
     worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
     now[0] += STOP_PATIENCE_S + 0.01
     pipe.watch()
@@ -284,7 +284,7 @@ def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun(
 ) -> None:
     master, slave = os.openpty()
     port = serial_port.SerialPort(os.ttyname(slave), 115200)
-    room = [4, 0, 100]  # bytes that the system takes, call by call
+    room = [4, 0, 100]  # bytes accepted by the system, call by call
     written: list[bytes] = []
 
     def write(_descriptor: int, content: bytes) -> int:
@@ -361,7 +361,7 @@ def test_what_a_script_has_started_ends_with_it(monkeypatch: pytest.MonkeyPatch)
 
 
 class ForgetfulBoard:
-    """A port whose board tells of the session before when it is asked first."""
+    """Port of a board with a first answer from the session before."""
 
     name = "/dev/ttyACM0"
 
@@ -447,7 +447,7 @@ def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 class Asked:
-    """A device's script, or a lane, that notes what it is told."""
+    """Device script or device thread recording method calls."""
 
     def __init__(self) -> None:
         self.told: list[str] = []
@@ -510,7 +510,7 @@ def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> 
 
 
 def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
-    """An output process's heart, and its one lane."""
+    """Return an output process without threads, and the only device thread."""
     host, thread = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
     host.device_threads[1] = thread  # type: ignore[assignment]
     return host, thread
@@ -550,7 +550,7 @@ def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyP
         host_module.PAUSE_S,
         host_module.HEARTBEAT_S,
         host_module.PAUSE_S,
-        host_module.HEARTBEAT_S,  # one that is muted tells nothing of Blender
+        host_module.HEARTBEAT_S,  # without a heartbeat from Blender
     ]
     assert host_module.PAUSE_S <= 10.0
 
@@ -624,4 +624,4 @@ def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
     while b"last" not in stream.getvalue():
         assert time.monotonic() < end
         time.sleep(0.002)
-    assert stream.getvalue().count(b"levels") <= 2000  # what is written, and what waits: 1000 each
+    assert stream.getvalue().count(b"levels") <= 2000  # 1000 written and 1000 queued

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guard: nothing that is not a safe number leaves it, however it is asked."""
+"""Guard: safe finite output for every input."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_set_point_on_the_other_side_of_neutral_rises_from_neutral():
 def test_what_was_on_too_long_rests():
     guard = Guard(limited_in_time(maximum_on_s=0.05, rest_s=0.03))
     on = [bool(strengths(guard.limited(full(guard), STEP)).any()) for _ in range(20)]
-    # Five steps on, then silent: the step that is over, and three of rest; and again.
+    # Five steps on, then silence: the step over the limit and three steps of rest; and again.
     assert on == ([True] * 5 + [False] * 4) * 2 + [True] * 2
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process: silence, whoever fails, and only the one who does."""
+"""Output process: a failure silences the failed device or sender, and no more."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def until(happened) -> None:
 
 @pytest.fixture
 def sender(log: Path):
-    """A process in Blender's place, which plays."""
+    """Start a process in the role of Blender, with one playing device."""
     here = Path(__file__)
     process = subprocess.Popen(
         [sys.executable, "-c", SENDER, str(log)],
@@ -93,7 +93,7 @@ def test_a_pause_is_silence_that_ends_by_itself(client: LiveClient, log: Path) -
     client.pause()
     until(lambda: not is_loud(rows_of(log)[-1]))
     assert client.devices["band"].is_armed
-    assert not any("stop" in row for row in rows_of(log)[3:])  # those are of its opening
+    assert not any("stop" in row for row in rows_of(log)[3:])  # without the stops at the opening
     wait(client, lambda: is_loud(rows_of(log)[-1]), lambda: client.send("band", playing()))
 
 
@@ -122,7 +122,7 @@ def test_blender_killed_is_silence(sender: subprocess.Popen[bytes], log: Path, n
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows knows no SIGTERM")
 def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None:
-    # As while the system frees its memory: a process beside it holds the pipe.
+    # A second process holds the pipe open, as the system does while freeing memory.
     holding = SENDER.replace(
         "while True:",
         "import subprocess\n"
@@ -133,7 +133,7 @@ def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None
     here = Path(__file__)
     process = subprocess.Popen(
         [sys.executable, "-c", holding, str(log)],
-        stdin=subprocess.PIPE,  # whose end ends the holder
+        stdin=subprocess.PIPE,  # closing stdin ends the holder
         env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, here.parents[1:3]))},
     )
     try:
@@ -148,7 +148,9 @@ def test_blender_killed_is_silence_though_its_pipe_stays_open(log: Path) -> None
 def _stat(
     state: str = "S", flags: int = 0x400000, pending: int = 0, name: str = "blender"
 ) -> bytes:
-    """``/proc/PID/stat`` as proc(5) numbers its fields: 2 comm, 3 state, 9 flags, 31 signal."""
+    """Return a line of ``/proc/PID/stat`` with field numbers of proc(5): 2 comm, 3 state, 9 flags,
+    31 signal.
+    """
     fields = {number: "0" for number in range(1, 53)}
     fields |= {1: "77", 2: f"({name})", 3: state, 9: str(flags), 31: str(pending)}
     return " ".join(fields.values()).encode()
@@ -159,8 +161,8 @@ def _stat(
     [
         (_stat(), False),
         (_stat("R"), False),
-        (_stat("T"), False),  # stopped: what a missing heartbeat tells
-        (_stat(pending=1 << 14), False),  # SIGTERM, which a process may handle
+        (_stat("T"), False),  # stopped: covered by the heartbeat
+        (_stat(pending=1 << 14), False),  # SIGTERM, possibly handled by the process
         (_stat("Z"), True),
         (_stat("X"), True),
         (_stat(flags=0x40040C), True),
@@ -183,8 +185,8 @@ def test_a_process_that_lives_is_not_ending_and_one_that_has_gone_is() -> None:
         process.kill()
         until(is_ending)
         process.wait()
-        assert is_ending()  # its number may be another's now
-    assert not process_watch.await_end(process.pid)  # nothing to look at: the pipe tells
+        assert is_ending()  # the process id may be in use again
+    assert not process_watch.await_end(process.pid)  # nothing to watch: the pipe closes
 
 
 def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log: Path) -> None:
@@ -236,7 +238,7 @@ def test_what_cannot_be_opened_is_told_and_others_play(client: LiveClient, log: 
 
 
 class Stalling:
-    """An output that takes nothing until it is let go."""
+    """Output blocking every send until released."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -307,7 +309,7 @@ def test_a_port_that_stalls_stops_its_device_only(
 def test_an_output_process_that_confirms_no_stop_is_ended(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
     os.kill(client.pid or 0, signal.SIGSTOP)
-    time.sleep(0.05)  # until all of its threads sleep
+    time.sleep(0.05)  # until all threads sleep
     client.stop_all()
     wait(client, lambda: not client.is_running)
     wait(client, lambda: client.devices["band"].state == "lost")

@@ -23,7 +23,7 @@ WATCH_S = 0.02
 
 
 class SlowScript:
-    """A device's script that answers so long after it was asked, and always at full strength."""
+    """Device script with a fixed delay and full strength in every answer."""
 
     def __init__(self, clock: FakeClock, answers_after_s: float) -> None:
         self._clock, self._after_s = clock, answers_after_s
@@ -37,7 +37,7 @@ class SlowScript:
         self.work()
 
     def work(self) -> None:
-        """Answer what is due, and begin with what waits."""
+        """Answer a finished request and start the next request."""
         now = self._clock.now()
         if self.busy is not None and self.busy[0] <= now:
             answer, self.busy = self.busy[1], None
@@ -46,14 +46,14 @@ class SlowScript:
             self.busy, self._next = (now + self._after_s, self._next), None
 
     def is_overdue(self, now_s: float) -> bool:
-        return False  # that it is found after 100 ms is another rule
+        return False  # the timeout of 100 ms is a separate rule
 
     def close(self) -> None:
         self.busy = self._next = None
 
 
 class Session:
-    """An output process, without threads, and its one device."""
+    """Output process without threads, with one device."""
 
     def __init__(self, script_s: float | None = None, offset_s: float = 0.0) -> None:
         self.clock = FakeClock()
@@ -127,7 +127,7 @@ def test_many_pauses_of_a_slow_script_are_silent() -> None:
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.2])
 def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float) -> None:
-    """A mute is a pause of one device; values that were asked for before it come in between."""
+    """A mute pauses one device; earlier requests for values are answered in between."""
     session = Session(offset_s=offset_s)
     rng = np.random.default_rng(1)
     for _ in range(12):
@@ -228,7 +228,7 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
     count = len(session.played.port.given)
     session.clock.now_s += asleep_s
     FIRST[first](session)
-    session.stream(0.1)  # what was in the pipe
+    session.stream(0.1)  # frames left in the pipe
     session.pass_time(0.2)
     assert not any(v for _, v in session.played.port.strengths()[count:])
     text = dict(reversed(session.played.reports))["stopped"]
@@ -241,7 +241,7 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
 def started(
     monkeypatch: pytest.MonkeyPatch,
 ) -> tuple[ScriptProcess, FakeWorker, list[str], FakeClock]:
-    """A script that has been started and is ready."""
+    """Return a started, ready script process with a scripted worker."""
     workers = FakeWorker.replace(monkeypatch, script_process)
     clock, faults = FakeClock(), []
     script = ScriptProcess({}, faults.append, lambda text: None, clock)
@@ -256,7 +256,7 @@ def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault(
     values = encode_values(frame())
     script, worker, faults, _ = started(monkeypatch)
     script.ask(b"first", lambda values: actual.append("first"))
-    script.ask(b"second", lambda values: actual.append("second"))  # the first was not told yet
+    script.ask(b"second", lambda values: actual.append("second"))  # first not sent yet
     worker.says(MessageKind.READY)
     worker.says(MessageKind.ANSWER, values, 1)
     worker.ends()
@@ -286,7 +286,7 @@ def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once(
 
 
 class ToleratedFaults(LiveClient):
-    """A client that notes what is told, in order."""
+    """Client recording messages in order."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Between frames: ramps that arrive, update intervals that are kept."""
+"""Pacing between frames: complete ramps and update intervals."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_what_is_no_frame_is_refused(wrong):
 def test_what_is_asked_again_and_again_is_reached_however_late_it_is_looked_at(rate):
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 0.0)
-    for k in range(1, 20):  # one look at each frame, on a machine that is busy
+    for k in range(1, 20):  # one call per frame, on a busy machine
         ramp.aim(playing(2.0), k / rate)
         actual = ramp.at(k / rate)
     assert actual[0] == 2.0

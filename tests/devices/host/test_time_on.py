@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Time on: no order of values, stops, stalls and connections is on for more than its share."""
+"""Time on: no order of values, stops, stalls and connections exceeds the duty limit."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def limited(maximum_on_s: float, rest_s: float, slew_per_s: float = math.inf) ->
 
 
 class Tally:
-    """Time on of a guard's first actuator: its values hold until the next."""
+    """Time on of the first actuator behind a guard; values hold until the next step."""
 
     def __init__(self, device: DeviceConfig, accounts: tuple[DutyBudget, ...] = ()) -> None:
         self.device, self.accounts = device, accounts
@@ -230,7 +230,7 @@ def test_two_connections_of_one_device_share_one_account(pieces):
 
 
 def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
-    """Accounts of a device that was on for so long and was stopped then."""
+    """Return the budgets of a device after a given time on and a stop."""
     stored, now_s = DutyBudgetStore(folder, clock), clock.now()
     tally = Tally(limited(2.0, 1.0), (stored.budget("it"),))
     tally.guard.record_rest(now_s)
@@ -242,7 +242,7 @@ def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
-    """Time that the device may be on in a new process."""
+    """Return the time on left to the device in a new process."""
     tally = Tally(limited(2.0, 1.0), (DutyBudgetStore(folder, clock).budget("it"),))
     tally.guard.record_rest(clock.now())
     tally.guard.reset()
@@ -260,7 +260,7 @@ def clock() -> FakeClock:
 
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
-    """The clock that users set."""
+    """Replace the system's wall clock by a fake clock at 1e9 s."""
     fake_clock = FakeClock()
     fake_clock.now_s = 1e9
     monkeypatch.setattr(duty_budget_store, "time", type("Time", (), {"time": fake_clock.now}))
@@ -314,10 +314,10 @@ def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
     stored = used(tmp_path / "file" / "folder", 1.5, clock)
     stored.save()
     stored.save()
-    assert len(caplog.records) <= 2  # told once when read, once when written
+    assert len(caplog.records) <= 2  # one warning for reading, one for writing
 
 
-# Which device it is.
+# Identity of a device.
 
 
 def names_of(found: Sequence[Identity]) -> list[str]:
@@ -437,7 +437,7 @@ def test_a_link_to_a_port_is_the_port(tmp_path, monkeypatch):
         assert actual[0].name == "port /dev/null"
     names = [
         identities(BAND, {"kind": "serial", "port": f"/dev/{item}.usbmodem1"})[0].name
-        for item in ("tty", "cu")  # macOS has both for one port
+        for item in ("tty", "cu")  # macOS has two names per port
     ]
     assert len(set(names)) == 1
 
@@ -484,7 +484,7 @@ def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
 
 
 def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
-    """Each is on for its 2 s, and rests while the other plays."""
+    """Each device is on for 2 s and rests during the other device's turn."""
     stored, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
     names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
     expected = np.tile([15.0, 100.0], 8)
@@ -514,7 +514,7 @@ def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
 
 
 def test_no_copy_walks_round_the_time_limit_over_the_network(tmp_path, monkeypatch):
-    """1 s on in all, as its rest takes an hour; two configurations take turns at one address."""
+    """Two configurations alternate at one address: 1 s on in total, as the rest takes an hour."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
     for name in ("one", "two"):
         osc(tmp_path / "devices", name, reverse=name == "two")
@@ -527,7 +527,8 @@ def test_no_copy_walks_round_the_time_limit_over_the_network(tmp_path, monkeypat
         with suppress(BlockingIOError):
             while True:
                 content, now_s = receiver.recv(65536), time.monotonic()
-                # The value of each amplitude: behind its address and ",f", padded to fours.
+                # Find the value after each amplitude's address and ",f", each padded to a multiple
+                # of four bytes.
                 places = [m.end() for m in re.finditer(rb"amplitude_m_s2\0+,f\0\0", content)]
                 loud.append((now_s, any(content[at : at + 4] != bytes(4) for at in places)))
 
@@ -551,12 +552,12 @@ def test_no_copy_walks_round_the_time_limit_over_the_network(tmp_path, monkeypat
         receive()
         receiver.close()
     on_s = sum(min(b[0] - a[0], 0.1) for a, b in pairwise(loud) if a[1])
-    assert 0.2 < on_s < 1.15  # with what a busy machine adds to it
+    assert 0.2 < on_s < 1.15  # with a margin for a busy machine
 
 
 @pytest.mark.parametrize("between", ["stop", "connect", "process"])
 def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, between):
-    """1 s on in all, as its rest takes an hour."""
+    """The time on is 1 s in total, as the rest takes an hour."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
     folder = tmp_path / "devices"
     folder.mkdir()
@@ -595,11 +596,11 @@ def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, bet
         loud_s = sum(seconds_on(log) for log in logs)
     finally:
         client.close()
-    assert 0.2 < loud_s < 1.1  # with what a busy machine adds to it
+    assert 0.2 < loud_s < 1.1  # with a margin for a busy machine
 
 
 def seconds_on(log: Path) -> float:
-    """Between what was sent and what was sent next."""
+    """Return the sum of the intervals after perceptible rows, each at most 0.1 s."""
     rows = rows_of(log)
     return sum(
         min(after["time_s"] - row["time_s"], 0.1) for row, after in pairwise(rows) if is_loud(row)

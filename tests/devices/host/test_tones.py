@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An actuator that is driven as sound plays overlapping vibrations of 80 and 250 Hz both, live."""
+"""An actuator driven as sound plays overlapping vibrations of 80 and 250 Hz together in live mode."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.formats.sound import wav
 
-PAD = load_device("mango_pad")  # ten actuators that take a waveform
+PAD = load_device("mango_pad")  # ten actuators with waveforms
 WIDTH = len(PAD.actuators)
 MOST = PAD.actuators[0].type.strength.highest
 LOW, HIGH = 80.0, 250.0
@@ -53,7 +53,7 @@ def both(low: float = 3.0, high: float = 2.0) -> np.ndarray:
 
 
 def played(sounding: Sounding, frame: np.ndarray) -> Tones:
-    """Tones of a frame that the guard has let pass."""
+    """Return the tones of a frame, scaled by a guard gain of 1."""
     columns = sounding.split(frame)
     return sounding.at(1.0, columns, columns)
 
@@ -270,7 +270,7 @@ def test_tones_of_one_frequency_are_in_phase_however_they_begin():
 
 
 class Ears:
-    """An output that plays sums, and notes them."""
+    """Output recording sums of tones."""
 
     def __init__(self) -> None:
         self.heard: list[Tones] = []
@@ -291,10 +291,10 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
     thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread.output, thread.is_open = ears, True  # its thread is this one
+    thread.output, thread.is_open = ears, True  # the test thread stands for the output thread
     thread.arm()
     thread.feed(both(3.0, 4.0))
-    # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
+    # 100 m/s^2 per second: the sum of 5 m/s^2 reaches 1 after 10 ms and 5 after 50 ms.
     newest = thread.waiting.taken(math.inf, 0.0)
     now = SYSTEM.now()
     for k in range(8):
@@ -311,7 +311,7 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
     thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread.output, thread.is_open = ears, True  # its thread is this one
+    thread.output, thread.is_open = ears, True  # the test thread stands for the output thread
     thread.arm()
     frame = both(3.0, 4.0)
     frame[0] = 1e-6

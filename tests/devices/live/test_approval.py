@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Approvals of device scripts: given, withdrawn while they run, by several at a time."""
+"""Approval of device scripts: concurrent approvals, and withdrawal while a script runs."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_damaged_list_is_told_and_not_overwritten(folder, content, capsys):
 def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
     folder, log, client: LiveClient, by
 ):
-    """By another process, as the command line is one."""
+    """Revoking in another process, such as the command line, silences the running device."""
     approval.approve(script("one"))
     approval.approve(script("two"))
     client.connect(
@@ -111,7 +111,7 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
         lambda: any(map(is_loud, rows_of(log))),
         lambda: client.send_haptics("it", haptics),
     )
-    cli.run(["device", "revoke", "two_left"])  # of another: it plays on
+    cli.run(["device", "revoke", "two_left"])  # another device's approval: the device plays on
     count = len(rows_of(log))
     wait(
         client,

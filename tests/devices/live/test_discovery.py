@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices are found on ports whose ids are their own, and behind programs that answer."""
+"""Discovery of devices on ports with USB ids, and behind servers."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
         ("/dev/ttyACM0", "HFX-12", "/dev/ttyACM0"),
         ("/dev/ttyACM0", "OTHER-3", "/dev/ttyACM1"),  # the names were exchanged
         ("/dev/ttyACM0", "", "/dev/ttyACM0"),  # chosen without a serial number
-        ("/dev/ttyS0", "HFX-12", "/dev/ttyS0"),  # what is there has none
-        ("/dev/ttyACM7", "HFX-12", "/dev/ttyACM7"),  # unknown: opening it tells
+        ("/dev/ttyS0", "HFX-12", "/dev/ttyS0"),  # the present port has no serial number
+        ("/dev/ttyACM7", "HFX-12", "/dev/ttyACM7"),  # unknown: reported when opened
     ],
 )
 def test_a_board_is_found_again_under_another_name(name: str, serial: str, expected: str) -> None:

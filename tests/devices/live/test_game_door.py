@@ -21,7 +21,7 @@ COLUMNS = 16  # amplitude and frequency of eight motors
 
 
 class Recorder:
-    """Client that keeps what it is sent."""
+    """Client recording sent values."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, list[float]]] = []
@@ -31,7 +31,7 @@ class Recorder:
 
 
 class Game:
-    """Game beside a door, on a clock that stands still."""
+    """Game sending datagrams to a door on a simulated clock."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -55,7 +55,7 @@ def game() -> Iterator[Game]:
 
 
 def datagram(number: int, strength: float, token: bytes = TOKEN, count: int = COLUMNS) -> bytes:
-    """By hand, as docs/players.md lays it out."""
+    """Return a datagram laid out by hand after docs/players.md."""
     device = BAND.encode()
     head = b"HFX1" + token + struct.pack("<IB", number, len(device)) + device
     return head + struct.pack(f"<{count}f", *([strength] * count))
@@ -89,11 +89,11 @@ def test_a_game_that_is_gone_is_silent_after_the_dead_man_time_and_may_come_back
     assert game.heard(b"") == []
     game.now_s += 0.02
     assert game.heard(b"") == [neutral]
-    for _ in range(20):  # of a game that hangs
+    for _ in range(20):  # of a hanging game
         assert game.heard(datagram(900, 4.0)) == [neutral]
         game.now_s += 0.3
     assert game.heard(datagram(7, 4.0)) == [neutral]
-    assert game.heard(datagram(8, 4.0)) == [[4.0] * COLUMNS]  # a new game counts anew
+    assert game.heard(datagram(8, 4.0)) == [[4.0] * COLUMNS]  # a new game restarts the numbering
 
 
 def test_the_door_is_on_this_computer_alone_and_its_options_are_checked(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx play``: a track is felt at its times, and every way to its end is silence."""
+"""``hfx play``: samples at the track's times, and silence at every kind of end."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_a_stop_that_did_not_arrive_is_a_failure_of_the_device(
 def test_a_failure_of_the_device_and_a_time_outside_have_their_exit_codes(
     track: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.run(["play", str(track), "--device", BAND]) == 4  # nothing drives it
+    assert cli.run(["play", str(track), "--device", BAND]) == 4  # no actuator is driven
     assert cli.run(arguments(track, "--from", "1.5")) == 2
     assert cli.run(arguments(tmp_path / "none.hfxtrack")) == 3
     foreign = tmp_path / "notes"

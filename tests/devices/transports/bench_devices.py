@@ -29,13 +29,13 @@ def vibration(maximum=10.0, highest=None, fixed=False, **limits):
 
 
 def heat():
-    """An element that is neutral in the middle of its range."""
+    """Return a thermal element with the neutral value in the middle of the range."""
     control = ActuatorControl("temperature_c", 14.0, 44.0, 15.0, 40.0, 29.0)
     return ActuatorType("element", "temperature", (control,), 0.0, 100.0)
 
 
 def device(*types, output=None, **facts):
-    """A device with one actuator of each type, a0, a1, ..."""
+    """Return a device with one actuator of each type, named a0, a1, ..."""
     actuators = tuple(Actuator(f"a{i}", kind, RoomPlace(())) for i, kind in enumerate(types))
     return DeviceConfig(
         id=facts.pop("id", "bench"),

@@ -12,7 +12,7 @@ from hfx_blender.devices.transports import buttplug, reservations
 
 
 class Terminal:
-    """The other end of a serial port."""
+    """Far end of a serial port, as a pseudo-terminal."""
 
     def __init__(self):
         self.master, self.slave = os.openpty()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The log that takes the place of hardware."""
+"""CSV log as a substitute for hardware."""
 
 import csv
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values as bytes: exact frames by hand, and no value outside the limits whatever comes in."""
+"""Encoders: exact frames written by hand, and no value outside the limits for any input."""
 
 import numpy as np
 import pytest

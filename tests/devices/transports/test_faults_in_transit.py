@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Guards against what comes over a wire or from a server: each alone, without either."""
+"""Guards against wrong data from wires and servers, each tested without hardware or network."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def test_closing_says_goodbye_and_ends_the_thread(serve: Any) -> None:
 
 
 class Deaf:
-    """A socket whose other end takes nothing after the handshake."""
+    """Socket with a far end blocked after the handshake."""
 
     def __init__(self, inner: socket.socket) -> None:
         self._inner = inner
@@ -223,5 +223,5 @@ def test_a_server_that_does_not_read_is_left_so_that_it_stops_what_we_used(
     connection = server.connect()
     connection.send("x")
     assert "the server does not read any more" in fault_of(connection)
-    server.close()  # it returns where the client has left
+    server.close()  # returns after the client has left
     connection.close()

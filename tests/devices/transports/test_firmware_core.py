@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The firmware's C core on this computer, with simulated time: what it does and refuses."""
+"""The firmware's C core on this computer, with simulated time: playback and refusals."""
 
 import struct
 import zlib
@@ -96,7 +96,7 @@ def test_values_live_no_longer_than_they_say(board):
     assert board.levels == LOUD
     board.wait(1)
     assert board.levels == SILENT
-    play(board, crc, sequence=2, live_ms=65535)  # the dead-man ends these
+    play(board, crc, sequence=2, live_ms=65535)  # ended by the dead-man timer
     board.wait(250)
     assert board.levels == SILENT
 
@@ -172,7 +172,7 @@ class Player:
         self.crc = configured(self.board, session=self.session, **self.limits)
 
     def play(self, levels, ms):
-        """Frames of these levels; None: no frames at all."""
+        """Send frames of these levels for ``ms`` milliseconds; None sends no frames."""
         for _ in range(ms // 10):
             if levels is not None:
                 self.sequence = (self.sequence + 1) & 0xFFFF

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Logs of outputs: nobody else's file is overwritten, and nothing makes the output wait."""
+"""Log outputs: foreign files are never overwritten, and logging never blocks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VALUES = np.tile([1.0, 100.0], 8)
 
 
 def opened(kind: str, path: Path):
-    """An open output, which must not take its time."""
+    """Return an open output; opening must not block."""
     actual: list[object] = []
 
     def work() -> None:
@@ -60,7 +60,7 @@ def test_a_log_that_has_another_name_stays_as_it_is(tmp_path):
         b"{}\n",
         b"[1]\n",
         b'{"time_s": 1, "values": [1], "mine": 2}\n',
-        b'{"time_s": 1.0, "values": [1.0]}',  # a line that has no end may be anything's beginning
+        b'{"time_s": 1.0, "values": [1.0]}',  # a line without an end may be a foreign file
         b'{"time_s": 1.0, "stop": true}\nand notes of my own\n',
         b'{"time_s": 1.0, "stop": true}\n{"mine": 1}\n',
         b'{"time_s": 1.0, "stop": true}\nnotes without an end',
@@ -167,7 +167,7 @@ def test_nothing_is_left_of_a_new_log_that_cannot_be_written(tmp_path, kind, mos
 
 @contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """Context in which no file of this process becomes larger, bytes."""
+    """Limit the file size of this process, in bytes, within the context."""
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

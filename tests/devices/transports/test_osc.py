@@ -15,9 +15,10 @@ from hfx_blender.engine.rendering.device_config import OscEncoder, OutputConfig,
 
 
 def read(content):
-    """Addresses and float32 values of a message, or of a bundle that is due at once.
+    """Return addresses and float32 values of a message, or of a bundle due at once.
 
-    Wright, "The Open Sound Control 1.0 Specification" (2002); not by python-osc, which encodes.
+    Written from Wright, "The Open Sound Control 1.0 Specification" (2002), without python-osc, the
+    library under test.
     """
     if content.startswith(b"#bundle\0"):
         assert content[8:16] == bytes(7) + b"\1"  # "immediately"
@@ -35,7 +36,9 @@ def read(content):
 
 
 def read_string(content, at):
-    """Text that ends with 1 to 4 zeros, to a multiple of 4 bytes, and the place behind it."""
+    """Return a text ended by 1 to 4 zeros, up to a multiple of 4 bytes, and the offset after the
+    zeros.
+    """
     end = content.index(b"\0", at)
     after = at + (end - at) // 4 * 4 + 4
     assert content[end:after] == bytes(after - end)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sound cards, by a module that stands for PortAudio; and the waveforms that they are given."""
+"""Sound cards with a stand-in module for PortAudio, and the waveforms sent to the cards."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPat
         card(interface="gone")
     with pytest.raises(OutputLostError, match="nothing that vibrates"):
         SoundCard(device(heat()))
-    monkeypatch.setitem(sys.modules, "sounddevice", None)  # as if it were not installed
+    monkeypatch.setitem(sys.modules, "sounddevice", None)  # as if not installed
     with pytest.raises(OutputLostError, match=r"hfx-blender\[audio\]"):
         card()
 
@@ -164,7 +164,7 @@ def test_a_card_plays_the_waveforms_of_its_actuators(card: Any) -> None:
     ]
     actual = SoundCard(device(*kinds))
     (stream,) = Stream.made
-    actual.send(np.tile([5.0, 100.0], 3))  # half of what they may get
+    actual.send(np.tile([5.0, 100.0], 3))  # half of the maximum
     stream.ask(4800)
     block = stream.ask(RATE_HZ)
     assert (np.abs(block) <= 0.5 + 1e-6).all()

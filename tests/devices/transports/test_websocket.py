@@ -33,7 +33,7 @@ SILENT = np.array([0.0, 175.0, 0.0, 80.0])
 
 
 class Server:
-    """A server that notes what it is told; ``answer`` may reply to each message."""
+    """Server recording messages; ``answer`` may return replies to each message."""
 
     def __init__(self, answer=lambda text: (), **settings):
         self.heard = []
@@ -283,7 +283,7 @@ def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
     ids = [content["Id"] for message in server.heard for e in message for content in e.values()]
     assert len(set(ids)) == len(ids) and min(ids) >= 1
     time.sleep(0.03)
-    output.send(np.array([5.0, 175.0, 29.0]))  # after a stop everything is said anew
+    output.send(np.array([5.0, 175.0, 29.0]))  # after a stop every value is sent again
     server.wait(lambda: len(received_of_kind(server, "OutputCmd")) == 5)
     output.close()
 
@@ -292,7 +292,7 @@ LUSH = {"0": {"FeatureIndex": 0, "Output": {"Vibrate": {"Value": [0, 20]}}}}
 
 
 def lushes(*displays, first=0):
-    """A server's devices of one name, with these display names and ascending indices."""
+    """Return devices with the name Lush, given display names, and ascending indices."""
     return {
         str(index): {
             **{"DeviceIndex": index, "DeviceName": "Lush", "DeviceFeatures": LUSH},
@@ -502,7 +502,7 @@ def test_any_bytes_of_a_server_end_the_connection_and_nothing_else(content):
 
 
 def deaf_intiface():
-    """A Buttplug server that answers until the first stop, then nothing."""
+    """Return a Buttplug server, silent after the first stop."""
     answer = intiface()
 
     def until_a_stop(messages):

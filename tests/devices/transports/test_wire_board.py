@@ -32,7 +32,7 @@ HALF = np.array([5.0, 175.0, 10.0, 80.0])
 
 
 class LiveBoard(PluggedBoard):
-    """The core on a terminal, on a clock that only the test moves."""
+    """Firmware core on a terminal, with a clock advanced by the test only."""
 
     def __init__(self, library, terminal, channels=6):
         self.clock_ms = 1
@@ -153,7 +153,7 @@ def test_a_board_with_too_few_channels_is_refused(library, terminal):
 def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):
     output = opened(terminal)
     keep_sending(output, lambda: board.levels[0] == 32768)
-    board.close()  # nobody reads any more
+    board.close()  # without a reader from here on
     for _ in range(3_000):
         output.send(HALF)
     output.stop()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages: what was put in comes out; what is none is refused."""
+"""Messages: exact round trips, and refusal of malformed bytes."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
     ],
 )
 def test_what_is_no_row_of_numbers_is_no_value(wrong):
-    """A device that gets none has a fault, and is silent."""
+    """Malformed values decode as an empty array: a fault and silence for the device."""
     assert not len(decode_values(encode_values(wrong)))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Moments are rendered in a process of its own: as an export renders, and silent if it fails."""
+"""Moments are rendered in a separate process: equal to an export, and silent after a failure."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def test_gain_and_mute_are_of_one_device():
     assert decode_values(actual[3])[:columns:2].any()
     muted = decode_values(actual[4])
     assert not muted[:columns:2].any()
-    assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
+    assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # strengths of the tone
 
 
 def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_what_renders_ends_with_the_output_process():
 
 @pytest.fixture
 def played(monkeypatch: pytest.MonkeyPatch) -> list[FakeWorker]:
-    """Workers that the test plays, the last one last."""
+    """Replace the workers by scripted workers; the newest is the last in the list."""
     return FakeWorker.replace(monkeypatch, render_process)
 
 
@@ -302,7 +302,7 @@ def test_a_device_plays_moments_and_a_stop_is_not_followed_by_one(
 
 
 def _worker(client: LiveClient) -> int:
-    """The process that renders: the child of the output process."""
+    """Return the process id of the renderer, a child of the output process."""
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
             try:
@@ -335,11 +335,11 @@ def test_devices_stop_when_what_renders_ends_and_play_starts_it_again(
 
 
 class Asked:
-    """A process that renders, and what it said."""
+    """Render process with records of messages, answers and faults."""
 
     def __init__(self) -> None:
         self.told: list[Message] = []
-        self.answered: list[Any] = []  # which questions
+        self.answered: list[Any] = []  # questions with answers
         self.faults: list[str] = []
         self.process = RenderProcess(self._receive, self.faults.append)
 

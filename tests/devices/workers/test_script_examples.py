@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The three examples of the documentation do what they say."""
+"""The three example scripts of the documentation play as described."""
 
 from __future__ import annotations
 

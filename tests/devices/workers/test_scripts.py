@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Device scripts: what they return is played; whatever else they do stops their device only."""
+"""Device scripts: returned values are played; a fault stops only the script's device."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ HOSTILE = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveClient]:
-    """Output process for all of these tests, and one list of approvals."""
+    """Start one output process and one approval list for all tests of the module."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path_factory.mktemp("data")))
         live_client = LiveClient()
@@ -104,7 +104,7 @@ def test_limits_come_after_the_script(client: LiveClient, folder: Path, log: Pat
         lambda: client.send_haptics("scripted", haptics()),
     )
     for row in filter(is_loud, rows_of(log)):
-        assert row["values"][:2] == [0.0, 100.0]  # one is not a number: that motor is silent
+        assert row["values"][:2] == [0.0, 100.0]  # not a number: silent motor
         assert row["values"][2:] == [15.0, 250.0] * 7
 
 
@@ -307,7 +307,7 @@ def test_a_copy_of_a_shipped_configuration_does_not_make_its_script_shipped(
     assert not approval.script_of("back_pad", folder).is_approved
 
 
-# What a script is told and answers
+# Input and output of a script.
 
 
 def run_of(vertices: list[int], weights: list[float]) -> SampleRun:
