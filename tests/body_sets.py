@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of body models for tests that need no source: the shipped ones, made smaller or larger."""
+"""Sets of body models for tests without sources: the shipped models, made smaller or larger."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 
 
 def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """Coarser copy of a model, and the mapping from its vertices to the copy's vertices.
+    """Coarser copy of a model, and the mapping from the model's vertices to the copy's vertices.
 
     Parameters
     ----------

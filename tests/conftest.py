@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fixtures of all tests: no network, and an end of the process that Blender cannot hang."""
+"""Fixtures of all tests: no network, and a process end safe from hangs in Blender."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.load_profile("hfx")
 
-# Nobody's own device configurations: a folder that is not there, unless a test names one.
+# No user device configurations: a missing folder, unless a test names a folder.
 os.environ["HFX_DEVICES"] = os.path.join(os.path.dirname(__file__), "no-devices")
 
-# Nor anybody's own data: how long devices were on, which scripts are approved.
+# No user data, such as time on and approved scripts.
 _own_data = tempfile.TemporaryDirectory(prefix="hfx-tests-", ignore_cleanup_errors=True)
 os.environ["XDG_DATA_HOME"] = os.environ["APPDATA"] = _own_data.name
 
-# A shell that starts the tests in the background has them ignore Ctrl-C, and their children too.
+# Tests started in the background of a shell ignore Ctrl-C, as do the child processes.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -57,7 +57,7 @@ def patient_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> Iterator[None] | None:
-    # Blender's module sometimes hangs while Python takes it down; all results are out by now.
+    # Blender's module sometimes hangs at Python's exit; all results are written by now.
     if "bpy" in sys.modules:
         from hfx_blender.processes import blender_session
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A disk on which one step of writing fails: a write, a close, a flush, or a renaming."""
+"""Simulated disk with one failing step of writing: a write, close, flush, or rename."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EDQUOT)
 
 
 class Disk:
-    """Counts steps of writing, and lets one fail."""
+    """Counter of writing steps with one failing step."""
 
     def __init__(self, failing: int | None) -> None:
         self.steps = 0
@@ -34,7 +34,7 @@ class Disk:
 
 @contextmanager
 def faulty_disk(failing: int | None = None) -> Iterator[Disk]:
-    """Context in which the steps of atomic files are counted, and step ``failing`` fails."""
+    """Count the steps of atomic files in the context, and fail step ``failing``."""
     disk = Disk(failing)
 
     class Raw(io.FileIO):

@@ -14,7 +14,7 @@ PACKAGES = ("hfx_blender", "hfx_tools")
 
 
 class Import(NamedTuple):
-    """A module of the packages that a file imports, named as :func:`module_name` names it."""
+    """Module imported by a file, in the form of :func:`module_name`."""
 
     module: str
     name: str  # of the module's contents; "" for the module itself
@@ -36,12 +36,12 @@ def modules() -> dict[str, Path]:
 
 
 class Source(NamedTuple):
-    """Facts of a file's source, read in one go."""
+    """Facts of a file's source, from a single parse."""
 
     imports: tuple[Import, ...]  # of the packages, anywhere: in functions and TYPE_CHECKING, too
-    others: tuple[str, ...]  # imported modules of other packages
+    others: tuple[str, ...]  # imported third-party modules
     names: frozenset[str]  # bound anywhere
-    programs: tuple[str, ...]  # texts that name modules of the packages
+    programs: tuple[str, ...]  # strings naming modules of the packages
 
 
 def imports(path: Path) -> tuple[Import, ...]:
@@ -79,7 +79,7 @@ def source(path: Path) -> Source:
 
 
 def _imported(node: ast.Import | ast.ImportFrom, package: tuple[str, ...]) -> list[str]:
-    """Dotted names that a statement imports."""
+    """Return dotted names imported by a statement."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     within = package[: len(package) - node.level + 1] if node.level else ()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process with all of its deadlines far away: however busy a machine is, none is missed.
+"""Output process with deadlines far in the future, never missed on a busy machine.
 
-Deadlines are tested on a clock of their own; what real processes do is tested by order and content.
+Deadlines are tested on a simulated clock; for real processes, tests check order and content.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Modules of a stranger, named as those that a process of ours imports; each tells that it ran."""
+"""Foreign modules with the names of imported modules; each prints a line when run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 RAN = "IT RAN"
 OTHERS = """numpy scipy trimesh serial sounddevice bpy mathutils addon_utils bl_ui hfx_blender
 _distutils_hack sitecustomize usercustomize startup_file""".split()
-# Python imports this one before it looks at its own options; nobody can prevent that.
+# Imported by Python before reading options; impossible to prevent.
 NOT_OURS = {"encodings"}
 
 CHILDREN = (
@@ -28,9 +28,9 @@ CHILDREN = (
 
 
 def fill(folder: Path, *, only_known: bool = False) -> None:
-    """Put a module of every name of Python's library, and of what we import, into a folder.
+    """Write a module for every name of Python's library and of the package's imports into a folder.
 
-    ``only_known``: but of none that there is not in this Python, such as those of Windows.
+    ``only_known`` leaves out modules missing in this Python, such as Windows' modules.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = {*(sys.stdlib_module_names - set(sys.builtin_module_names) - NOT_OURS), *OTHERS}

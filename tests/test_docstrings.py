@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Docstrings and comments of C say what a thing is or does: they begin with a noun or a verb."""
+"""Docstrings and C comments begin with a noun or a verb."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hfx_blender"
 
-# Modules, classes, functions and constants alike. Parsing all files would take a second.
+# All docstrings, found by a pattern. Parsing all files would take a second.
 _FIRST_WORD = re.compile(r'^[ \t]*r?"""([^\s"]+)', re.MULTILINE)
 
-# First lines of comments in C that stand on lines of their own.
+# First lines of C comments on separate lines.
 _FIRST_WORD_IN_C = re.compile(
     r"^(?![ \t]*//)[^\n]*\n[ \t]*//[ ]([^\s:,]+)|^[ \t]*/\*[ ]([^\s:,]+)", re.MULTILINE
 )
@@ -31,7 +31,7 @@ def test_docstrings_begin_with_a_noun_or_a_verb() -> None:
         for path in sorted(PACKAGE.rglob("*.py"))
         for word in _first_words(path.read_text(encoding="utf-8"))
     ]
-    assert len(actual) > 3000  # the pattern still finds them
+    assert len(actual) > 3000  # the pattern still matches
     clauses = [entry for entry in actual if entry[0] in _CLAUSES]
     assert not clauses
 
@@ -48,7 +48,7 @@ def test_comments_in_c_begin_with_a_noun_or_a_verb() -> None:
         for path in sorted(folder.rglob("*.[ch]"))
         for word in _first_words_in_c(path.read_text(encoding="utf-8"))
     ]
-    assert len(actual) > 250  # the pattern still finds them
+    assert len(actual) > 250  # the pattern still matches
     clauses = [entry for entry in actual if entry[0] in _CLAUSES]
     assert not clauses
     text = "int a;\n// What it is, if\n// How much\n\n  /* Whether: */\n  b();\n  // Which one.\n"

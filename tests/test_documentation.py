@@ -17,7 +17,7 @@ PLACES = (ROOT, PACKAGE, ROOT / "docs")
 
 
 def missing_names(text: str) -> list[str]:
-    """Names that look like files or folders of ours and are none."""
+    """Names in the form of project files or folders without a file."""
     matches = re.findall(r"[\w.-]+/[\w./-]*|\b\w+\.(?:py|c|h)\b", text)
     names = {name.strip(".,") for name in matches}
     known = {name for name in names if re.search(r"\.(py|json|md|c|h)$|/$", name)}

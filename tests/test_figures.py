@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures in the documentation that the code knows are the code's."""
+"""Figures in the documentation agree with the code."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
             waveforms.ROWS_HZ,
         ),
     ),
-    # 600 is the least number of ticks a second with whole ones for 24 frames and 100 samples.
+    # 600 is the smallest tick rate with whole ticks for 24 frames and 100 samples a second.
     ("formats/hjif.md", r"\((\d+) s at 24 frames and 100 s", lambda: envelopes.MAX_POSITION // 600),
     ("formats/hjif.md", r"level 1 up to (\d+) channels", lambda: semantics.MAX_CHANNELS[1]),
     ("players.md", r"holds (\d+) clips with the values", lambda: len([*CLIPS.glob("*.hfxclip")])),

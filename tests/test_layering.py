@@ -70,7 +70,7 @@ def _stated_order(package: str) -> list[str]:
 
 
 def _units(package: str) -> dict[str, set[str]]:
-    """Imports of each module or folder of a package from the others, anywhere in it."""
+    """Return each module's or folder's imports from the rest of the package."""
     start = f"{package}."
     units: dict[str, set[str]] = {}
     for name, path in modules().items():
@@ -121,7 +121,7 @@ def _top(name: str) -> str:
 
 
 def _is_tools(name: str, path: Path) -> bool:
-    """Test that a module of the product imports one of the tools."""
+    """A module of the product imports a module of the tools."""
     return _top(name) == "hfx_blender" and any(
         _top(actual.module) == "hfx_tools" for actual in imports(path)
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Claims of the README: its Python example, its command lines, its links."""
+"""Claims of the README: the Python example, command lines, and links."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def code(language: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which ``hfx demo`` was run."""
+    """Run ``hfx demo`` and return the folder."""
     where = tmp_path_factory.mktemp("readme")
     command = [sys.executable, "-m", "hfx_blender", "demo", "--no-pictures"]
     subprocess.run(command, cwd=where, check=True, capture_output=True)
@@ -49,13 +49,13 @@ bpy.ops.wm.open_mainfile(filepath="hfx_demo/garage.blend", use_scripts=False)
 
 @pytest.mark.parametrize("end", ["", "hfx_blender.unregister()\n", _EDITS_ANOTHER])
 def test_a_pipeline_script_runs_and_ends(folder: Path, end: str) -> None:
-    """In a process of its own, which Blender's module used to crash or hang at its end."""
+    """Runs in a separate process, as Blender's module used to crash or hang at exit."""
     _, example = code("python")
     (folder / "script.py").write_text(example + end, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "script.py"],
         cwd=folder,
-        env={**os.environ, "PWD": str(folder)},  # as a shell sets it; Blender goes by it
+        env={**os.environ, "PWD": str(folder)},  # set by shells and read by Blender
         capture_output=True,
         text=True,
         timeout=120,

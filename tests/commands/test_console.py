@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Streams that the command line writes to."""
+"""Output streams of the command line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hfx_blender.errors import InputError
 
 
 class Terminal(io.StringIO):
-    """A terminal; :meth:`screen` is what a person sees on it."""
+    """Terminal stream; :meth:`screen` returns the visible lines."""
 
     def isatty(self) -> bool:
         return True

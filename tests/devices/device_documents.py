@@ -199,7 +199,7 @@ def substituting(source: str, target: str) -> dict[str, Any]:
 
 
 def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return all configurations by name: shipped devices, then documents for the remaining fields."""
+    """Return all configurations by name: shipped devices, then documents of further fields."""
     actual = {
         path.stem: json.loads(path.read_text(encoding="utf-8"))
         for path in sorted(resources.device_configs().glob("*.json"))

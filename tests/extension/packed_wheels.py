@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wheels made of installed distributions, and an environment that has as little as Blender's."""
+"""Wheels packed from installed distributions, and a Python environment as bare as Blender's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pack(name: str, folder: Path, compression: int = zipfile.ZIP_STORED) -> Path
     Raises
     ------
     importlib.metadata.PackageNotFoundError
-        It is not installed.
+        The distribution is not installed.
     """
     path = folder / name
     distribution = metadata.distribution(name.partition("-")[0])
@@ -32,12 +32,12 @@ def pack(name: str, folder: Path, compression: int = zipfile.ZIP_STORED) -> Path
 
 
 def bare_python(folder: Path) -> Path:
-    """Make an environment with nothing but Blender's module and what Blender brings.
+    """Make an environment with only Blender's module and the distributions shipped by Blender.
 
     Returns
     -------
     Path
-        Its Python, of the same version as this one.
+        The environment's Python, of the running version.
     """
     base = getattr(sys, "_base_executable", sys.executable)
     subprocess.run([base, "-m", "venv", "--without-pip", folder], check=True)

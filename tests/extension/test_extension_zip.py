@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The extension's zip: what is in it, what its manifest says, the same bytes every time."""
+"""Zip of the extension: content, manifest, and reproducible bytes."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def manifest_of(path: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The zip whose wheels are those of the library alone, for all platforms.
+    """Build the zip for all platforms with only the library's wheels.
 
-    The one for this computer is real; the others are stand-ins, which saves 15 seconds.
+    The wheel for this computer is real; the rest are stand-ins, which saves 15 seconds.
     """
     try:
         zig = native_build.compiler()
@@ -82,7 +82,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Stand-ins for the pinned wheels, by their names, in a folder; the lock pins them."""
+    """Write stand-ins for the pinned wheels, with a matching lock, and yield the folder."""
     folder = tmp_path / "wheels"
     folder.mkdir()
     lines = []
@@ -91,7 +91,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         with zipfile.ZipFile(path, "w") as archive:
             information = "-".join(name.split("-")[:2]) + ".dist-info"
             archive.writestr(f"{information}/METADATA", name)
-            if not name.startswith(("pyserial", "python_osc")):  # the real ones bring none either
+            if not name.startswith(("pyserial", "python_osc")):  # as in the real wheels
                 archive.writestr(f"{information}/licenses/LICENSE", "MIT")
         lines.append(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n")
     lock = tmp_path / "lock"
@@ -110,7 +110,7 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.fixture
 def zig(monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A stand-in for the compiler, which writes a library that nobody can load."""
+    """Replace the compiler by a stand-in with unloadable libraries."""
 
     def build(target: native_build.Target, folder: Path, zig: Path) -> Path:
         path = folder / target.library
@@ -121,7 +121,7 @@ def zig(monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("zig")
 
 
-# What is in it
+# Content
 
 
 def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None:
@@ -140,7 +140,7 @@ def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
             assert actual.module in held, (
                 f"{module_name(path)}:{actual.line} imports {actual.module}"
             )
-        # These find the commands of an installation by pip.
+        # These modules search for commands of a pip installation.
         if path.name not in ("left_out.py", "child.py", "start.py"):
             code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
             assert "hfx_tools" not in code, path
@@ -214,7 +214,7 @@ def test_the_same_content_gives_the_same_bytes(wheels: Path, zig: Path, tmp_path
     assert first.read_bytes() == second.read_bytes()
 
 
-# Its manifest
+# Manifest
 
 
 def test_the_manifest_says_what_the_package_says(small: Path) -> None:
@@ -240,7 +240,7 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
     with zipfile.ZipFile(small) as archive:
         assert [name for name in archive.namelist() if "/hfx_native-" in name] == names
         own = max(archive.getinfo(name).compress_size for name in names)
-    size = small.stat().st_size + (len(names) - 1) * own  # the others are stand-ins
+    size = small.stat().st_size + (len(names) - 1) * own  # the rest are stand-ins
     for page, sentence in (
         ("docs/install.md", r"\((\d+) MB\), as"),
         ("docs/native.md", r", (\d+) MB, b"),
@@ -450,7 +450,7 @@ os._exit(0)
 def test_in_a_bare_blender_every_module_imports_and_devices_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without the packages of the development environment; the zip is that of this computer."""
+    """The zip for this computer works without the packages of the development environment."""
     bpy = pytest.importorskip("bpy")
     version = f"{sys.version_info[0]}.{sys.version_info[1]}"
     lock = addon_wheels.read_lock()
@@ -487,7 +487,7 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
     assert int(done.stdout.split()[-3]) == len(SHIPPED) - 2, "all but the package and __main__"
 
 
-# Its wheels
+# Wheels
 
 
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
@@ -640,7 +640,7 @@ def test_a_licence_that_a_wheel_forgets_comes_along(wheels: Path, tmp_path: Path
         assert b"Redistribution and use" in archive.read("licences/pyserial.txt")
 
 
-# Its compiled library
+# Compiled library
 
 LOADED = """
 import os, sys
@@ -678,7 +678,7 @@ def test_the_wheel_of_the_library_is_one(zig: Path, tmp_path: Path) -> None:
 
 
 def test_the_installed_extension_loads_its_library(small: Path, tmp_path: Path) -> None:
-    """Of the six in the zip the one for this computer."""
+    """The zip holds six libraries; the one for this computer is loaded."""
     pytest.importorskip("bpy")
     if native_build.this_target() is None:
         pytest.skip("no library is built for this computer")

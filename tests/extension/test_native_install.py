@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Installing the package compiles its library, or goes on without it."""
+"""Installing the package compiles the native library, or continues without a library."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(TARGET is None, reason="no library is built for 
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The part of the project that the hook reads, without a library."""
+    """Copy the part of the project read by the build hook, without a library."""
     monkeypatch.delenv(native_build.SWITCH, raising=False)
     ignored = shutil.ignore_patterns("__pycache__", "*.so*", "*.dll", "*.dylib")
     root = tmp_path / "project"
@@ -32,7 +32,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def hook(project: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The hook, on a stand-in for its base class: hatchling is there only while one installs."""
+    """Return the hook with a stand-in for hatchling's base class; hatchling exists only while
+    installing.
+    """
 
     class Interface:
         __class_getitem__ = classmethod(lambda cls, _: cls)
@@ -60,7 +62,7 @@ def hook(project: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Folders that a stand-in for the compiler wrote a library into."""
+    """Return the folders filled by a stand-in for the compiler."""
     folders: list[Path] = []
 
     def build(target: Any, folder: Path, zig: Path, root: Path) -> Path:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits on what a small file may ask for, and that no invalid file is written."""
+"""Memory limits for small files with large claims, and no output of invalid files."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, mixed
 from hfx_blender.formats.writing import write_signals
 
-MOST_BYTES = 24 << 20  # that a refusal may take
+MOST_BYTES = 24 << 20  # limit of a refusal
 
 
 def refused(ask, match):
-    """Refused with these words, before memory was taken for it."""
+    """Expect a refusal with a message, before memory is allocated."""
     tracemalloc.start()
     try:
         with pytest.raises(InputError, match=match):
@@ -148,7 +148,7 @@ def test_what_is_not_a_number_is_too_much(asked):
 
 
 def long_track(folder, count, rate_hz):
-    """A track that is felt at its first sample only, on a time base of ``count`` samples."""
+    """Write a track with contact at the first sample only, and a time base of ``count`` samples."""
     with track_of(folder, "vibration", "painted", BEAT) as track:
         header, runs = track.header, list(track.runs(0.0, 0.1))
     time = TimeBase(Fraction(rate_hz), Fraction(rate_hz), 0, 0, count - 1)
@@ -168,7 +168,7 @@ def test_a_small_track_of_many_samples_is_refused_at_once(tmp_path, count, rate_
     device = None if target == "x.hjif" else "insoles"
     refused(lambda: convert(path, tmp_path / target, device=device), r"allowed are")
     assert not (tmp_path / target).exists()
-    with TrackReader(path) as track:  # which is no reason not to read it
+    with TrackReader(path) as track:  # still readable
         assert track.header.time.sample_count == count and list(track.runs())
 
 
@@ -179,7 +179,7 @@ def test_a_long_track_is_converted(tmp_path):
 
 
 def archive(raster, folder, **arrays):
-    """A raster's file with some arrays replaced: (what its head says, its bytes)."""
+    """Return (claim in the header, file bytes) of a raster with some arrays replaced."""
     npz_raster.write(raster, folder / "a.raster.npz")
     content = io.BytesIO()
     with (
@@ -317,7 +317,7 @@ def test_a_name_that_is_too_long_is_told_as_it_was_given(tmp_path, monkeypatch, 
 
 
 def continuous(count, levels):
-    """Events one after the other, and a change of their strength during each."""
+    """Return consecutive events, each with a change of strength."""
     pattern = []
     for k in range(count):
         parameters = [{"ParameterID": "HapticIntensity", "ParameterValue": 0.5 + k % levels / 1e3}]
@@ -339,7 +339,7 @@ def test_events_of_ahap_times_points_of_curves_have_a_bound():
 
 
 def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
-    """The gate stands after the writers, whichever it is."""
+    """The final check runs after every writer."""
     path = tmp_path / "x.ahap"
     path.write_text(json.dumps(ahap(1.0)))
 
@@ -429,7 +429,7 @@ def test_a_body_model_of_other_arrays_is_refused(tmp_path):
         with pytest.raises(InputError, match=r"x.npz: not a readable body model"):
             load(PerceptualModel, path)
     names = model.ARRAYS
-    with zipfile.ZipFile(path, "w") as archive:  # numpy gives what is no array as it is
+    with zipfile.ZipFile(path, "w") as archive:  # numpy returns a non-array member as bytes
         for name in names:
             archive.writestr(f"{name}.npy", b"no array")
         head = io.BytesIO()
@@ -443,7 +443,7 @@ def test_a_body_model_of_other_arrays_is_refused(tmp_path):
 
 @pytest.mark.parametrize("name", [{}, [], 5])
 def test_a_point_of_a_curve_does_not_name_its_parameter(name):
-    """A fuzzer's find: the curve's name counts, whatever a point says."""
+    """From fuzzing: the parameter is named by the curve, never by a point."""
     point = {"Time": 0.0, "ParameterValue": 2.0, "ParameterID": name}
     curve = {
         "ParameterID": "HapticIntensityControl",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A JSON of another kind: every command says what it got, and what it wants."""
+"""JSON documents of another kind: every command names the given and the expected kind."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes of JSON documents: what they refuse, with which words, and the schema that they give.
+"""Shapes of JSON documents: refusals, messages, and the generated schema.
 
-Messages are written out by hand; the judge of schemas is the package jsonschema.
+Messages are written out by hand; the package jsonschema judges the schemas.
 """
 
 from __future__ import annotations

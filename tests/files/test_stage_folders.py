@@ -99,13 +99,13 @@ def test_what_is_not_known_to_be_ours_stays(tmp_path: Path, name: str, owner: by
 def test_one_that_could_not_take_a_byte_goes_once_it_is_old(
     tmp_path: Path, owner: bytes | None
 ) -> None:
-    """A process on a full disk was killed: without a word in ``owner``, or without that file."""
+    """A process was killed on a full disk, with an empty ``owner`` or before writing the file."""
     stage = tmp_path / temporary_name("scene")
     stage.mkdir()
     if owner is not None:
         (stage / "owner").write_bytes(owner)
     staging.remove_abandoned(tmp_path)
-    assert stage.is_dir()  # another run has just made it
+    assert stage.is_dir()  # just created by another run
     for path in (*stage.iterdir(), stage):
         os.utime(path, (0, 0))
     staging.remove_abandoned(tmp_path)
@@ -135,7 +135,7 @@ def test_a_link_is_never_followed(tmp_path: Path) -> None:
 def test_a_folder_on_a_full_disk_is_gone_afterwards(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """``owner`` cannot be written: with a limit on sizes, and with a fault when it is closed."""
+    """Writing ``owner`` fails, by a limit on file sizes or by a fault at closing."""
     close = os.close
 
     def full(descriptor: int) -> None:

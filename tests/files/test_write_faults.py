@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faults of the disk at any step of writing: one message, exit code 3, and nothing is left.
+"""Disk faults at any step of writing: one message, exit code 3, and no leftovers.
 
-Each write, close, flush to the disk and renaming of a conversion fails once, in turn; and real
-limits on the size of a file end it at many bytes.
+Each write, close, flush to the disk and rename of a conversion fails once, in turn; and real limits
+on file sizes end the conversion at many bytes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.formats.rasters import npz_raster
 
-_MOST_STEPS = 16  # of one conversion: all of a small one, evenly many of a larger one
+_MOST_STEPS = 16  # per conversion, evenly spaced
 DEVICE = "forearm_band_left"
 OF_RASTERS = ("csv", "npz", "wav", "ahap", "haptic", "he", "he1")
 OF_RASTERS += ("openharmony", "openxr", "tact", "hjif")

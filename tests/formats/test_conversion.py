@@ -186,7 +186,7 @@ def test_a_single_signal_gets_exactly_the_name_that_was_asked_for(tmp_path):
 
 @pytest.mark.parametrize("target", ["csv", "raster.npz", "wav", "tact", "ahap"])
 def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, target):
-    """A ramp of 1 s to full scale at 120 Hz reaches half of each actuator's maximum in the middle."""
+    """A ramp of 1 s at 120 Hz reaches half of each actuator's maximum in the middle."""
     haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
     written = convert(tmp_path / "x.buzz.haptic", tmp_path / f"y.{target}", device="back_pad")
     assert files.validate(written.files[0])[1] == []

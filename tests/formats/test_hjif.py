@@ -327,7 +327,7 @@ REQUIRED = {
 
 @pytest.mark.parametrize("place", list(places(sample())), ids=lambda p: ".".join(map(str, p)))
 def test_each_member_is_checked(place):
-    """A member of a wrong type, with a misspelt name, or missing against the standard is refused."""
+    """A member of a wrong type, a misspelt or a missing member is refused."""
     for wrong in (None, True, {"a": 1}, [[]], "\u0000?"):
         actual = with_change(place, wrong)
         original = at(sample(), place)

@@ -394,7 +394,7 @@ def test_amplitudes_of_both_signs_pass_silence_in_between():
 
 
 def test_a_band_may_be_sampled_faster_than_the_schema_has_limits(tmp_path):
-    """The upper limit of a wavelet band is the sample rate, 16 kHz here; the schema ends at 10 kHz."""
+    """The upper limit of a wavelet band is the sample rate of 16 kHz; the schema ends at 10 kHz."""
     tone = 0.6 * np.sin(2 * np.pi * 150 * np.arange(2048) / 16_000)
     band = {**coded(tone, spacing_ticks=64), "upper_frequency_limit": 16_000, "block_length": 64}
     document = channel_with(band)

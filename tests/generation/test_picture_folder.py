@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of other generators: their prompts, and the folder that they come to."""
+"""Pictures of other generators: prompts, and the watched folder."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_a_picture_is_given_out_once_when_its_writer_has_ended(tmp_path: Path) -
     (tmp_path / "notes.txt").write_text("no picture")
     (tmp_path / "empty.png").touch()
     assert watched.settled() == [] and watched.is_waiting
-    path.write_bytes(path.read_bytes() + b"more")  # it is still being written
+    path.write_bytes(path.read_bytes() + b"more")  # still being written
     assert watched.settled() == [] and watched.is_waiting
     assert watched.settled() == [path] and not watched.is_waiting
     assert watched.settled() == [] and watched.passed_over == [tmp_path / "empty.png"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from words: what is understood, how it steers, what is written."""
+"""Surfaces from words: recognised words, steering, and the written texture."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def test_nine_of_ten_wishes_find_their_kind() -> None:
         ("a wool coat with brass buttons", "fabric"),
         ("loose ballast between railroad ties", "gravel"),
         ("gravle", "gravel"),
-        ("an oak gate", "wood"),  # made of it
-        ("a copper dress", "fabric"),  # a colour before a thing that is sewn
+        ("an oak gate", "wood"),  # material of the object
+        ("a copper dress", "fabric"),  # a colour before a sewn object
         ("stone grey carpet", "fabric"),
         ("pebbled leather", "fabric"),
         ("cobblestone alley", "gravel"),  # spelt nearly like alloy
@@ -69,7 +69,7 @@ def test_degrees_and_denials_steer_by_their_sign() -> None:
     assert 1.0 < scale["coarse"] == scale["coarser"] < scale["very coarse"]
     assert read_words("less coarse").scale < 1.0 < read_words("not fine").scale
     assert read_words("deep blue velvet").depth == 1.0  # a colour
-    # A finish that names a material, too.
+    # A finish naming a material as well.
     assert 1.0 < read_words("scratched steel").depth < read_words("very scratched steel").depth
 
 

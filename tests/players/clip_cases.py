@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The clips of ``players/conformance``: what devices play of tracks from seeds and of demos."""
+"""Clips of ``players/conformance``: devices' output for random tracks and demo tracks."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A clip's file, and what is played by it, told without the clip."""
+    """Clip file, and the expected output computed without the clip."""
 
     name: str
     path: Path
@@ -40,7 +40,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Spec:
-    """A track from a seed, and the devices that play it."""
+    """Random track by seed, and the devices of the clip."""
 
     name: str
     modalities: str  # initials of the effects' modalities
@@ -103,7 +103,7 @@ def case_of(spec: Spec, folder: Path) -> Case:
 
 
 def cases(folder: Path, demos: Sequence[str] = DEMOS) -> Iterator[Case]:
-    """All clips, one after the other; those of the demos take Blender."""
+    """Yield all clips in order; clips of demos need Blender."""
     for spec in SPECS:
         yield case_of(spec, folder)
     for name in demos:
@@ -128,7 +128,7 @@ def _case(track: TrackReader, devices: list[DeviceConfig], name: str, folder: Pa
         clip.name: (int(clip.frame_start), int(clip.frame_end), clip.name.endswith("loop"))
         for effect in track.header.effects
         for clip in effect.clips
-        if not name.startswith("demo")  # whose frames are not samples
+        if not name.startswith("demo")  # frames of demos differ from samples
     }
     return Case(name, path, Telling(rendered, clips))
 
@@ -198,7 +198,7 @@ def _levels(spec: Spec, random: np.random.Generator) -> F64:
 
 
 def _parameters(modality: str, count: int, random: np.random.Generator) -> F64:
-    """Parameters that change with time, (T, P)."""
+    """Return parameters changing with time, (T, P)."""
     share = np.interp(np.arange(count), np.linspace(0, count, 5), random.random(5))
     if modality == "vibration":
         return np.column_stack([2.0 + 30.0 * share, 20.0 + 400.0 * share[::-1]])

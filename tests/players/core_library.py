@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The core of the players, compiled into a library and called as a game would call it."""
+"""Core of the players, compiled as a library and called as in a game."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ F32 = npt.NDArray[np.float32]
 
 
 def compiler() -> list[str]:
-    """Command of a C compiler: the system's, or that of the package ``ziglang``.
+    """Command of a C compiler: the system's, or the package ``ziglang``.
 
     Raises
     ------
     RuntimeError
-        There is none.
+        No compiler is installed.
     """
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
@@ -55,12 +55,12 @@ def compiler() -> list[str]:
 
 
 def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path:
-    """Compile a source that may include the core; warnings are errors.
+    """Compile a source with the core in the include path; warnings are errors.
 
     Raises
     ------
     RuntimeError
-        It cannot be compiled; the compiler's messages.
+        Compilation failed; with the compiler's messages.
     """
     with tempfile.TemporaryDirectory() as name:
         path = Path(name, "source" + suffix)
@@ -75,7 +75,7 @@ def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path
 
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
-    """The core, and what engines call of it, as a library."""
+    """Return the core and the engine functions as a library."""
     folder = tempfile.mkdtemp(prefix="hfx_players_")
     created = compiled(_SOURCE, Path(folder, "core.so"), "-std=c99", "-shared", "-fPIC")
     core = ctypes.CDLL(str(created))
@@ -93,7 +93,7 @@ def library() -> ctypes.CDLL:
 
 
 class Clip:
-    """Clip opened by the core; ``error`` is what ``hfx_clip_open`` returned."""
+    """Clip opened by the core; ``error`` is the result of ``hfx_clip_open``."""
 
     def __init__(self, content: bytes) -> None:
         self._core = library()
@@ -164,7 +164,7 @@ class Player:
 
 
 class Body:
-    """Body of the core; ``error`` is what ``hfx_body_open`` returned."""
+    """Body of the core; ``error`` is the result of ``hfx_body_open``."""
 
     def __init__(self, clip: Clip, body: int = 0) -> None:
         self._core, self._clip = library(), clip
@@ -200,7 +200,7 @@ class Body:
         return self._out[: self._clip.columns].copy()
 
     def weights(self, effect: int) -> F32:
-        """Weights of an effect at the vertices of its model, (V,)."""
+        """Weights of an effect at the vertices of the body's model, (V,); empty without weights."""
         count = ctypes.c_uint32()
         body_weights = self._core.hfx_body_weights(self._at, effect, ctypes.byref(count))
         return (

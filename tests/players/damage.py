@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips of strangers: changed bytes under a checksum that is right."""
+"""Damaged clips: changed bytes under a correct checksum."""
 
 from __future__ import annotations
 

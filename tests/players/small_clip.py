@@ -12,7 +12,7 @@ from hfx_blender.formats.clip.container import RECORDS, Texts, encoded, records
 
 
 def write_small_clip(folder: Path, name: str = "walk") -> Path:
-    """Write a clip of one actuator, and of a body of 40 vertices among four volumes."""
+    """Write a clip with one actuator, and a body of 40 vertices among four volumes."""
     texts, text = Texts(), ""
     text = texts.add
     random = np.random.default_rng(len(name))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Playing as ``docs/formats/clip.md`` tells it, on whole rasters: no clip is read here.
+"""Reference player after ``docs/formats/clip.md``, on whole rasters: no clip is read here.
 
-Written from the page alone, to be compared with players: every row of a raster is there, nothing
-is left out or encoded.
+Written from the page alone, for comparison with players: every row of a raster is present, without
+encoding.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _EARLY = 0.000001
 
 
 class Telling:
-    """A player of rasters.
+    """Player of rasters.
 
     Parameters
     ----------
     played : sequence of (DeviceConfig, Raster)
     clips : mapping
-        Named clips: first and last row, and whether they loop.
+        Named clips: first row, last row, and a looping flag.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Telling:
         scale = np.where(self.high > self.low, self.high - self.low, 1.0)
         at = np.rint((self.values - self.low) / scale * 65535.0)
         middle = np.rint((self.neutral - self.low) / scale * 65535.0)
-        self.away = np.abs(at - middle)  # (T, C) numbers from that of the neutral value
+        self.away = np.abs(at - middle)  # (T, C) steps away from the neutral value
         self.clips = dict(clips or {})
         self.play()
 
@@ -120,7 +120,7 @@ class Telling:
         return self.strongest(rows)
 
     def strongest(self, rows: list[int]) -> F64:
-        """Values of the strongest of some rows, the latest of equal ones, (C,)."""
+        """Return the values of the strongest row, the latest of equals, per actuator, (C,)."""
         actual = self.neutral.copy()
         for actuator in self.actuators:
             away = self.away[rows, actuator.start]
@@ -135,7 +135,7 @@ class Telling:
 
     @property
     def slack(self) -> F64:
-        """Allowed difference of a column, (C,): a 65535th of full scale, as gains enlarge it."""
+        """Allowed difference per column, (C,): a 65535th of full scale, enlarged by gains."""
         scale = np.maximum(self.factors * np.where(self.strength, self.gain_is, 1.0), 1.0)
         step = (self.high - self.low) / 65535.0 * scale
         rounding = 1e-6 * np.maximum(np.abs(self.low), np.abs(self.high))  # of 32-bit floats

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Players for engines give what ``players/conformance`` expects, where their programs are here."""
+"""Engine players meet ``players/conformance``, where engines are installed."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
 
 
 def add_extension(project: Path) -> None:
-    """Compile Godot's door to the core into a project that has not been opened yet."""
+    """Compile the Godot binding of the core into a project not yet opened."""
     path = project / "addons" / "hfx" / "bin"
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir()
@@ -55,7 +55,7 @@ def add_extension(project: Path) -> None:
         '[configuration]\nentry_symbol = "hfx_haptics_begin"\ncompatibility_minimum = "4.2"\n'
         '[libraries]\nlinux = "libhfx_haptics.so"\n'
     )
-    # Godot 4.5 to 4.7 abort at the end of a headless run that finds a new extension (#111048).
+    # Godot 4.5 to 4.7 abort at the end of a headless run after finding a new extension (#111048).
     (project / ".godot").mkdir(exist_ok=True)
     known = project / ".godot" / "extension_list.cfg"
     known.write_text("res://addons/hfx/bin/hfx.gdextension\n")

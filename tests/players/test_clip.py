@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The clip format by its page, strangers' clips, and the way from a track to a clip."""
+"""Clip format after the format's page, damaged clips, and conversion of tracks to clips."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NUMBERS = (0, 0, 13107, 65535, 32768, 0)
 
 
 def by_hand(**changed: bytes) -> bytes:
-    """A clip of one actuator, byte by byte as the page says; ten rows a second for a second."""
+    """Return a clip of one actuator, byte by byte after the page: ten rows in one second."""
     sections = {
         "TEXT": TEXT,
         "TIME": struct.pack("<ddII", 10.0, 0.0, 10, 0),
@@ -88,7 +88,7 @@ def test_a_part_loops_and_a_loop_takes_end_and_beginning_into_one_frame() -> Non
 
 def test_texts_are_utf_8() -> None:
     assert Clip(by_hand(TEXT=TEXT + "é \uffff 触覚 \U0010ffff".encode() + b"\0")).error == 0
-    # A slash in two bytes, a surrogate, above 10FFFF, cut off, a byte that leads nothing.
+    # A slash in two bytes, a surrogate, above 10FFFF, cut off, an orphan continuation byte.
     for text in (b"\xc0\xaf", b"-\xed\xa0\x80", b"\xf4\x90\x80\x80", b"a\xe2\x82", b"\x80"):
         content = by_hand(TEXT=TEXT + text + b"\0")
         assert Clip(content).error == -5
@@ -133,7 +133,7 @@ def test_what_was_never_begun_is_silent() -> None:
     assert core.hfx_player_set_parameter(zeros, b"frequency_hz", ctypes.c_double(1.0)) == -7
     assert core.hfx_body_trigger(zeros, 0, ctypes.c_double(1.0)) == -6
     assert list(out) == [1, 1, 1, 1]  # there are no columns
-    # What is refused for its rate has none that is reckoned with.
+    # A clip refused for the rate has a duration of 0.
     broken = Clip(by_hand(**HOSTILE["TIME.rate_hz"]))
     assert broken.error < 0 and core.hfx_clip_seconds(broken.at) == 0.0
     assert not Player(broken).is_playing
@@ -174,7 +174,7 @@ def test_a_hostile_clip_is_refused_with_its_field(
 
 
 def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path: Path) -> None:
-    """Reserved words by the offsets of the page; a player may pass over them, a check may not."""
+    """Reserved words, at the page's offsets: a player may ignore values, a validator may not."""
     good = (ROOT / "players/conformance/everything.hfxclip").read_bytes()
     count = struct.unpack_from("<I", good, 20)[0]
     table = {good[24 + 16 * k :][:4]: 24 + 16 * k for k in range(count)}
@@ -299,8 +299,8 @@ def test_a_clip_is_played_by_the_output_process_with_its_limits(
     rows = [json.loads(line) for line in log.read_text().splitlines()]
     sent = [(row["time_s"] - rows[0]["time_s"], *row["values"]) for row in rows if "values" in row]
     loud = [message for message in sent if message[1] > 0.0]
-    # 2 at 160 Hz from 0.15 s on, 5 at 60 Hz from 0.2 to 0.5 s, where this motor's limit is 4.
-    # Late on a busy machine, never early; its 20 ms are in the rows already.
+    # 2 at 160 Hz from 0.15 s on, 5 at 60 Hz from 0.2 to 0.5 s, where this motor's limit is 4. Late
+    # on a busy machine, never early; the 20 ms of latency are in the rows already.
     assert loud[0][0] > 0.14 and loud[0][2] == 160.0 and loud[0][1] <= 2.001
     assert max(block[1] for block in loud) == 4.0 and loud[-1][2] == 60.0
     assert sent[-1][1] == 0.0 and "stop" in rows[-1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The core gives what ``players/conformance`` expects of any player, and loses no peak."""
+"""The core meets ``players/conformance`` for any player, and loses no peak."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_each_value_is_as_expected(name: str) -> None:
 
 
 class Scales:
-    """Difference that is allowed: a 65535th of full scale, as gain and factors enlarge it."""
+    """Allowed difference: a 65535th of full scale, enlarged by gain and factors."""
 
     def __init__(self, path: Path) -> None:
         from hfx_blender.formats.clip import clip_rules

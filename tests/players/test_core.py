@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The core stands alone: C99 and C++17, no library but math, nothing of this product in it."""
+"""Independence of the core: C99 and C++17, no library but math, nothing from the product."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The library for engines feels what ``players/conformance/spatial`` says; nonsense is refused."""
+"""Engine library: output by ``players/conformance/spatial``, and refusal of invalid input."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The spatial core feels what the engine feels, and drives the actuators that reach it."""
+"""The spatial core agrees with the engine on contacts, and drives the actuators in reach."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_walker_feels_volumes_as_the_engine_at_tolerance_paper(
     compare(walk(2, seconds, responds=True), tmp_path, level, shares)
     assert shares.samples > 5000
     assert shares.within >= 0.999 * shares.samples
-    assert shares.values == shares.values_within  # at level 0: what actuators are given
+    assert shares.values == shares.values_within  # actuator values, only at level 0
     assert (shares.values > 0) == (level == 0)
 
 
@@ -115,7 +115,7 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     body = Body(Clip(path.read_bytes()))
     bones = len(sections["BONE"])
     body.set_bones(np.tile(np.eye(4)[:3], (bones, 1, 1)))
-    assert body.evaluate(0.02).tolist() == [0, 160, 0, 160]  # off until it is triggered
+    assert body.evaluate(0.02).tolist() == [0, 160, 0, 160]  # silent until triggered
     assert body.trigger(0, 0.8) == 0
     # Weight 0.5 * level 0.8 * 12 m/s^2; the motor has 160 Hz only. The right hand feels nothing.
     assert body.evaluate(0.02).tolist() == pytest.approx([4.8, 160, 0, 160], rel=1e-6)

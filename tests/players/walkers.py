@@ -51,7 +51,7 @@ _PARAMETERS = {
 def stage(
     kind: FilterKind, operation: Operation, *values: float, about: About = About.CENTRE
 ) -> tuple[Filter, F64]:
-    """A filter with its controls; what is not given has its default."""
+    """Return a filter and the controls; missing values get defaults."""
     controls = np.zeros(WIDTH)
     for k, control in enumerate(CONTROLS[kind]):
         controls[k] = values[k] if k < len(values) else control.default
@@ -87,7 +87,7 @@ class Walk:
 
 
 def walk(seed: int, seconds: float, volumes: int = 12, *, responds: bool = False) -> Walk:
-    """A body of its own size that walks its own way through volumes, from a seed."""
+    """Return a body of random size on a random walk through volumes, by seed."""
     random = np.random.default_rng(seed)
     count = int(seconds * RATE_HZ)
     time = TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 0, 0, count - 1)
@@ -109,7 +109,7 @@ def walk(seed: int, seconds: float, volumes: int = 12, *, responds: bool = False
 def _volume(
     k: int, count: int, to_world: F64, random: np.random.Generator, responds: bool
 ) -> tuple[EffectDescription, EffectBlock]:
-    """A volume that moves about the body, or stands in its way."""
+    """Return a volume moving around the body, or standing in the way."""
     modality = tuple(_PARAMETERS)[k % 4]
     model = load_model(f"hfx-{'pressure' if modality == 'wind' else modality}-1")
     shape = _SHAPES[k // 4 % 4]
@@ -144,9 +144,9 @@ def bouncing(
     radius_m: float = 0.03,
     count: int = 70,
 ) -> Walk:
-    """A still body whose belly a ball hits: times, heights and depths of its bounces, at 1 m/s.
+    """Return a still body hit on the belly by a ball: (time, height, depth) per bounce, at 1 m/s.
 
-    Every vertex that it reaches is inside to the full: it has no falloff.
+    Without falloff, every vertex reached has full strength.
     """
     model = load_model("hfx-vibration-1")
     times = np.arange(count) / RATE_HZ
@@ -180,7 +180,7 @@ def bouncing(
 
 
 def _way(count: int, random: np.random.Generator) -> F64:
-    """Placing of a body of its own size that walks a curve, (T, 4, 4)."""
+    """Return placements of a body of random size walking a curve, (T, 4, 4)."""
     scale, bend = random.uniform(0.7, 1.2), random.uniform(-0.6, 0.6)
     heading = random.uniform(0.0, 6.3) + bend * np.arange(count) / RATE_HZ
     step = 1.1 * scale / RATE_HZ * np.column_stack([np.sin(heading), -np.cos(heading)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of this package run no module of the current folder, whatever lies there."""
+"""Processes of this package never run a module of the current folder."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def test_no_child_runs_what_lies_in_the_current_folder(
     ) as process:
         _, err = process.communicate(timeout=120)
     assert RAN not in err and process.returncode != 77
-    is_at_imports = "hfx_blender.errors" in err or "No module named 'torch'" in err  # not ours
+    is_at_imports = "hfx_blender.errors" in err or "No module named 'torch'" in err  # foreign
     assert is_at_imports, "it came to its own imports"
 
 
 def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
-    """As the measurements start them: given as source."""
+    """Programs given as source, as in the measurements."""
     source = "import sys, json, queue, numpy, hfx_tools.bench.safety.safety; print(sys.argv)"
     command = processes.program(source, "x", "y")
     done = subprocess.run(
@@ -115,7 +115,7 @@ def test_absolute_entries_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture(scope="module")
 def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """An installation as pip makes it: a script that imports the package."""
+    """Install the package as pip does: a script importing the package."""
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
     stored = {"base": str(folder), "platbase": str(folder)}
@@ -131,14 +131,14 @@ def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [str(python), str(script)]
 
 
-# Modules that Python imports before the command's first line, from a PYTHONPATH that names the
-# current folder.
+# Modules imported by Python before the command's first line, from a PYTHONPATH with the current
+# folder.
 BEFORE_OURS = ("hfx_blender", "sitecustomize", "usercustomize", "_distutils_hack")
 
 
 @pytest.fixture(scope="module")
 def beside_a_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A stranger's folder, without modules that no program could keep from being run."""
+    """Fill a folder with foreign modules, except for those imported by Python at the start."""
     folder = tmp_path_factory.mktemp("beside")
     fill(folder)
     code = "import sys, site; print(*sys.modules)"

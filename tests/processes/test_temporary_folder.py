@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The user's temporary folder: nothing in it is removed but what the command made there."""
+"""User's temporary folder: only folders made by the command are removed."""
 
 from __future__ import annotations
 

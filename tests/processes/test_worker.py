@@ -100,7 +100,7 @@ def test_an_end_is_told_with_its_reason(make: Any, source: str, how: str) -> Non
     [
         (b"hello, world", "sent a message of 1819043176 bytes, allowed are 16777216"),  # "hell"
         (b"\0\0\0\0\xc8\0\0", "sent a message of the unknown kind 200"),
-        (b"\0\0", ""),  # one that breaks off is the end
+        (b"\0\0", ""),  # an incomplete message is the end
     ],
 )
 def test_something_else_than_messages_is_a_fault(make: Any, written: bytes, fault: str) -> None:
@@ -132,7 +132,7 @@ def test_the_input_ends_with_what_is_to_be_sent(make: Any) -> None:
         yield message(MessageKind.ARM, 1)
 
     worker = make(outgoing=outgoing)
-    assert worker.wait(PATIENCE_S) == 0  # as its owner's end is its own
+    assert worker.wait(PATIENCE_S) == 0  # an owner's end is a normal end
 
 
 def test_closing_gives_a_process_its_time_and_no_more(make: Any) -> None:
@@ -145,7 +145,7 @@ def test_closing_gives_a_process_its_time_and_no_more(make: Any) -> None:
 
 
 def test_of_200_that_are_killed_at_any_moment_none_is_lost(make: Any) -> None:
-    """Each end is noticed, and what was sent before is whole."""
+    """Each end is noticed, and earlier messages arrive whole."""
     bodies = {number: bytes([number]) * 3000 for number in range(200)}
     source = (
         "import os, struct, time\n"

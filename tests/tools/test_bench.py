@@ -93,7 +93,7 @@ def test_what_is_dearer_by_no_more_than_noise_is_on_the_front() -> None:
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Figures of matplotlib that charts are drawn in."""
+    """Return the matplotlib figures of the charts, filled later."""
     stored: list[Any] = []
 
     @contextmanager
@@ -131,7 +131,7 @@ def test_the_chart_has_a_point_for_each_setting_and_panel(
     table, chart = trade_report.write(result(*ROWS), tmp_path)
     assert (table.name, chart.name) == ("trade-my_scene.csv", "trade-my_scene.svg")
     skin, actuators, onsets = figures[0].axes
-    assert points(skin) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, % of what is felt
+    assert points(skin) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, % of the samples
     assert points(actuators) == points(skin)
     assert points(onsets) == [(1.0, 20.0), (2.0, 5.0), (8.0, 5.0)]  # ms, ms
     texts = [item.text for item in ET.parse(chart).iter("{http://www.w3.org/2000/svg}text")]

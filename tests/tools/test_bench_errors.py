@@ -76,7 +76,7 @@ def test_onsets_are_matched_within_a_window():
 
 
 def test_onsets_are_matched_with_the_nearest():
-    """Not with that of an event that ends just before: that was told to be early by its length."""
+    """An event ending just before would make the onset early by the event's length."""
     reference = np.array([[0.332, 1.19], [1.215, 2.644]])
     second = np.array([[0.34, 1.20], [1.22, 2.65]])
     error = trade_errors.onset_error(second, reference)

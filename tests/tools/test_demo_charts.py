@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The chart of a track: well-formed SVG that shows what was felt and played, and when."""
+"""Chart of a track: well-formed SVG with felt and played strengths over time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _track(
     first_frame: int = 0,
     name: str = "Rain",
 ) -> TrackReader:
-    """A track with one effect, felt on two vertices at these samples with level 0.5."""
+    """Write a track with one effect, at level 0.5 on two vertices at the given samples."""
     time = TimeBase(Fraction(rate_hz), Fraction(rate_hz), 0, first_frame, first_frame + count - 1)
     stream = Stream("e", "b", "pressure", "m")
     header = TrackHeader(
@@ -115,7 +115,7 @@ def _texts(path: Path) -> list[str]:
 
 
 def _ticks(axes: Any) -> dict[str, float]:
-    """Labels of the time axis that are seen, and their times."""
+    """Return visible labels of the time axis, and the labels' times."""
     first, last = axes.get_xlim()
     return {
         label.get_text(): float(at)
@@ -125,13 +125,13 @@ def _ticks(axes: Any) -> dict[str, float]:
 
 
 def _outline(axes: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The drawn area of the first effect: times of its edges, and heights between them."""
+    """Return the drawn area of the first effect: edge times, and heights between the edges."""
     values, edges, bottom = axes.patches[0].get_data()
     return edges, (values - bottom) / ROW
 
 
 def test_an_effect_is_drawn_when_it_was_felt(tmp_path: Path, drawn: Drawn) -> None:
-    # Felt from 0.2 s to 0.3 s of one second, at half of the full level.
+    # Contact from 0.2 s to 0.3 s of one second, at half of the full level.
     axes = drawn(_track(tmp_path, tuple(range(20, 30))), (), tmp_path / "x.svg")
     edges_s, heights = _outline(axes)
     np.testing.assert_allclose(edges_s, [0.0, 0.2, 0.3, 1.0], atol=1e-9)
@@ -140,7 +140,7 @@ def test_an_effect_is_drawn_when_it_was_felt(tmp_path: Path, drawn: Drawn) -> No
 
 
 def test_a_sample_lasts_until_the_next(tmp_path: Path, drawn: Drawn) -> None:
-    # Ten samples on 480 columns: all of them felt is one area without gaps.
+    # Ten samples of contact on 480 columns form a single area without gaps.
     _, heights = _outline(drawn(_track(tmp_path, tuple(range(10)), count=10), (), tmp_path / "x"))
     np.testing.assert_allclose(heights, [0.5])
 
@@ -161,7 +161,7 @@ def test_what_nobody_felt_has_an_empty_row(tmp_path: Path, drawn: Drawn) -> None
 def test_a_device_shows_each_actuator_against_the_strongest(tmp_path: Path, drawn: Drawn) -> None:
     values = np.full((100, 3), 1.0)
     values[50:, 1] = 5.0  # neutral is 1: plays 4 from 0.5 s on
-    values[:, 2] = 2.0  # plays 1, a quarter of that, all the time
+    values[:, 2] = 2.0  # plays 1, a quarter of the maximum, all the time
     axes = drawn(_track(tmp_path, ()), (_raster(values, neutral=1.0),), tmp_path / "x.svg")
     assert {"pad", "3 actuators"} <= set(_texts(tmp_path / "x.svg"))
     (image,) = axes.images
@@ -179,7 +179,7 @@ def test_the_time_axis_has_round_labels_at_their_places(tmp_path: Path, drawn: D
 def test_times_before_the_scene_begins_are_labelled_too(tmp_path: Path, drawn: Drawn) -> None:
     axes = drawn(_track(tmp_path, (), count=155, first_frame=-105), (), tmp_path / "x.svg")
     ticks = _ticks(axes)
-    # matplotlib's minus sign is left to it
+    # matplotlib formats the minus sign
     assert next(iter(ticks)) == "-1 s" and "0 s" in ticks and "0.4 s" in ticks
     assert all(len(label) <= 6 for label in ticks), ticks
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of the demo and of measurements: they end, tidily, when their parent is ended."""
+"""Processes of the demo and the measurements end, and clean up, with the parent process."""
 
 from __future__ import annotations
 

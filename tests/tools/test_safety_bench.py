@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The safety bench: it tells silence from never having played, and finds a limiter that leaks."""
+"""Safety bench: distinguishes silence from never having played, and detects a leaking limiter."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_line_in_the_making_is_left_out_until_it_is_whole(tmp_path: Path) -> N
 
 
 class Scripted(safety_stops.Rounds):
-    """Rounds that go as they are told."""
+    """Simulated measurement rounds."""
 
     def __init__(self, *answers: float | type[Exception]) -> None:
         self._answers = list(answers)

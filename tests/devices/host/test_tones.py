@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An actuator driven as sound plays overlapping vibrations of 80 and 250 Hz together in live mode."""
+"""An actuator driven as sound plays vibrations of 80 and 250 Hz together in live mode."""
 
 from __future__ import annotations
 

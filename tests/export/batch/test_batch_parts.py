@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Into which parts a scene's samples are cut."""
+"""Division of a scene's samples into parts."""
 
 from __future__ import annotations
 

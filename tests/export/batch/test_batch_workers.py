@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Workers that crash, hang, or die, played by a stand-in without Blender: the others go on."""
+"""Crashed, hung and killed batch workers, simulated without Blender: the remaining workers go on."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -
 def test_no_worker_leaves_temporary_files_however_it_ends(
     make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A crash, a kill, and one that is ended as it takes too long."""
+    """A crash, a kill, and a timeout."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
@@ -162,7 +162,7 @@ def test_long_scenes_are_split_where_workers_would_be_idle(make: Any, tmp_path: 
     outcomes = batch.run(
         _units(tmp_path, "long1", "longbad", "long2"), make(3), progress=shares.append
     )
-    # Only the last one had idle workers to share with.
+    # Only the last scene had idle workers to share with.
     assert [outcome["report"]["merged"] for outcome in outcomes if "report" in outcome] == [
         [],
         [],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The folder of a farm's pieces after a merge: what others have put there stays."""
+"""Pieces folder of a farm after a merge: foreign files stay."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _unit(out: Path) -> Unit:
 
 
 def _piece(folder: Path, number: int, count: int, listed: str) -> None:
-    """A piece with its record, written by hand as docs/farms.md tells it."""
+    """Write a piece and a record by hand, after docs/farms.md."""
     content = f"{number}".encode()
     (folder / listed).write_bytes(content)
     digest = hashlib.sha256(content).hexdigest()
@@ -39,7 +39,7 @@ def test_the_pieces_of_all_divisions_go_and_the_folder_with_them(tmp_path: Path)
     pieces.remove(_unit(tmp_path))
     killed = folder / temporary_name("hfx-export")
     killed.mkdir()
-    (killed / "owner").write_bytes(b"locked\n")  # its process has gone, and so has the lock
+    (killed / "owner").write_bytes(b"locked\n")  # the process and the lock are gone
     pieces.remove_folder(folder)
     assert list(tmp_path.iterdir()) == []
 
@@ -48,7 +48,7 @@ def test_what_others_have_put_there_stays(tmp_path: Path) -> None:
     folder = tmp_path / "a.pieces"
     folder.mkdir()
     _piece(folder, 1, 2, "1-of-2.hfxtrack")
-    _piece(folder, 2, 2, "farm.log")  # a record that lists what is no file of its piece
+    _piece(folder, 2, 2, "farm.log")  # a record with a foreign file
     (folder / "thesis").mkdir()
     (folder / "thesis" / "1-of-2.hfxtrack").write_bytes(b"precious")
     (folder / "2-of-3.json").write_text("{}")  # no record of a piece

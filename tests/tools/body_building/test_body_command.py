@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx body``: what it refuses, what it lists, and where it puts things."""
+"""``hfx body``: refusals, listings, and output folders."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finding where a mesh runs through itself, and freeing coarse limbs of it."""
+"""Search for self-intersections of a mesh, and repair of coarse limbs."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def test_a_crossing_is_as_deep_as_the_least_that_would_end_it() -> None:
     through = np.array([[3, 4, 0, 1, 2]])
     assert depth_m(points, through) == pytest.approx([0.05])  # push the lower end up
     points[3, 2] = -3.0
-    assert depth_m(points, through) == pytest.approx([0.2])  # push it out over the edge x = 0
+    assert depth_m(points, through) == pytest.approx([0.2])  # out over the edge x = 0
     assert depth_m(points, np.zeros((0, 5), np.int64)).shape == (0,)
 
 
 def coarse_half() -> SimpleNamespace:
-    """The left half of the temperature model, as the remesher has it when it is done."""
+    """Return the left half of the temperature model, as at the end of remeshing."""
     shipped, fine = (model.load_model(f"hfx-{name}-1") for name in ("temperature", "pressure"))
     stored, seen = (np.flatnonzero(item.side != RIGHT) for item in (shipped, fine))
     inside = shipped.triangles[(shipped.side[shipped.triangles] != RIGHT).all(axis=1)]
@@ -78,7 +78,7 @@ def coarse_half() -> SimpleNamespace:
 
 
 def tangled(mesh: SimpleNamespace) -> None:
-    """Exchange diagonals on the lower leg until two triangles run through each other."""
+    """Flip edges on the lower leg until two triangles intersect."""
     leg = mesh.part == PARTS.index("lower_leg")
     rng = np.random.default_rng(0)
     for turn in range(50):
@@ -96,7 +96,7 @@ def tangled(mesh: SimpleNamespace) -> None:
 
 
 def test_a_coarse_limb_is_freed_and_stays_one_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uncross, "STEPS", 600)  # one crossing needs no more
+    monkeypatch.setattr(uncross, "STEPS", 600)  # enough for a single crossing
     mesh = coarse_half()
     tangled(mesh)
     before, points = mesh_edges.edges_of(mesh.triangles, len(mesh.points)), mesh.points.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of detail: fewer of the same vertices, and every fine one stands somewhere near."""
+"""Levels of detail: subsets of the vertices, with a coarse vertex near every fine vertex."""
 
 from __future__ import annotations
 

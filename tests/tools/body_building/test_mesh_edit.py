@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collapses, flips and splits: they never break a mesh, and end where they should."""
+"""Collapses, flips and splits: valid meshes, and termination."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hfx_tools.body_building.meshes.nearest_places import locate
 
 
 def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """A plane set of points with any triangulation of it: a fan of its sorted hull scan."""
+    """Return random points in a plane and a Delaunay triangulation."""
     from scipy.spatial import Delaunay
 
     points = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 2))
@@ -46,7 +46,7 @@ def test_flips_lead_back_to_delaunay(seed: int, count: int) -> None:
     points, expected = cloud(seed, count)
     triangles = expected
     none = np.zeros(count, bool)
-    for turn in range(4):  # spoil it
+    for turn in range(4):  # make the mesh worse
         edges = mesh_edges.edges_of(triangles, count)
         inner = np.flatnonzero(~edges.is_border)
         triangles, _ = mesh_edit.flip(points, triangles, edges, inner[turn::3], none, seed)
@@ -78,7 +78,8 @@ def test_collapses_keep_a_disc_a_disc(seed: int, count: int) -> None:
 
 
 def test_a_collapse_that_would_pinch_is_refused() -> None:
-    # A tube of three: the ring 0 1 2 is no face, so merging two of it would cut the tube.
+    # A tube of three: the ring 0 1 2 is no face, so merging two of the ring's vertices would cut
+    # the tube.
     triangles = np.array([[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4], [2, 0, 5], [0, 3, 5]])
     points = np.array(
         [[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [1, 0, 1], [-0.5, 0.9, 1], [-0.5, -0.9, 1]]

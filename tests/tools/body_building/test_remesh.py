@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The remesher on a ball of two parts, where everything about it is known."""
+"""Remesher on a ball of two parts, with a known result."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_the_whole_is_a_closed_ball(meshed: remesh.Remesher) -> None:
     assert len(body.points) - len(forward) // 2 + len(body.triangles) == 2
     a, b, c = (body.points[body.triangles[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
-    # A triangle of edges s lies s^2 / 8 R below its sphere on average, where Pythagoras puts it.
+    # A triangle of edges s lies s^2 / 8 R below the sphere on average, by Pythagoras.
     lacking = 3.0 * np.square(SPACING_M).mean() / 8.0 / 0.15**2
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * 0.15**3 * (1.0 - lacking), rel=2e-3)
     assert np.array_equal(body.points[body.mirror] * (-1.0, 1.0, 1.0), body.points)

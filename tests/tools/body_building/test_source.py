@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading the source, and that the shipped avatar is made from it."""
+"""Reading the source, and reproduction of the shipped avatar."""
 
 from __future__ import annotations
 

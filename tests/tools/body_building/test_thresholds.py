@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of thresholds: the paper's, and those that a user brings."""
+"""Threshold tables: from the paper, and from users."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Variants: other people, the same vertex ids."""
+"""Variants: other body shapes with the same vertex ids."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def height_m(points: np.ndarray) -> float:
     return float(points[:, 2].max() - points[:, 2].min())
 
 
-# -- what a variant is ------------------------------------------------------------------------
+# -- definition of a variant --------------------------------------------------------------------
 
 
 def test_the_defaults_are_the_average_adult() -> None:
@@ -297,7 +297,7 @@ def test_a_heavier_person_has_more_girth(people: dict[str, Person]) -> None:
         assert height_m(avatar.vertices) == pytest.approx(1.8, abs=1e-6)
         around = np.abs(avatar.vertices[:, 2] - 1.08) < 0.02
         trunk = avatar.vertices[around & (avatar.part == PARTS.index("torso"))]
-        girths_m.append(ConvexHull(trunk[:, :2]).area)  # of a plane hull: its perimeter
+        girths_m.append(ConvexHull(trunk[:, :2]).area)  # perimeter of a plane hull
     assert 0.6 < girths_m[0] < 1.0
     assert girths_m[1] > 1.05 * girths_m[0]
 
@@ -316,7 +316,7 @@ def test_a_child_is_shorter_and_finer_spaced(
     assert height_m(people["child"].avatar.vertices) < 1.3
     child, adult = (stats.spacing_m(models[name])[0] for name in ("child", "neutral"))
     assert (child < 0.9 * adult).all()
-    # A child's head is larger against its body.
+    # A child's head is larger relative to the body.
     assert child[0] / adult[0] > 1.1 * child[1] / adult[1]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The walk cycle: that it is a walk, measured on the avatar that walks it."""
+"""Walk cycle, measured on the walking avatar."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_the_standing_sole_goes_with_the_ground(
     standing = 0
     height = skins[:, :, 2]
     for frame in range(len(skins)):
-        # What touches the ground before, now and after: not what is just landing or leaving.
+        # Vertices on the ground before, now and after, without landing and leaving vertices.
         around = [(frame + step) % len(skins) for step in (-1, 0, 1)]
         touching = sole & (height[around] < 0.004).all(axis=0)
         now, then = skins[around[1]], skins[around[2]]
