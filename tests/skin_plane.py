@@ -9,7 +9,7 @@ from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 
 
 def plane(spacing_m: float = 0.02, rows: int = 21, modality: str = "vibration") -> PerceptualModel:
-    """Return a plane of equal triangles; the middle vertex, ``rows * rows // 2``, is at the origin."""
+    """Return a plane of equal triangles; vertex ``rows * rows // 2`` is at the origin."""
     j, i = np.divmod(np.arange(rows * rows), rows)
     points = np.stack([i + 0.5 * (j % 2), j * np.sqrt(3.0) / 2.0, 0.0 * i], axis=1) * spacing_m
     points -= points[rows * rows // 2]

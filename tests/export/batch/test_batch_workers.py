@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Crashed, hung and killed batch workers, simulated without Blender: the remaining workers go on."""
+"""Crashed, hung and killed batch workers, simulated without Blender: the rest go on."""
 
 from __future__ import annotations
 
