@@ -31,10 +31,9 @@ _HEAD: Final = 1 << 16  # bytes searched for the marks of a .json
 
 
 def format_of(path: Path) -> FormatInfo:
-    """Return the format of a file by its name, or by its content for ``.json``.
+    """Return the format of a file by its name; of ``.json`` by marks in the first 64 KiB.
 
-    Only formats with ``check`` are considered. Raises InputError for another name or content, or
-    an unreadable file.
+    Only formats with ``check``. Raises InputError for another name, or an unreadable file.
     """
     name = path.name.lower()
     checked = [entry for entry in FORMATS.values() if entry.check]
@@ -55,9 +54,9 @@ def format_of(path: Path) -> FormatInfo:
 
 
 def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
-    """Raise OutputError for an existing companion file of a target without HFX's signature.
+    """Raise OutputError for an existing file other than ``target`` without HFX's first bytes.
 
-    The target itself may be replaced; missing files are ignored.
+    Missing files are ignored; returns nothing.
     """
     for path in files:
         if path != target and path.is_file() and not _is_written_by_hfx(path):
@@ -68,7 +67,7 @@ def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
 
 
 def _is_written_by_hfx(path: Path) -> bool:
-    """Test a file for the first bytes written by HFX; False if unreadable or unmarked."""
+    """Test a file for the first bytes of its format as written by HFX; False if unreadable."""
     starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
     start = next(filter(None, starts), None)
     try:
@@ -79,7 +78,7 @@ def _is_written_by_hfx(path: Path) -> bool:
 
 
 def _formats_without_check() -> list[FormatInfo]:
-    """Formats validated by a reader of the path: large files, or files with companions."""
+    """Formats with a validating reader ``read``: large files, or files with companions."""
     return [info for info in FORMATS.values() if info.read]
 
 
@@ -103,13 +102,9 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
     """Return the format and the findings of a file, in file order; none: valid.
 
     A file beyond parsing has a single finding, ``<FORMAT>-UNREADABLE`` (``-LARGE``: beyond a limit,
-    ``-CONTENT``: of a format with ``read``). Raises InputError if the path is missing, unreadable
-    or of an unknown format.
-
-    Parameters
-    ----------
-    reads : bool
-        Decode the envelopes of a file without errors too, most of the time spent.
+    ``-CONTENT``: of a format with ``read``). ``reads``: decode the envelopes of a file without
+    errors too, most of the time spent. Raises InputError if the path is missing, unreadable or of
+    an unknown format.
     """
     refuse_no_file(path)
     for info in _formats_without_check():
@@ -133,26 +128,32 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
 
 
 def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Finding:
-    """Convert a reader's error to a finding without the path and the final full stop."""
+    """Finding ``<FORMAT>-<code>`` with a reader's message without path and full stop."""
     message = str(error).removeprefix(f"{path}: ").rstrip(".")
     return Finding(f"{info.id.upper()}-{code}", "", message)
 
 
 def read_track(path: Path) -> None:
-    """Read a track file run by run, in bounded memory; InputError if damaged."""
+    """Read a whole track file, run by run in bounded memory, to check it; InputError if damaged.
+
+    Returns nothing.
+    """
     with TrackReader(path) as track:
         for _ in track.runs():
             pass
 
 
 def read_blend(path: Path) -> None:
-    """Check the first bytes of a ``.blend`` file (plain or zstd); InputError for other bytes."""
+    """Raise InputError for a file without the first bytes of a ``.blend`` (plain or zstd)."""
     if not mapped(path)[:7].startswith((b"BLENDER", b"\x28\xb5\x2f\xfd")):
         raise InputError(f"{path}: is no .blend file.")
 
 
 def read_svg(path: Path) -> None:
-    """Parse an SVG file; InputError for malformed XML or a root other than ``svg``."""
+    """Check an SVG file; InputError for malformed XML or a root element other than ``svg``.
+
+    Returns nothing; the drawing is not interpreted.
+    """
     root = ""
     parser = expat.ParserCreate()
 
@@ -183,10 +184,10 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
 
 
 def without_invalid_files(written: Written) -> Written:
-    """Delete files of an export that are invalid or above the readers' size limit; report each.
+    """Delete files of an export that are invalid or too large; returns ``written`` without these.
 
-    Reports are sentences in ``left_out``. Only formats with ``decode`` are validated, without
-    decoding; the order is kept.
+    Formats with ``decode`` are validated without decoding; other files but tracks and WAV have at
+    most the default memory limit. Each deletion is a sentence at the end of ``left_out``.
     """
     with_rules = tuple(info.suffix for info in FORMATS.values() if info.decode)
     unlimited = tuple(FORMATS[id].suffix for id in ("track", "wav"))
@@ -257,7 +258,7 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def _facts_of_signals(path: Path) -> dict[str, Any]:
-    """Metadata, notes, frequency range and a row per signal of a file with envelopes."""
+    """Facts of a file with envelopes: metadata, notes and losses if any, Hz, a row per signal."""
     signals, frequencies = read_signals(path)
     notes = [note for signal in signals for note in signal.notes]
     left_out = [note for signal in signals for note in signal.left_out]

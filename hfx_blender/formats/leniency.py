@@ -20,19 +20,10 @@ _HUGE: Final = 1e15
 def refuse_untolerated(
     findings: list[Finding], name: str, tolerated: Callable[[Finding], bool], document: Any = None
 ) -> ToleratedFaults:
-    """Raise InputError for the first fault outside the tolerated kinds; describe the rest.
+    """Raise InputError for the first error outside the tolerated kinds; describe all other faults.
 
-    Parameters
-    ----------
-    tolerated : callable
-        Predicate of errors; warnings are always tolerated.
-    document : optional
-        Parsed document with tolerated ranges: numbers beyond 1e15 are refused.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each code of tolerated errors, then of warnings.
+    Warnings are always tolerated. Returns a sentence for each code of tolerated errors, then of
+    warnings. With a ``document``, numbers beyond 1e15 in it are refused if there are errors.
     """
     errors = [finding for finding in findings if finding.severity == "error"]
     refuse_errors([error for error in errors if not tolerated(error)], name)
@@ -44,12 +35,15 @@ def refuse_untolerated(
 
 
 def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
-    """Fact with a line for each sentence; empty without sentences."""
+    """Dict of ``key`` and a row ``{"": sentence}`` for each sentence; empty without sentences."""
     return {key: [{"": sentence} for sentence in sentences]} if sentences else {}
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
-    """A sentence for each code: the first finding and the number of further findings."""
+    """A sentence for each code: the first finding and the number of further findings.
+
+    ``begin`` is put in front.
+    """
     counts = Counter(finding.code for finding in findings)
     firsts = {finding.code: finding for finding in reversed(findings)}
     return tuple(
@@ -60,7 +54,7 @@ def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
 
 
 def without_nulls(document: Any, members: Container[str] | None = None) -> Any:
-    """Copy a document without null members, or only without null members of these names."""
+    """Copy of a document without null members at any depth, or only of names in ``members``."""
     if isinstance(document, dict):
         return {
             key: without_nulls(item, members)

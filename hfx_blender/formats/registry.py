@@ -119,12 +119,12 @@ class FormatInfo:
 
     @property
     def is_written(self) -> bool:
-        """Test for a format with a writer that conversions can use."""
+        """True for a target of conversions: a writer of tracks, of all devices or of a device."""
         return bool(self.write_track or self.write_played or self.is_of_device)
 
     @property
     def is_of_device(self) -> bool:
-        """Test for a format whose file holds the output of a single device."""
+        """True for files of a single device: written from rasters or signals, no tracks."""
         return bool(self.write_raster or self.write_signals) and not self.write_track
 
     def plays_of(self, modalities: Iterable[str]) -> tuple[str, ...]:
@@ -345,7 +345,7 @@ _REMOVED: Final = {
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Raise UsageError for a name outside ``known``; for a removed format with the replacement.
+    """Raise UsageError for a name outside ``known``, naming a removed format's replacement.
 
     ``option`` begins the message, such as ``--format``.
     """
@@ -377,7 +377,7 @@ def target_of(path: Path) -> FormatInfo:
 
 
 def suffixes(ids: Sequence[str]) -> tuple[str, ...]:
-    """Suffixes of the files written by export formats, companions included, without duplicates."""
+    """Distinct suffixes of the files of export formats, each followed by its companions'."""
     return tuple(
         dict.fromkeys(name for id in ids for name in (FORMATS[id].suffix, *FORMATS[id].companions))
     )

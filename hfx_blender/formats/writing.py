@@ -33,21 +33,10 @@ def write(
 ) -> Written:
     """Write the output of a device in one format, and report the losses.
 
-    Parameters
-    ----------
-    id : str
-        Key of ``FORMATS`` with ``write_raster`` or ``write_signals``.
-    stem : Path
-        ``folder/stem``: begin of the file names.
-    tolerance : float
-        Amplitude error of keyframe formats, a share of full scale.
-
-    Raises
-    ------
-    InputError
-        The format can hold nothing of the device, or not all of a signal.
-    OutputError
-        A file cannot be written.
+    ``id`` is a key of ``FORMATS`` with ``write_raster`` or ``write_signals``; ``stem`` the begin of
+    the file names; ``tolerance`` the amplitude error of keyframe formats, a share of full scale.
+    Raises InputError if the format can hold nothing of the device, or not all of a signal, and
+    OutputError for an unwritable file.
     """
     info = FORMATS[id]
     held = info.plays_of(device.modalities)
@@ -77,7 +66,7 @@ def write(
 def _write_as_signals(
     info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
 ) -> Written:
-    """Convert a raster to envelopes and write them, with notes on clipped values."""
+    """Convert a raster to envelopes and write them; clipped values are reported in ``left_out``."""
     signals, frequencies = signals_of(raster, device)
     written = write_signals(info, signals, frequencies, stem, tolerance)
     # A format whose range ends below MAX_HZ reports its own limit (off_range), not that of skin.
@@ -93,7 +82,7 @@ def write_signals(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write signals in an envelope format, clipped to the format's frequencies.
+    """Write signals in an envelope format, clipped to the format's frequencies and reported.
 
     Raises InputError for signals beyond the format's limits, OutputError for an unwritable file.
     """
@@ -147,21 +136,24 @@ def _modalities_of(devices: Iterable[DeviceConfig]) -> list[str]:
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Select track formats, and device formats for the modalities of the devices."""
+    """Select track formats, and device formats holding a modality of any of the devices."""
     played = _modalities_of(devices)
     infos = [FORMATS[id] for id in formats]
     return tuple(info.id for info in infos if not info.is_of_device or info.plays_of(played))
 
 
 def _why_nothing(info: FormatInfo, device: DeviceConfig) -> str:
-    """Reason for no file of a format for a device; empty if there is a file."""
+    """Reason for no file of a format for one device; empty if a file is possible."""
     if not info.plays_of(device.modalities):
         return f"device '{device.id}' has no {' or '.join(info.modalities or ())} actuators"
     return str(info.function("why_nothing")(device)) if info.why_nothing else ""
 
 
 def why_nothing(id: str, devices: Sequence[DeviceConfig]) -> str:
-    """Tooltip: reason for no file of a format for any device; empty if there is a file."""
+    """Tooltip: reason for no file of a format for any device; empty if a file is possible.
+
+    Empty for formats of tracks.
+    """
     info = FORMATS[id]
     if not info.is_of_device:
         return ""
@@ -185,25 +177,16 @@ def write_all(
     """Write the files of all formats except the track and the glTF scene.
 
     A format unable to hold the whole output of a device is left out for this device and reported;
-    so is a track format without any samples.
+    so is a track format without any samples. Raises OutputError for an unwritable file.
 
     Parameters
     ----------
-    formats : sequence of str
-        Keys of ``FORMATS``.
     played : sequence of (Path, DeviceConfig, Raster)
         ``folder/stem``, device and output of each device.
     stem : Path
         ``folder/stem`` of files without a device.
-    tolerance : float
-        See :func:`write`.
     scene : SpatialRecorder, optional
         Bodies and effects for the formats with ``write_played``.
-
-    Raises
-    ------
-    OutputError
-        A file cannot be written.
     """
     written = Written()
     for info in (FORMATS[id] for id in formats):

@@ -33,7 +33,7 @@ class Written:
         )
 
     def prefixed(self, title: str) -> Written:
-        """Prefix every sentence with a title and a colon."""
+        """Copy with a title and a colon before every sentence of ``left_out`` and ``notes``."""
         left_out = tuple(f"{title}: {loss}" for loss in self.left_out)
         return Written(self.files, left_out, tuple(f"{title}: {note}" for note in self.notes))
 
@@ -64,5 +64,5 @@ def name_part(part: str) -> str:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """Note on silent actuators without a file; empty without names."""
+    """Tuple of a note on silent actuators without a file; empty without names."""
     return (f"no file for silent actuators: {named(names)}",) if names else ()

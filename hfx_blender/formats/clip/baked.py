@@ -39,16 +39,10 @@ Played = Sequence[tuple[DeviceConfig, Raster]]
 def sections_of(
     header: TrackHeader, played: Played, texts: Texts, title: str
 ) -> tuple[dict[str, Records], Written]:
-    """Sections of device output, time and named clips of a track; second, notes on skipped clips.
+    """Sections TIME, CLIP, DEVC, ACTR, COLM, ROWS and VALU; second, notes on skipped clips.
 
-    Parameters
-    ----------
-    played : sequence of (DeviceConfig, Raster)
-        Rasters on the sample clock of the track.
-    texts : Texts
-        Receives all names; the caller creates the section ``TEXT`` from it.
-    title : str
-        Name of the scene.
+    Rasters are on the sample clock of the track; ``title`` names the scene. ``texts`` receives all
+    names; the caller creates the section ``TEXT`` from it.
     """
     time = header.time
     start_s = float(time.times_s(np.array([0]))[0])
@@ -64,10 +58,10 @@ def sections_of(
 
 
 def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Records:
-    """Quantize column values to 16 bits over the range, at most half a step off.
+    """Quantize values (n,) to uint16: 0 at ``lowest``, 65535 at ``highest``, rounded to nearest.
 
-    Players read the number of the neutral value as exactly neutral, at most a step off. A range of
-    zero width gives 0.
+    Values outside are clipped; an empty or NaN range gives 0. ``neutral`` is unused: players read
+    the number of the neutral value as exactly neutral.
     """
     scale = highest - lowest
     if not scale > 0.0:
@@ -77,7 +71,10 @@ def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Re
 
 
 def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
-    """Rows (n,) and values (n, columns) of an actuator, of a valid clip."""
+    """Decode an actuator (record number) of a valid clip: stored rows (n,), values (n, columns).
+
+    Values equal to the column's neutral number are exactly the neutral value.
+    """
     at = sections["ACTR"][actuator]
     count, columns = int(at["rows"]), int(at["columns"])
     first_row, first_value = int(at["first_row"]), int(at["first_value"])
@@ -128,7 +125,7 @@ class _Baked:
         }
 
     def add(self, device: DeviceConfig, raster: Raster) -> None:
-        """Append a device and its raster."""
+        """Append the records of a device and of all its actuators and columns."""
         text = self._texts.add
         names = text(device.id), text(device.name), text(self._bodies[raster.body_id])
         firsts = len(self._actuators), len(self._columns)
@@ -138,7 +135,10 @@ class _Baked:
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:
-        """Append an actuator with the rows where at least one column changes."""
+        """Append an actuator, its columns, and the rows where a quantized value changes.
+
+        The first row is always stored.
+        """
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
@@ -183,7 +183,7 @@ class _Baked:
         self._number_count += numbers[rows].size
 
     def _column(self, actuator: int, control: ActuatorControl, unit: str) -> tuple[Any, ...]:
-        """Column record of a control."""
+        """Tuple of a control's column record, in the field order of ``COLM``."""
         lowest, highest, neutral = control.lowest, control.highest, control.neutral
         number = int(numbers_of(np.array([neutral]), lowest, highest, neutral)[0])
         text = self._texts.add
@@ -191,7 +191,12 @@ class _Baked:
 
 
 def _place(device: DeviceConfig, actuator: Actuator, text: Any) -> tuple[int, int, int]:
-    """Kind of an actuator's place (0 vertices, 1 body, 2 room), side, and body parts."""
+    """Fields (place, side, parts) of an actuator's record.
+
+    Place 0: vertices (side, parts 0), 1: body, 2: room (side 0). Side 0: none, 1: left, 2: right,
+    swapped for a mirrored device. Parts: text offset of the comma-separated names of body parts.
+    ``text`` stores a string and returns its offset.
+    """
     position = actuator.place
     if isinstance(position, BodyPlace):
         side = _OTHER_SIDE[position.side] if device.is_mirrored else position.side
@@ -202,7 +207,7 @@ def _place(device: DeviceConfig, actuator: Actuator, text: Any) -> tuple[int, in
 
 
 def _patch(device: DeviceConfig, actuator: Actuator) -> tuple[tuple[float, ...], float]:
-    """Centre and radius of an actuator's skin patch, m in rest space; zeros without a patch."""
+    """Centre (x negated if mirrored) and radius of a body place, m in rest space; else 0."""
     position = actuator.place
     if not isinstance(position, BodyPlace):
         return (0.0, 0.0, 0.0), 0.0
@@ -211,7 +216,11 @@ def _patch(device: DeviceConfig, actuator: Actuator) -> tuple[tuple[float, ...],
 
 
 def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | None) -> str:
-    """Canonical bone followed by most of the skin under an actuator; empty if unknown."""
+    """Canonical bone with the largest skin area (times skin weight) among an actuator's vertices.
+
+    The joint with the largest area is chosen first, then its largest bone. Empty without a model,
+    for a place in the room, or without skin under the actuator.
+    """
     if model is None or isinstance(actuator.place, RoomPlace):
         return ""
     (vertices,) = cells_of(device, [actuator], model).rows
@@ -229,7 +238,10 @@ def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | Non
 
 
 def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
-    """Named clips in seconds from the first row; the notes report clips outside the track."""
+    """Records (name, loops, start and end in s from the first row) of named clips.
+
+    Clips outside the track are left out with a note. Names ending in "loop" or "cycle" loop.
+    """
     rate_hz = float(header.time.rate_hz)
     rows_of_clips, notes = [], []
     for named_clip in named_clips(header):

@@ -78,12 +78,12 @@ _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a clip; InputError for another or a damaged file."""
+    """Return the findings of the clip ``name``; InputError for an undecodable file."""
     return findings_of(decoded(content, name), name)
 
 
 def read(content: bytes, name: str) -> dict[str, Records]:
-    """Decode a valid clip; InputError with file and field for the first broken rule."""
+    """Decode a valid clip to its sections; InputError with the place of the first finding."""
     sections = decoded(content, name)
     for finding in findings_of(sections, name):
         raise InputError(f"{name}: '{finding.place}' {finding.message} [{finding.code}].")
@@ -93,7 +93,7 @@ def read(content: bytes, name: str) -> dict[str, Records]:
 def findings_of(sections: Sections, file_name: str) -> list[Finding]:
     """Return the findings of the first failing group of rules; later groups rely on earlier groups.
 
-    Raises TooLargeError for a clip beyond the limit of duration.
+    Empty for a valid clip; TooLargeError then for a clip longer than the limit of duration.
     """
     text = sections["TEXT"]
     if not len(text) or text[0] or text[-1]:
@@ -120,23 +120,23 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
 
 
 def refuse_long(sections: Sections, name: str) -> None:
-    """Raise TooLargeError for a clip longer than :data:`.limits.SECONDS`."""
+    """Raise TooLargeError for a clip longer than :data:`.limits.SECONDS`; returns nothing."""
     at = sections["TIME"][0]
     limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
 
 
 def _finding(place: str, message: str, code: str = "RULE") -> Finding:
-    """Create an error with the code ``CLIP-<code>``."""
+    """Create a finding of severity error with the code ``CLIP-<code>``."""
     return Finding(f"CLIP-{code}", place, message)
 
 
 def _first(
     section: str, field: str, values: npt.NDArray[Any], is_bad: npt.NDArray[np.bool_], allowed: str
 ) -> list[Finding]:
-    """Finding about the first record breaking a rule, as a list; empty if all keep the rule.
+    """List of one finding about the first record with ``is_bad``; empty if no record is bad.
 
-    ``field`` is empty for sections of plain numbers. Further axes of ``is_bad`` belong to the
-    record.
+    ``is_bad`` is (n,) or (n, ...). The message quotes ``values[k]`` and ``allowed``; the place is
+    ``section[k].field``, or ``section[k]`` for an empty ``field``.
     """
     if not is_bad.any():
         return []
@@ -146,7 +146,7 @@ def _first(
 
 
 def _time(sections: Sections) -> list[Finding]:
-    """Check rate and row count."""
+    """Finding for a rate outside 0 (excluded) to 1 MHz, or else for rows outside 1 to 2**31 - 1."""
     at = sections["TIME"][0]
     if not 0.0 < at["rate_hz"] <= _MOST_HZ:
         return [_finding("TIME.rate_hz", f"is {at['rate_hz']:g}, allowed is up to {_MOST_HZ:g}")]
@@ -156,7 +156,11 @@ def _time(sections: Sections) -> list[Finding]:
 
 
 def _references(sections: Sections) -> list[Finding]:
-    """Check references to texts, ranges and records."""
+    """Findings on text offsets, ranges of records and record numbers, at most one per field.
+
+    An offset is the first byte of a text; the ranges of a field tile the target section in order;
+    a record number is below the count of the target section.
+    """
     found: list[Finding] = []
     size = len(sections["TEXT"])
     for section, fields in _TEXTS.items():
@@ -183,12 +187,15 @@ def _references(sections: Sections) -> list[Finding]:
 
 
 def _is_inside(text: Records, places: Records) -> npt.NDArray[np.bool_]:
-    """Mask of offsets within a text but after its first byte."""
+    """Mask of byte offsets ``places`` within a text but after its first byte; False at 0."""
     return np.asarray((places > 0) & (text[np.maximum(places, 1) - 1] != 0))
 
 
 def _numbers(sections: Sections) -> list[Finding]:
-    """Check numbers against the range of the field."""
+    """Findings on fields outside ``_WHOLE`` or ``_REAL``, on NaN and infinity; ``reserved`` is 0.
+
+    Infinity is allowed only in fields with the upper bound infinity.
+    """
     found: list[Finding] = []
     for section, kind in RECORDS.items():
         for field in kind.names or ():
@@ -239,7 +246,7 @@ def _rows(sections: Sections) -> list[Finding]:
 
 
 def _columns(sections: Sections) -> list[Finding]:
-    """Check owner, parameter and range of columns."""
+    """Findings on the owner, parameter and range (lowest <= neutral <= highest) of columns."""
     columns = sections["COLM"]
     owners = np.repeat(np.arange(len(sections["ACTR"])), sections["ACTR"]["columns"])
     findings = _first(
@@ -258,7 +265,7 @@ def _columns(sections: Sections) -> list[Finding]:
 
 
 def _clips(sections: Sections) -> list[Finding]:
-    """Check times and names of clips."""
+    """Findings on clips: 0 <= start < end <= duration of the track, and distinct names."""
     clips, at = sections["CLIP"], sections["TIME"][0]
     lasts_s = float(at["rows"]) / float(at["rate_hz"])
     is_bad = (clips["start_s"] < 0.0) | (clips["start_s"] >= clips["end_s"])
@@ -276,7 +283,7 @@ def _clips(sections: Sections) -> list[Finding]:
 
 
 def _bodies(sections: Sections) -> list[Finding]:
-    """Check parents of bones, and bones and sums (65535) of skin weights."""
+    """Findings on bodies: parents precede bones, weights are of the body's bones, sum 65535."""
     bodies, models, vertices = sections["BODY"], sections["MODL"], sections["VERT"]
     # Number of each bone within its own body: parents are numbered within the body too.
     own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
@@ -299,7 +306,10 @@ def _bodies(sections: Sections) -> list[Finding]:
 
 
 def _spatial(sections: Sections) -> list[Finding]:
-    """Check bodies of effects, and vertices reached by actuators."""
+    """Findings on bodies of effects; on actuators, vertices and factors (above 0) of reactions.
+
+    Actuators ascend; vertices of a reaction or painted area ascend strictly.
+    """
     bodies = sections["EFCT"]["body"]
     is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
     findings = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
@@ -314,7 +324,6 @@ def _spatial(sections: Sections) -> list[Finding]:
     findings += _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")
     factors = sections["RCHV"]["factor"]
     findings += _first("RCHV", "factor", factors, factors <= 0.0, "above 0, up to 1")
-    # Vertices ascend strictly within each range; at the first vertex of a range any is allowed.
     # Vertices ascend strictly within each range; at the first vertex of a range any is allowed.
     for section, values, counts in (
         ("RCHV", reached, reactions["reached"]),

@@ -42,7 +42,7 @@ def write(
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Rows, devices, clips, bodies and effects for ``hfx info``; InputError for an invalid clip."""
+    """Rate, rows, devices, clips, bodies and effects for ``hfx info``; InputError if invalid."""
     sections = clip_rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]

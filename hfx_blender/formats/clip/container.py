@@ -36,7 +36,7 @@ Sections = Mapping[str, Records]
 
 
 def _record(*fields: str) -> np.dtype[Any]:
-    """Record type from fields ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
+    """Little-endian record type from ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
     kinds: list[Any] = []
     for field in fields:
         name, _, kind = field.partition(":")
@@ -94,7 +94,10 @@ class Texts:
         self._places: dict[str, int] = {"": 0}
 
     def add(self, text: str) -> int:
-        """Add a text, cut to 1000 bytes; returns its byte offset in the section."""
+        """Add a text once; returns its byte offset in ``TEXT`` (0: empty).
+
+        Unwritable characters and zero bytes are replaced; UTF-8 beyond 1000 bytes is cut off.
+        """
         text = clean(text).replace("\0", " ").encode()[:MOST_TEXT].decode("utf-8", "ignore")
         if text not in self._places:
             self._places[text] = len(self._bytes)
@@ -103,25 +106,25 @@ class Texts:
 
     @property
     def records(self) -> Records:
-        """Content of the section ``TEXT``."""
+        """Section ``TEXT``, uint8: UTF-8 texts, a zero byte before and after each."""
         return np.frombuffer(bytes(self._bytes), np.uint8)
 
 
 def texts_at(sections: Sections, places: Records) -> list[str]:
-    """Texts at byte offsets (n,), of a valid clip."""
+    """Texts at byte offsets (n,) of the section ``TEXT`` of a valid clip."""
     content = sections["TEXT"].tobytes()
     return [content[k : content.index(b"\0", k)].decode() for k in places.tolist()]
 
 
 def records(section: str, rows: Sequence[tuple[Any, ...]]) -> Records:
-    """Create the records of a section from tuples in field order."""
+    """Array (n,) of the record type of a section, from tuples in field order; may be empty."""
     return np.array(list(rows), RECORDS[section])
 
 
 def encoded(sections: Sections, name: str) -> bytes:
-    """Encode sections as the bytes of a clip; empty sections are omitted.
+    """Encode sections as the bytes of a clip, in the order of ``RECORDS``, each at a multiple of 8.
 
-    Raises InputError beyond the format's size.
+    Empty sections are omitted. Raises TooLargeError, with ``name``, beyond 2**31 - 1 bytes.
     """
     filled = [
         (record, sections[record])
@@ -144,7 +147,7 @@ def encoded(sections: Sections, name: str) -> bytes:
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Set size and checksum in the head of a clip."""
+    """Copy of a clip's bytes with its own length and CRC-32 (of bytes 20 on) set in the head."""
     content = content[:_SIZE_AT] + struct.pack("<I", len(content)) + content[_SIZE_AT + 4 :]
     checksum = struct.pack("<I", zlib.crc32(content[_CHECKED_FROM:]))
     return content[: _CHECKED_FROM - 4] + checksum + content[_CHECKED_FROM:]

@@ -43,14 +43,7 @@ def sections_of(
 ) -> tuple[dict[str, Records], Written]:
     """Sections of a scene's bodies and effects, and notes on losses; no sections without effects.
 
-    Parameters
-    ----------
-    recorder : SpatialRecorder
-        Of the whole scene.
-    played : sequence of (DeviceConfig, Raster)
-        Devices with responding actuators, in the order of the baked part.
-    texts : Texts
-        Receives all names.
+    ``played`` is in the order of the baked part; ``texts`` receives all names.
     """
     effects = recorder.effects()
     lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
@@ -79,13 +72,9 @@ def sections_of(
 class _Bodies:
     """Collector of bodies, bones, models and vertices.
 
-    Attributes
-    ----------
-    index : dict
-        Body id to record number.
-    stored_models : dict
-        (Body id, model id) to the model's record number, the stored vertex of each vertex of the
-        whole model (int, (V,)), and the whole model.
+    ``index`` maps a body id to the record number; ``stored_models`` a body and model id to the
+    model's record number, the stored vertex of each vertex of the whole model (int, (V,)), and the
+    whole model.
     """
 
     def __init__(self, texts: Texts, model_ids: tuple[str, ...], level: int) -> None:
@@ -105,7 +94,10 @@ class _Bodies:
         return sections
 
     def add(self, body: BodyDescription) -> None:
-        """Append a body that is bound to an armature, with all models."""
+        """Append the records of a body bound to an armature, with a level of detail of every model.
+
+        Only bones with skin weights are stored. Fitted vertices replace those of a canonical model.
+        """
         assert isinstance(body.binding, SkinBinding)
         binding, text = body.binding, self._texts.add
         placed = [
@@ -128,7 +120,10 @@ class _Bodies:
     def _add_model(
         self, body_id: str, model: PerceptualModel, weights: BoundWeights, used: I64
     ) -> None:
-        """Append a model at the level of detail, with skin weights."""
+        """Append ``model`` at the level of detail (or its coarsest), with vertices and weights.
+
+        ``used`` are the binding's bone numbers of the stored bones, ascending.
+        """
         level = min(self._level, level_count(model))
         chosen = level_of(model, level)
         # Vertices are reordered for players; coarse_of maps every vertex of the whole model
@@ -152,7 +147,10 @@ class _Bodies:
 
 
 def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
-    """Order vertices by bone and along its longest axis, so neighbours in the file are near."""
+    """Order the vertices ``ids`` by strongest bone, then along the longest axis of its vertices.
+
+    Returns indices into ``ids``; the axis is the coordinate axis with the largest spread.
+    """
     weights = model.weights
     _, owner = ramp(np.diff(weights.offsets))
     strongest = np.lexsort((-weights.values, owner))[weights.offsets[:-1]]
@@ -167,9 +165,11 @@ def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
 
 
 def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Records, Records]:
-    """Vertex records, at the rest places of ``weights``, and weight records.
+    """Records VERT, at the rest places of ``weights``, and WGHT, of the vertices ``ids``.
 
-    The weights of a vertex sum to 65535. ``first`` is the number of the first weight record.
+    Weights of a vertex are shares of 65535, rounded by largest remainder; skin without a bone is
+    dropped. ``used``: ascending bone numbers, stored as positions; ``first``: number of the first
+    weight record.
     """
     counts = np.diff(weights.offsets)[ids]
     steps, owners = ramp(counts)
@@ -200,9 +200,10 @@ def _bones(
     bound: list[BoundWeights],
     text: Any,
 ) -> list[tuple[Any, ...]]:
-    """Records of the bones with skin; only canonical skeletons have a rest pose and parents.
+    """Tuples of BONE for the bone numbers ``used``; ``text`` stores a string, returns its offset.
 
-    A parent without skin is replaced by the nearest ancestor with skin.
+    Rest pose, length and nearest ancestor with skin are of the canonical skeleton; an avatar's
+    bones have zeros, no parent, and rig names by :func:`_joints`.
     """
     names = [binding.bone_names[k] for k in used]
     skeleton = load_skeleton()
@@ -229,7 +230,10 @@ def _bones(
 
 
 def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights]) -> list[RigNames]:
-    """Canonical joint sharing most skin with each used bone of an avatar."""
+    """Rig names of the canonical joint with the largest skin overlap, one per bone of ``used``.
+
+    Overlap: sum over vertices of the bone's weight in ``bound`` times the joint's in ``models``.
+    """
     shares: dict[RigNames, F64] = {}
     for model, weights in zip(models, bound, strict=True):
         of_bone = [rig_names(name) for name in model.bone_names]
@@ -254,9 +258,9 @@ def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights])
 def _effects(
     effects: list[tuple[EffectDescription, EffectState]], bodies: _Bodies, texts: Texts
 ) -> dict[str, Records]:
-    """Records of volumes and painted areas, with response filters and painted vertices.
+    """Records EFCT, FLTR and PNTD: effects with first states, response filters, painted vertices.
 
-    Painted areas on bodies without an armature are skipped.
+    Painted areas on bodies without an armature are skipped; painted areas have no filters.
     """
     rows: list[tuple[Any, ...]] = []
     filters: list[tuple[Any, ...]] = []
@@ -316,7 +320,10 @@ def _effects(
 
 
 def _strongest(section: str, vertices: I64, values: Any) -> Records:
-    """Records of distinct ascending vertices with the largest value of each."""
+    """Records of the distinct ``vertices``, ascending, each with its largest ``values`` entry.
+
+    ``section``: PNTD or RCHV; the values must be >= 0.
+    """
     ids = np.unique(vertices)
     largest = np.zeros(len(ids), np.float32)
     np.maximum.at(largest, np.searchsorted(ids, vertices), values)
@@ -326,7 +333,11 @@ def _strongest(section: str, vertices: I64, values: Any) -> Records:
 
 
 def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[str, Records]:
-    """Records of the effects shown by each actuator, with vertices and factors on each body."""
+    """Records REAC and RCHV: vertices and factors by which an actuator shows effects of a modality.
+
+    One reaction per actuator, effect modality shown (as itself or substituted) and model of the
+    device's body; none for actuators at a fixed place in the room.
+    """
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
     first = 0
@@ -365,12 +376,12 @@ def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[st
 
 
 def _has_fixed_place(actuator: Actuator) -> bool:
-    """Test for an actuator at a fixed place in the room."""
+    """Test for a place in the room with a position ``at_m``."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
 def _substitute(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
-    """Gain and frequency (0: the effect's) to show ``source`` as ``target``; None: not shown."""
+    """Gain and Hz (0: the effect's) for showing ``source`` as ``target``; None: not shown."""
     if source == target:
         return device.gain, 0.0
     substitution = device.substitutions.get(source)

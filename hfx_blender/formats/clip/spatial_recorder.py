@@ -47,7 +47,7 @@ class SpatialRecorder:
         self._others: set[int] = set()
 
     def add(self, block: AnimationBlock) -> None:
-        """Record the next block, in time order."""
+        """Record the own active, finite samples of the next block in time order."""
         for k, effect in enumerate(self.scene.effects):
             # Only active samples with finite values count: inactive ones may hold anything.
             animated = block.effects[k]
@@ -64,13 +64,13 @@ class SpatialRecorder:
                 self._others.add(k)
 
     def _keep(self, k: int, seen: EffectState) -> None:
-        """Store the first state of an effect, and raise its level to the strongest."""
+        """Store the first state of effect ``k``, later only a higher level and its parameters."""
         known = self._found.setdefault(k, seen)
         if float(seen["level"]) > float(known["level"]):
             known["level"], known["parameters"] = seen["level"], seen["parameters"]
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded values as arrays for transfer between processes."""
+        """Arrays by ``<effect number>.<name>``, and ``others``: unsupported effects."""
         arrays = {
             f"{k}.{name}": values
             for k, state in self._found.items()
@@ -79,7 +79,7 @@ class SpatialRecorder:
         return {**arrays, "others": np.array(sorted(self._others), np.int64)}
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
-        """Replace the recording by :meth:`arrays` of several recorders in time order."""
+        """Replace the recording by :meth:`arrays` of several recorders, joined in time order."""
         self._found, self._others = {}, set()
         for part in parts:
             self._others |= set(part["others"].tolist())
@@ -89,16 +89,16 @@ class SpatialRecorder:
                     self._keep(k, {name: part[f"{k}.{name}"] for name in names})
 
     def effects(self) -> list[tuple[EffectDescription, EffectState]]:
-        """Active volumes and painted areas in scene order, with their states."""
+        """Active volumes and painted areas in scene order, each with its state."""
         return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
     def left_out(self) -> list[str]:
-        """Names of effects unknown to players."""
+        """Names of active effects of unsupported areas (meshes, spots, drives), in scene order."""
         return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
 
 
 def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
-    """Test for a painted area, or a volume of a shape in ``SHAPES``."""
+    """Test for a painted area, or a volume with a matrix and a first shape of :data:`SHAPES`."""
     if isinstance(effect.area, PaintedArea):
         return True
     is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
@@ -108,7 +108,11 @@ def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
 def _state(
     effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]
 ) -> EffectState:
-    """State of an effect within the active rows of a block."""
+    """State of an effect: level (at most 1) and parameters of the strongest of the sample ``rows``.
+
+    Shape, matrix and clipped response controls are those of the first row of ``rows``; a painted
+    area has shape 0, the unit matrix and no controls.
+    """
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)
     controls = np.zeros((0, WIDTH))

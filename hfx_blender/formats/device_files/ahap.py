@@ -89,7 +89,10 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def _with_squares(signal: Signal) -> Signal:
-    """Convert intensities by the square-root law to amplitudes, within 0.001."""
+    """Square the amplitudes of envelope and ticks, as read from a file of the square-root law.
+
+    The square of a line is approximated by 16 straight pieces, within 0.001.
+    """
     times, values = signal.amplitude.times_s, signal.amplitude.values
     share = np.arange(_CUTS) / _CUTS
     cut_times = (times[:-1, None] + np.diff(times)[:, None] * share).ravel()
@@ -102,7 +105,11 @@ def _with_squares(signal: Signal) -> Signal:
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Pattern of a signal's envelope; ``Pattern`` is empty for a silent signal not to be kept."""
+    """AHAP document of a signal's envelope without its ticks; see :func:`ticks`.
+
+    Events last 30 s at most; silence fills the rest of the signal. ``Pattern`` is empty for
+    a silent signal without ``is_kept``.
+    """
     pattern: list[dict[str, Any]] = []
     sharpness = frequencies.share(signal.frequency_hz.values)
     constant = float(sharpness[0]) if np.ptp(sharpness) == 0.0 else None
@@ -128,7 +135,10 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Pattern of a signal's ticks; ``Pattern`` is empty without ticks."""
+    """AHAP document of a signal's ticks; ``Pattern`` is empty without ticks.
+
+    Without an envelope, silent events are added up to the signal's end.
+    """
     pattern = [
         {
             "Event": {
@@ -160,7 +170,7 @@ def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[d
 
 
 def _continuous(time: float, duration: float, intensity: float, sharpness: float) -> dict[str, Any]:
-    """Continuous event; times in seconds."""
+    """Continuous event; ``time`` and ``duration`` in s, intensity and sharpness 0 to 1."""
     return {
         "Event": {
             "Time": _rounded(time),
@@ -174,7 +184,7 @@ def _continuous(time: float, duration: float, intensity: float, sharpness: float
 def _document(
     signal: Signal, frequencies: FrequencyRange, pattern: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Document around a pattern: version and metadata with the frequency range."""
+    """AHAP document around a pattern: version and metadata with name, credits, Hz range."""
     return {
         "Version": 1.0,
         "Metadata": {
@@ -199,7 +209,7 @@ def _rounded(seconds: float) -> float:
 
 
 def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
-    """Yield a curve in chunks of at most 16 points; consecutive chunks share a point."""
+    """Yield ParameterCurve entries of at most 16 points; consecutive entries share a point."""
     points = list(zip(curve.times_s.tolist(), curve.values.tolist(), strict=True))
     for first in range(0, max(len(points) - 1, 1), MAX_CURVE_POINTS - 1):
         chunk = points[first : first + MAX_CURVE_POINTS]
@@ -217,9 +227,10 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signal of a pattern and the frequency range; audio events are left out.
+    """Decode a pattern to a list of one signal, and the frequency range; audio events are left out.
 
-    Raises InputError for an unreadable file, or errors not tolerated by Core Haptics.
+    Losses are in ``left_out``, tolerated faults in ``notes``. Raises InputError for an unreadable
+    file, or errors not tolerated by Core Haptics.
     """
     document = parse(content, name)
     # Apple's reader accepts these faults; the limits bind writers only.
@@ -290,7 +301,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _credits_of(metadata: Any) -> Credits:
-    """Metadata of a pattern without HFX's own entries."""
+    """Project, creation date and further texts of metadata, without HFX's own entries."""
     project = text_of(metadata, "Project")
     known = ("Project", "Created", "Description", _RANGE_KEY, _LAW_KEY)
     keys = metadata.keys() - set(known) if isinstance(metadata, dict) else ()
@@ -307,9 +318,9 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
-    """Add the ticks of the companion pattern in the same folder, if present.
+    """Add the ticks of ``<name>.transients.ahap`` in the same folder to the first signal.
 
-    Raises InputError if the companion is unreadable.
+    Without this file, nothing is added. Raises InputError if it is unreadable.
     """
     companion = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
     if path.name.endswith(TICKS_SUFFIX) or not companion.is_file():
@@ -338,7 +349,7 @@ def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
-    """Count the parts of an entry ignored or clipped by :func:`decode`, by description."""
+    """Count in ``lost`` the parts of an entry ignored or clipped by :func:`decode`."""
     event = entry.get("Event")
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
@@ -372,7 +383,7 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
-    """Frequency range stated by HFX's metadata; the default if missing or invalid."""
+    """Frequency range stated by HFX's metadata; the default if missing or not within 10 kHz."""
     hertz = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
     if isinstance(hertz, list) and len(hertz) == 2:
         low, high = hertz
@@ -382,7 +393,11 @@ def _range_of(metadata: Any) -> FrequencyRange:
 
 
 def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
-    """Curve of a control from all curves and single values; ``neutral`` before the first."""
+    """Control curve of all curves and single values named ``name``, clipped to its range.
+
+    ``neutral`` from 0 s to the first value; a later curve replaces the rest of an earlier curve;
+    the last value is held between curves.
+    """
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:

@@ -22,7 +22,12 @@ _PARTS: Final = 4  # straight pieces for the product of two ramps
 
 
 def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> Curve | None:
-    """Shape of an event, 0 to 1, up to the end of the release; None for a constant event."""
+    """Shape of an event, 0 to 1, to the end of the release; None for a constant event.
+
+    Times of ``parameters`` are clipped to 0..60 s; an attack beyond ``end_s`` stops at its level
+    there. Sustained (at least 0.5, or without attack and decay): release after ``end_s``; otherwise
+    decay after the attack, then 0 until ``end_s``.
+    """
     attack, decay, release = (
         min(max(float(parameters.get(name, 0.0)), 0.0), _LONGEST_S) for name in RAMPS[:3]
     )
@@ -47,7 +52,7 @@ def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> C
 
 
 def product(shape: Curve, control: Curve, level: float) -> Curve:
-    """Product of an event's shape, a control curve and a level, as straight pieces."""
+    """Product of curves and ``level`` over the shape's times, with 4 pieces between knots."""
     start, end = float(shape.times_s[0]), float(shape.times_s[-1])
     knots = joined_times([shape, control], start, end)
     times = np.interp(

@@ -83,7 +83,7 @@ _RANGES: Final = {
 
 
 def findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; value rules only without schema errors."""
+    """Return the findings of a parsed document: schema errors, or else faults of values."""
     report = Report("AHAP")
     check(DOCUMENT, document, report)
     _check_misplaced(document, report)
@@ -127,7 +127,10 @@ def findings(document: Any) -> list[Finding]:
 
 
 def _check_misplaced(document: Any, report: Report) -> None:
-    """Check members placed in another kind of entry against the shapes of their own kind."""
+    """Add findings on values of known members in the wrong kind of entry.
+
+    The values are checked against the member's shape in its own kind.
+    """
     pattern = document.get("Pattern") if isinstance(document, dict) else None
     for k, entry in enumerate(pattern if isinstance(pattern, list) else ()):
         for kind, item in entry.items() if isinstance(entry, dict) else ():
@@ -153,7 +156,7 @@ _NEEDED: Final = {
 
 
 def completed(document: dict[str, Any]) -> dict[str, Any]:
-    """Complete a document with missing members only, as Core Haptics does.
+    """Copy of a document without missing members, as Core Haptics reads it.
 
     Missing times are 0; entries and items without another needed member are dropped.
     """
@@ -165,7 +168,10 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
-    """Add the time of an entry or item; None for an entry without effect."""
+    """Copy of an entry or list item with time 0 if missing; None for one without effect.
+
+    None: a needed member is missing, or no control point remains.
+    """
     completed_item = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
         if listed in completed_item:

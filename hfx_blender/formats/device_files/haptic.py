@@ -59,7 +59,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write a file per audible signal: ``stem.<name>.haptic``."""
+    """Write ``stem.<name>.haptic`` per audible signal; dropped or raised ticks are reported."""
     written = write_audible(signals, stem, SUFFIX, lambda signal: document(signal, frequencies))
     left_out: list[str] = []
     for signal in signals:
@@ -80,7 +80,10 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Document of a signal."""
+    """.haptic document of a signal: breakpoints from 0 s on, with ticks as emphasis.
+
+    Of ticks at a time the strongest is stored; an emphasis is raised to the envelope's level.
+    """
     # One emphasis per time: the strongest of simultaneous ticks is stored.
     ticks: dict[float, Transient] = {}
     for tick in signal.transients:
@@ -144,14 +147,14 @@ def _rounded(seconds: float) -> float:
 
 
 def _parsed(content: bytes, name: str) -> Any:
-    """Parse a document without the null members allowed by Meta's reader."""
+    """Parse JSON without null members ``emphasis`` and ``frequency``; InputError if invalid."""
     return without_nulls(parse(content, name), ("emphasis", "frequency"))
 
 
 def _findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; errors are faults refused by players.
+    """Return the findings of a parsed document: schema errors, or else faults of values.
 
-    The readers of Lofelt and Meta both compare times and strengths in 32 bits.
+    Times and strengths are compared in 32 bits, as by the readers of Lofelt and Meta.
     """
     report = Report("HAPTIC")
     check(_DOCUMENT, document, report)
@@ -190,9 +193,10 @@ validate = json_validator(_findings, _parsed)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signal of a file and the frequency range.
+    """Decode a file to a list of one signal, and the frequency range.
 
-    Raises InputError for an unreadable file, or errors not tolerated by players.
+    Points with an emphasis also give ticks; frequency 0.5 without a frequency envelope. Raises
+    InputError for an unreadable file, or errors not tolerated by players.
     """
     document = _parsed(content, name)
     notes = refuse_untolerated(
@@ -237,7 +241,7 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _credits_of(metadata: Any) -> Credits:
-    """Metadata without HFX's own tag of the frequency range."""
+    """Author, project, source and tags of metadata, without HFX's tag of the frequency range."""
     tags = metadata.get("tags") if isinstance(metadata, dict) else None
     return Credits(
         author=text_of(metadata, "author"),
@@ -252,7 +256,7 @@ def _credits_of(metadata: Any) -> Credits:
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
-    """Frequency range stated by HFX's tag; otherwise the default."""
+    """Frequency range of the first tag ``frequency-range-hz:LOW-HIGH``, or ``DEFAULT_RANGE``."""
     tags = metadata.get("tags") if isinstance(metadata, dict) else None
     for tag in tags if isinstance(tags, list) else ():
         match = _RANGE_PATTERN.fullmatch(tag) if isinstance(tag, str) else None

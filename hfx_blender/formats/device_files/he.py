@@ -115,7 +115,10 @@ def write_openharmony(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write OpenHarmony's variant, at most 128 events and 64 KiB; see :func:`write_v1`."""
+    """Write OpenHarmony's variant, at most 128 events within 30 min and 64 KiB a file.
+
+    Tolerance, ``left_out`` and InputError as of :func:`write_v1`.
+    """
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=False)
@@ -134,14 +137,17 @@ def write_openharmony(
 
 
 def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
-    """Append silence up to the signal's end, within the limits of the format."""
+    """Events with silence up to the signal's end; the events alone if that breaks a limit.
+
+    Limits: ``most`` events, starting at ``latest_ms`` or before.
+    """
     whole = [*events, *silent_end(signal, events)]
     is_held = len(whole) <= most and all(event.start_ms <= latest_ms for event in whole)
     return whole if is_held else events
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Version 2 document of a signal."""
+    """Version 2 document of a signal, with silence up to its end."""
     events = events_of(signal, frequencies, falls_to_zero=False)
     patterns = [
         {
@@ -158,7 +164,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 def _write(
     signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
 ) -> Written:
-    """Write a document per audible signal, with notes on silent signals and weak ticks."""
+    """Write ``build(signal)`` as JSON per audible signal; notes on silent signals, weak ticks."""
     notes = []
     for signal in signals:
         weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in signal.transients)
@@ -177,7 +183,8 @@ def _write_fitting(
 ) -> Written:
     """Write signals with the smallest sufficient tolerance, see :func:`write_v1`.
 
-    ``build`` returns None for a signal beyond the limits, which ``limit`` describes.
+    ``build`` returns a document, or None beyond the limits; ``limit`` describes the limits. The
+    tolerance grows by half a step, up to 0.1 (or to ``tolerance`` if larger).
     """
     documents: dict[str, Any] = {}
     notes = []
@@ -213,7 +220,7 @@ def _write_fitting(
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
-    """Metadata with version, name and frequency range."""
+    """Metadata with version, creation date, and description: name and frequency range."""
     hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
     return {
         "Version": version,
@@ -225,7 +232,7 @@ def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict
 def _openharmony(
     signal: Signal, frequencies: FrequencyRange, events: Sequence[HeEvent]
 ) -> dict[str, Any]:
-    """OpenHarmony document of a signal's events, on one channel."""
+    """OpenHarmony document of a signal's events, all on one channel; start times in ms from 0."""
     entries = []
     for he_event in events:
         event = event_entry(he_event, he_event.start_ms)
@@ -246,8 +253,9 @@ def _openharmony(
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Decode the signals of a file of any version, and the frequency range.
 
-    A signal without actuator indices, otherwise a signal per index (left, right). Losses and notes
-    are on the first signal. Raises InputError for an unreadable file or a wrong structure.
+    One signal without actuator indices, otherwise a signal per index, named left (1) and right (2);
+    a silent signal for a file without events. Losses and notes are on the first signal. Raises
+    InputError for an unreadable file or a wrong structure.
     """
     document = parse(content, name)
     # Phones play files beyond the editor's limits, so only the structure matters. Events without
@@ -317,7 +325,7 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
 
 
 def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Events as (actuator index, time in ms, event)."""
+    """Events as (actuator index or 0, ms from the file's start, event), in file order."""
     if "Channels" in document:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
@@ -341,7 +349,10 @@ def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str,
 def _piece(
     event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
 ) -> Piece:
-    """Piece of a continuous event; without a curve, constant."""
+    """Piece of a continuous event at ``start`` s; constant ``level`` and ``pitch`` without a curve.
+
+    ``level`` (1: full) scales and ``pitch`` (0 to 100) shifts the points of a curve.
+    """
     curve = event["Parameters"].get("Curve")
     end = start + event["Duration"] / 1000.0
     if not curve:
@@ -362,7 +373,7 @@ def _piece(
 
 
 def _range_of(description: str) -> FrequencyRange:
-    """Frequency range stated by HFX at the end of a description; otherwise the default."""
+    """Range of "...; 0 to 100 is LOW to HIGH Hz" in a description, or ``DEFAULT_RANGE``."""
     words = description.rpartition(";")[2].split()
     try:
         if words[:4] == ["0", "to", "100", "is"] and words[5:8:2] == ["to", "Hz"]:

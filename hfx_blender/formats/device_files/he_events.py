@@ -37,12 +37,12 @@ class HeEvent:
 
     @property
     def end_ms(self) -> int:
-        """Time of the last point, or the start of a transient."""
+        """Time of the last point, ms from the start of the signal; the start of a transient."""
         return self.start_ms + (self.points[-1][0] if self.points else 0)
 
 
 def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
-    """Silent events from the last event to the signal's end, so loops keep their length."""
+    """Silent events, each 5 s at most, up to the signal's end; none for a rest of 4 ms."""
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
@@ -54,14 +54,10 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
 
 
 def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
-    """Convert a signal to events in time order.
+    """Convert a signal to events in time order, cut at ticks and at the format's limits.
 
-    Parameters
-    ----------
-    signal : Signal
-        Simplified, without two keyframes at the same time.
-    falls_to_zero : bool
-        Begin and end each event silent, as version 1 requires.
+    The signal is simplified, without two keyframes at the same time. ``falls_to_zero``: begin and
+    end each event silent, as version 1 requires.
     """
     ticks = [
         HeEvent(
@@ -134,7 +130,10 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
 
 
 def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
-    """Indices of keyframes without near-duplicates in the same millisecond; steps keep both."""
+    """Indices of keyframes (times ``knots`` in s) without near-duplicates in a millisecond.
+
+    Near: levels within 0.005 and ``shares`` within 1 %. First and last keyframe remain.
+    """
     indices = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
@@ -151,7 +150,7 @@ def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
 
 
 def _whole_ms(times_ms: Any) -> list[int]:
-    """Round to strictly ascending whole milliseconds."""
+    """Round times to whole milliseconds, raised where needed to ascend strictly by 1 at least."""
     steps = np.arange(len(times_ms))
     return list(np.maximum.accumulate(np.rint(times_ms).astype(np.int64) - steps) + steps)
 
@@ -160,7 +159,7 @@ _PointMs = tuple[int, float, int]
 
 
 def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
-    """Add points where an event has to end: at ticks, and after the longest duration."""
+    """Interpolate points at the ticks ``cuts`` (ms) and every 5 s in gaps of more than 5 s."""
     grid = [time for time, _, _ in points]
     cut_times = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
     for time, after in pairwise(sorted(cut_times)):
@@ -172,7 +171,10 @@ def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_Po
 
 
 def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
-    """Cut points into events; the last point of an event is the first of the next."""
+    """Cut points into events at ``cuts`` and limits; successive events share a point.
+
+    Limits: 16 points (14 with ``falls_to_zero``, to add silent ends) and 5 s.
+    """
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
     first = 0
@@ -196,7 +198,7 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
 
 
 def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
-    """Add silence at both ends; a loud end is moved inwards by one millisecond."""
+    """Begin and end an event's points at level 0; a loud end is moved inwards by 1 ms."""
     (_, level, share), (end, last_level, last_share) = part[0], part[-1]
     inner = part[1:-1]
     if level > 0.0:
@@ -208,7 +210,7 @@ def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
-    """Insert points on the lines until there are four."""
+    """Halve the longest interval by a point on the line until there are four points."""
     while len(part) < MIN_CURVE_POINTS:
         gaps = [b[0] - a[0] for a, b in pairwise(part)]
         k = int(np.argmax(gaps))
@@ -221,7 +223,10 @@ def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
-    """JSON entry of an event at a time relative to the pattern."""
+    """JSON entry of an event, at ``relative_ms`` from the start of its pattern.
+
+    Curve levels are 0..1 of intensity 100, rounded to 4 decimals.
+    """
     if event.transient is not None:
         intensity, frequency = event.transient
         return {

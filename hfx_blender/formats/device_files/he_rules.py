@@ -33,7 +33,7 @@ _PARAMETERS = Record({"Intensity": _PERCENT, "Frequency": _PERCENT}, {"Curve": I
 
 
 def _event(time: str, most_ms: int, indexed: bool) -> Shape:
-    """Shape of an event with its time member, latest time and required or optional index."""
+    """Shape of an event, ``time`` from 0 to ``most_ms``; index required if ``indexed``."""
     index = {"Index": Number(0, 2, is_whole=True)}
     return Record(
         {
@@ -47,7 +47,7 @@ def _event(time: str, most_ms: int, indexed: bool) -> Shape:
 
 
 def _pattern(event: Shape) -> Items:
-    """Shape of a list of events."""
+    """Shape of a list of objects with the member ``Event``."""
     return Items(Record({"Event": event}))
 
 
@@ -89,7 +89,7 @@ _OPENHARMONY = Record(
 
 
 def shape_of(document: Any) -> Shape:
-    """Shape for a parsed document of the version indicated by the members; version 2 otherwise."""
+    """Shape by members: MetaData or Channels: OpenHarmony, Pattern: version 1, otherwise 2."""
     keys = document if isinstance(document, dict) else {}
     if "MetaData" in keys or "Channels" in keys:
         return _OPENHARMONY
@@ -97,7 +97,7 @@ def shape_of(document: Any) -> Shape:
 
 
 def findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; value rules only without schema errors."""
+    """Return the findings of a parsed document: schema errors, or else faults of values."""
     report = Report("HE")
     shape = shape_of(document)
     check(shape, document, report)
@@ -118,7 +118,7 @@ validate = json_validator(findings)
 
 
 def _check_pattern_list(document: dict[str, Any], report: Report) -> None:
-    """Check version, absolute times and events of version 2."""
+    """Report a version other than 2, patterns too early for players, and faults of events."""
     if document["Metadata"]["Version"] != 2:
         report.error("VERSION", (None, "Metadata"), "a file with 'PatternList' is version 2")
     pause = PatternSpacing()
@@ -167,11 +167,14 @@ class PatternSpacing:
 
     @property
     def earliest_ms(self) -> int:
-        """Earliest time of the next pattern for both players."""
+        """Earliest absolute time of the next pattern for both players, ms."""
         return max(self.android_ms, self.library_ms)
 
     def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
-        """Advance past a pattern of (relative time, duration) in ms; None: a transient."""
+        """Advance past a pattern at ``start_ms`` with events (relative time, duration) in ms.
+
+        A duration of None stands for a transient.
+        """
         ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
         self.library_ms = start_ms + max((sum(end) for end in ends), default=0)
         continuous = [(time, lasts) for time, lasts in events if lasts is not None]
@@ -181,14 +184,14 @@ class PatternSpacing:
         self.android_ms = max(last_ms + self._last_duration_ms, ended_ms)
 
     def after(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> int:
-        """Earliest time of the pattern after a given pattern, without advancing."""
+        """Earliest absolute time, ms, of the pattern after the given pattern, without advancing."""
         trial = PatternSpacing(self._last_duration_ms)
         trial.follow(start_ms, events)
         return trial.earliest_ms
 
 
 def _check_openharmony(document: dict[str, Any], report: Report) -> None:
-    """Check counts, size and events of OpenHarmony's variant."""
+    """Report more than 128 events or 64 KiB, a wrong channel count, and faults of events."""
     count = sum(len(channel["Pattern"]) for channel in document["Channels"])
     if count > OPENHARMONY_MAX_EVENTS:
         message = f"{count} events, the most is {OPENHARMONY_MAX_EVENTS}"
@@ -215,9 +218,9 @@ def _check_events(
     most: float = MAX_PATTERN_EVENTS,
     is_first: bool = False,
 ) -> None:
-    """Check number, order, durations and curves of events; ``time`` is the member of their times.
+    """Report more than ``most`` events, descending times, and faults of durations and curves.
 
-    ``is_first``: of version 1.
+    ``time`` is the member with the time of an event; ``is_first``: rules of version 1.
     """
     if len(pattern) > most:
         report.error("EVENTS", place, f"{len(pattern)} events, the most is {most}")
@@ -240,7 +243,10 @@ def _check_events(
 def _check_curve(
     curve: list[Any], duration: int, place: Place, report: Report, *, is_first: bool
 ) -> None:
-    """Check the points of a curve against the event's duration."""
+    """Report a curve not of 4 to 16 ascending points from 0 to ``duration`` ms.
+
+    ``is_first``: version 1, with intensity 0 at both ends. An empty curve has a single error.
+    """
     if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
         message = f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
         report.error("CURVE-POINTS", place, message)

@@ -60,7 +60,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write all audible signals into a single file: ``stem.openxr.json``."""
+    """Write all audible signals into one file, ``stem.openxr.json``; silent ones are noted."""
     silent = [signal.name for signal in signals if signal.is_silent]
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document([signal for signal in signals if not signal.is_silent], frequencies), path)
@@ -69,13 +69,13 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """Clip a frequency range to the extension's limits."""
+    """Frequency range clipped to the extension's 1 to 1000 Hz."""
     low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
     return FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
 
 
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
-    """Document of signals, a channel each; frequencies are clipped to the extension's limits."""
+    """Document of signals, a channel each; frequencies are clipped to 1 to 1000 Hz."""
     hertz = held(frequencies)
     return {
         "format": FORMAT,
@@ -90,7 +90,10 @@ def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str
 
 
 def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
-    """Yield a signal in the fewest frames within the limits of points per frame."""
+    """Yield frames of a signal, each with at most 500 amplitude and frequency points.
+
+    Frames share the point at their border; ticks belong to the frame beginning at their time.
+    """
     ticks = sorted(signal.transients, key=lambda each: each.time_s)
     knots = np.unique(np.concatenate([signal.amplitude.times_s, [tick.time_s for tick in ticks]]))
     if len(knots) == 1:
@@ -138,12 +141,12 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
 
 
 def _ns(seconds: float) -> int:
-    """Nanoseconds, 0 or more."""
+    """Whole nanoseconds of ``seconds``; 0 for negative times."""
     return max(0, round(seconds * _NS))
 
 
 def _points(times: Any, values: Any) -> list[dict[str, Any]]:
-    """JSON points of times in seconds."""
+    """JSON points of ``times`` (s from the frame's start) and ``values``, rounded to 6 decimals."""
     return [
         {"time": _ns(time), "value": round(value, 6)}
         for time, value in zip(times.tolist(), values.tolist(), strict=True)
@@ -151,7 +154,7 @@ def _points(times: Any, values: Any) -> list[dict[str, Any]]:
 
 
 def _findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; value rules only without schema errors."""
+    """Return the findings of a parsed document: schema errors, or else faults of values."""
     report = Report("OPENXR")
     check(_DOCUMENT, document, report)
     if report.has_errors:
@@ -187,7 +190,7 @@ validate = json_validator(_findings)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the signals of a file and the frequency range; InputError for any error."""
+    """Decode a signal per channel and the frequency range; InputError for an invalid file."""
     document = parse(content, name)
     refuse_errors(_findings(document), name)
     hertz = FrequencyRange(float(document["minFrequencyHz"]), float(document["maxFrequencyHz"]))
@@ -198,7 +201,10 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
-    """Signal of a channel, with the frames joined."""
+    """Signal of a channel, with the frames joined and duplicate border points dropped.
+
+    Amplitude 0 without points, frequency 0.5 of the range without frequency points.
+    """
     amplitude: list[tuple[float, float]] = []
     pitch: list[tuple[float, float]] = []
     ticks = []

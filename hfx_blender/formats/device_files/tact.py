@@ -53,14 +53,9 @@ _GAP_MS: Final = 500  # longest silence within an effect
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
     """Write a file for each kind of suit with a motor for any of the signals.
 
-    A single file is ``stem.tact``, several are ``stem.<kind>.tact``.
-
-    Parameters
-    ----------
-    signals : sequence of Signal
-        Not simplified: each interval of 20 ms stores its maximum in steps of 0.01.
-    motors : mapping
-        Motor of each signal by its name; the maximum counts where signals share a motor.
+    A single file is ``stem.tact``, several are ``stem.<kind>.tact``. Signals are not simplified:
+    each interval of 20 ms stores its maximum in steps of 0.01. ``motors`` maps signal names; the
+    maximum counts where signals share a motor.
     """
     files = []
     kinds = dict.fromkeys(motors[signal.name].kind for signal in signals if signal.name in motors)
@@ -93,7 +88,7 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
 
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write the vibration of a device; steps of strength replace the tolerance.
+    """Write the vibration of a device's raster; steps of strength replace the unused ``tolerance``.
 
     Raises InputError for a device without a corresponding motor.
     """
@@ -109,10 +104,10 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 def document(
     signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
 ) -> dict[str, Any]:
-    """Document of the signals for a kind of suit, in steps of 20 ms from 0.
+    """Document of the signals of a kind of suit, in steps of 20 ms from 0; 1 step at least.
 
-    Raises TooLargeError beyond the memory limit; ``name`` is the title and the file's name in
-    messages.
+    Silence above 500 ms parts effects. Raises TooLargeError beyond the memory limit; ``name``
+    is the title and the file's name in messages.
     """
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
@@ -161,7 +156,7 @@ def document(
 
 
 def _strongest(curve: Curve, steps: int) -> F64:
-    """Maximum of a curve in each interval of 20 ms, (steps,); 0 from the end of the curve."""
+    """Maximum of a curve in each interval of 20 ms, (steps,), 0..1; 0 after the curve."""
     edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
     strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
     inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
@@ -176,7 +171,10 @@ def _strongest(curve: Curve, steps: int) -> F64:
 def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
-    """Effect of a span with the dots of all positions."""
+    """Effect of the steps first..stop of ``span``, with the dots of all positions.
+
+    ``levels`` (steps, positions times 20) are percent.
+    """
     first, stop = span
     part = levels[first:stop]
     return {
@@ -202,7 +200,10 @@ def _effect(
 
 
 def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
-    """Yield intervals with constant dots of a position; silent intervals are omitted."""
+    """Yield feedback entries of a position, percent (steps, 20): one per run of equal rows.
+
+    Silent runs are omitted; times are ms from the first row.
+    """
     changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(levels)]
     for first, stop in pairwise(edges):
@@ -264,7 +265,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """Feedback list of a mode; empty if missing."""
+    """Feedback list of ``dotMode`` or ``pathMode`` of a mode; empty if missing."""
     feedbacks: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
     return feedbacks
 
@@ -280,7 +281,7 @@ _FADES: Final = {
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
     """Piece of a dot between two times, at 100 Hz, with a fade; an unknown fade is constant.
 
-    ``level`` is clipped to 0..1.
+    ``level`` is clipped to 0..1; an end before the start gives no duration.
     """
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
@@ -290,7 +291,7 @@ def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
 
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
-    """Yield motor number and piece of the dots of a mode."""
+    """Yield (motor number, piece) for the dots of a mode; points without ``index`` are skipped."""
     begin = effect.get("startTime", 0)
     for feedback in _feedbacks(mode, "dotMode"):
         start = begin + feedback.get("startTime", 0)
@@ -305,9 +306,10 @@ def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[
 def _path_pieces(
     effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]
 ) -> Iterator[tuple[int, Piece]]:
-    """Yield motor number and piece of the dots nearest to a path.
+    """Yield (motor number, piece) of the dot of ``dots`` nearest to each point of the mode's paths.
 
-    Differences from bHaptics' own playback are counted in ``lost`` by description.
+    A point lasts until the next point, the last until the end of the effect. Differences from
+    bHaptics' own playback are counted in ``lost`` by description.
     """
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)

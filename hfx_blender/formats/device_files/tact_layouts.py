@@ -40,7 +40,7 @@ class Motor:
 
 
 def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
-    """Dots of a grid, row by row from the top left."""
+    """Places (x, y), 0..1, of a grid of dots, row by row from the top left."""
     return tuple(
         (round(column / (columns - 1), 3), round(row / (rows - 1), 3))
         for row in range(rows)
@@ -49,7 +49,7 @@ def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
 
 
 def _row(columns: int) -> tuple[tuple[float, float], ...]:
-    """Dots of one row."""
+    """Places (x, y) of a row of dots: x from 0 to 1, y 0.5."""
     return tuple((round(column / (columns - 1), 3), 0.5) for column in range(columns))
 
 
@@ -88,7 +88,11 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
 
 
 def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
-    """Motors nearest to the actuators, by actuator id, see :func:`motors_of`."""
+    """Motor for each vibration actuator on torso or forearm, by actuator id, without the encoder.
+
+    Torso: nearest of 4 columns (x) and 5 rows (z), front for y < 0. Forearm: left for x > 0, motors
+    in the order of the actuators, without those beyond the sleeve's six.
+    """
     motors = {}
     taken = {"ForearmL": 0, "ForearmR": 0}
     for actuator in device.actuators:
@@ -132,7 +136,7 @@ def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, flo
 
 
 def why_nothing(device: DeviceConfig) -> str:
-    """Reason for a device without any corresponding bHaptics motor; empty for other devices."""
+    """Reason for a device without any bHaptics motor, a sentence without capital; else empty."""
     if motors_of(device):
         return ""
     return (

@@ -73,7 +73,7 @@ DOCUMENT = Record(
 
 
 def findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; value rules only without schema errors."""
+    """Return the findings of a parsed document: schema errors, or else faults of values."""
     report = Report("TACT")
     check(DOCUMENT, document, report)
     if report.has_errors:

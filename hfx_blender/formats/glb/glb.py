@@ -43,7 +43,7 @@ class Document:
         self._bytes = bytearray()
 
     def append(self, kind: str, item: Mapping[str, Any]) -> int:
-        """Append a node, mesh, ... and return the index."""
+        """Append an item to the list ``kind`` (nodes, meshes, ...) and return the item's index."""
         items: list[Mapping[str, Any]] = self.json.setdefault(kind, [])
         items.append(item)
         return len(items) - 1
@@ -82,7 +82,7 @@ class Document:
         )
 
     def encoded(self) -> bytes:
-        """Encode the document as a GLB file."""
+        """Encode the document as a GLB file; a buffer without bytes is omitted."""
         if self._bytes:
             self.json["buffers"] = [{"byteLength": len(self._bytes)}]
         text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
@@ -93,7 +93,7 @@ class Document:
 
 
 def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
-    """Encode a chunk, filled up to a multiple of 4 bytes."""
+    """Encode a chunk of type ``kind``, filled up with ``filler`` to a multiple of 4 bytes."""
     content += filler * (-len(content) % 4)
     return struct.pack("<II", len(content), kind) + content
 
@@ -115,7 +115,7 @@ def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None)
 
 
 def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
-    """Add extensions of the whole file, as used but not required."""
+    """Set the extensions of the whole file, declared as used but not required."""
     document.json["extensions"] = dict(extensions)
     document.json["extensionsUsed"] = sorted(extensions)
 
@@ -127,7 +127,7 @@ def hjif_media(uri: str) -> dict[str, Any]:
 
 
 def add_model(document: Document, model: PerceptualModel) -> int:
-    """Add a perceptual model as a mesh, and return the index."""
+    """Add a perceptual model as a mesh in rest pose and glTF axes; returns the mesh's index."""
     attributes = {
         "POSITION": document.accessor(model.vertices @ TO_GLTF.T, is_vertex=True),
         "NORMAL": document.accessor(_unit(model.normals @ TO_GLTF.T), is_vertex=True),
@@ -168,10 +168,10 @@ def turned(matrices: F64) -> F64:
 
 
 def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) -> Bool:
-    """Add a node with matrices (T, 4, 4) at times, linear between; returns shear, (T,) bool.
+    """Append a node with matrices (T, 4, 4) at times, linear between; returns shear, (T,) bool.
 
-    ``node`` gets the transform in place. Moving components become keyframes without shear. The
-    matrix of a node at rest stays exact and is never reported as sheared.
+    ``node`` gets the transform in place, and keyframes only for changing components. The matrix of
+    a node at rest stays exact, and is never reported as sheared.
     """
     translations, rotations, scales, is_sheared = decomposed(placed)
     columns = {"translation": translations, "rotation": rotations, "scale": scales}
@@ -189,7 +189,7 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
 
 
 def _moves(column: F64) -> bool:
-    """Test for a column with changes above 1e-7 of the largest magnitude."""
+    """Test for a column with a range above 1e-7 of the largest magnitude (of at least 1)."""
     return bool((np.ptp(column, axis=0) > 1e-7 * max(1.0, float(np.abs(column).max()))).any())
 
 
@@ -213,7 +213,7 @@ def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
 
 
 def _quaternions(rotations: F64) -> F64:
-    """Quaternions x, y, z, w of rotation matrices (T, 3, 3), w not negative.
+    """Quaternions x, y, z, w (T, 4) of rotation matrices (T, 3, 3), w not negative.
 
     Largest eigenvector of a symmetric matrix (Bar-Itzhack, "New method for extracting the
     quaternion from a rotation matrix", 2000), stable for any rotation.
@@ -236,7 +236,7 @@ def _quaternions(rotations: F64) -> F64:
 
 
 def _animate(document: Document, node: int, times_s: F64, columns: Mapping[str, F64]) -> None:
-    """Add keyframes of a node to the scene's single animation."""
+    """Add keyframes of ``columns`` (by path, such as "rotation") to the scene's only animation."""
     values = np.hstack(list(columns.values()))
     # Keyframes within constant stretches are redundant; the ends of stretches are kept.
     keep = np.ones(len(times_s), np.bool_)

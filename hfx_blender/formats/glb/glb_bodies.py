@@ -56,7 +56,7 @@ class BodyRecorder:
         self._patches: dict[str, SurfaceJoints] = {}  # by body
 
     def add(self, block: AnimationBlock) -> None:
-        """Record the next block, in time order."""
+        """Record the own samples of the next block, in time order, without unposed samples."""
         for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
             rows = posed_rows(pose)
             rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
@@ -75,7 +75,7 @@ class BodyRecorder:
             motion.bones.append(bones.astype(np.float32))
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded motion as arrays for transfer between processes."""
+        """Arrays by ``body.<number>.<name>`` for transfer to a process, of posed bodies only."""
         arrays: dict[str, npt.NDArray[Any]] = {}
         for k, motion in enumerate(self._motions):
             if motion.indices:
@@ -103,7 +103,7 @@ class BodyRecorder:
     def write(
         self, document: Document, models: Sequence[PerceptualModel], notes: list[str]
     ) -> tuple[list[int], list[int]]:
-        """Add all bodies and extend ``notes``; returns all nodes, and the nodes with a mesh."""
+        """Add all bodies and extend ``notes``; returns all nodes but joints, and the mesh nodes."""
         roots: list[int] = []
         meshes: list[int] = []
         for body, motion in zip(self._scene.bodies, self._motions, strict=True):
@@ -120,7 +120,10 @@ class BodyRecorder:
         models: Sequence[PerceptualModel],
         notes: list[str],
     ) -> list[int]:
-        """Add a body: its own node, then a node per model."""
+        """Add a body; returns its own node, then a node per model.
+
+        A body never posed is at the origin. Patch errors and sheared bones go to ``notes``.
+        """
         binding = body.binding
         node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
         is_posed = bool(motion.indices)
@@ -183,7 +186,7 @@ class BodyRecorder:
     def _add_skin(
         self, document: Document, name: str, root: int, joints: Sequence[int], pivots: F64
     ) -> int:
-        """Add a skin and return the index; ``pivots`` (J, 3) are joint origins in rest space."""
+        """Add a skin of the nodes ``joints``, at ``pivots`` (J, 3), and return its index."""
         inverse = np.tile(np.eye(4), (len(joints), 1, 1))
         inverse[:, :3, 3] = -(pivots @ TO_GLTF.T)
         columns = inverse.transpose(0, 2, 1).reshape(-1, 16)
@@ -199,7 +202,7 @@ class BodyRecorder:
 
 
 def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
-    """Weighted centre of the skin of each bone, rest space, (len(used), 3)."""
+    """Weighted centre of the skin of each bone in ``used``, rest space, (len(used), 3)."""
     sums = np.zeros((len(used), 4))
     for weights in bound:
         _, owners = ramp(np.diff(weights.offsets))
@@ -209,7 +212,10 @@ def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
 
 
 def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:
-    """Add joints and weights to a mesh: all influences, strongest first, in sets of four."""
+    """Add joints (positions in ``used``) and weights, strongest first, in sets of four to a mesh.
+
+    Weights of a vertex sum to 1; the sets hold all influences.
+    """
     counts = np.diff(weights.offsets)
     column, owners = ramp(counts)
     order = np.lexsort([-weights.values, owners])  # by vertex, then descending weight

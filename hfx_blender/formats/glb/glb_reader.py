@@ -18,7 +18,7 @@ _LISTS: Final = ("meshes", "nodes", "animations")
 
 
 def read_json(content: bytes, name: str) -> dict[str, Any]:
-    """Return the JSON document of a GLB file; InputError for a file with findings."""
+    """Return the JSON document of a GLB file; InputError for a file with errors."""
     refuse_errors(validate(content, name), name)
     document: dict[str, Any] = parse(_json_chunk(content, Report("GLB")), name)
     return document
@@ -27,7 +27,7 @@ def read_json(content: bytes, name: str) -> dict[str, Any]:
 def model_hashes(content: bytes, name: str) -> dict[str, str]:
     """Content hashes of HFX body models stored as meshes, by model id.
 
-    Raises InputError for a file with findings.
+    Raises InputError for a file with errors.
     """
     extras = (mesh.get("extras") for mesh in read_json(content, name).get("meshes", []))
     pairs = (
@@ -39,7 +39,7 @@ def model_hashes(content: bytes, name: str) -> dict[str, str]:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Meshes, node and animation counts, and extensions of a valid file for ``hfx info``."""
+    """Mesh names, node and animation counts, extensions for ``hfx info``; InputError if invalid."""
     document = read_json(read_data(path), str(path))
     return {
         "meshes": [str(mesh.get("name", "")) for mesh in document.get("meshes", [])],
@@ -72,7 +72,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def _json_chunk(content: bytes, report: Report) -> bytes:
-    """Bytes of the JSON chunk; empty after a reported fault of the container."""
+    """Bytes of the first chunk, of JSON; reports faults of the container. Empty if absent."""
     if len(content) < 20:
         report.error("SIZE", None, f"{len(content)} bytes")
         return b""
@@ -97,7 +97,7 @@ def _json_chunk(content: bytes, report: Report) -> bytes:
 
 
 def _check_extensions(document: dict[str, Any], report: Report) -> None:
-    """Report wrongly typed or undeclared extensions, and warn about required extensions."""
+    """Report extensions that are no list of texts or undeclared; warn about required extensions."""
     lists = {key: document.get(key, []) for key in ("extensionsUsed", "extensionsRequired")}
     for key, names in lists.items():
         if not isinstance(names, list) or not all(

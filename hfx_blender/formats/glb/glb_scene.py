@@ -75,7 +75,7 @@ class VolumeRecorder:
         }
 
     def add(self, block: AnimationBlock) -> None:
-        """Record the next block, in time order."""
+        """Record the own active, finite samples of bodies and volumes; blocks in time order."""
         self._bodies.add(block)
         rows = block.own
         for k, volume in self._volumes.items():
@@ -132,19 +132,11 @@ class VolumeRecorder:
     def write(
         self, models: Sequence[PerceptualModel], stem: Path, hjif_name: str | None = None
     ) -> Written:
-        """Write ``stem.scene.glb``.
+        """Write ``stem.scene.glb`` with bodies, volumes and triggers.
 
-        Parameters
-        ----------
-        models : sequence of PerceptualModel
-            Of the canonical body; each body gets all of them, fitted.
-        hjif_name : str, optional
-            Companion file with the perceptions of the triggers.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written; no partial file remains.
+        ``models`` are of the canonical body; each body gets all of them, fitted. ``hjif_name``:
+        companion file with the perceptions of the triggers. Raises OutputError for an unwritable
+        file; no partial file remains.
         """
         document = Document()
         triggers: list[dict[str, Any]] = []
@@ -176,7 +168,10 @@ class VolumeRecorder:
         bodies: Sequence[int],
         notes: list[str],
     ) -> int:
-        """Add the node and the trigger of a volume; returns the node's index."""
+        """Append a volume's node and its trigger (collision of ``bodies``); returns the node.
+
+        A changed or sheared shape is noted in ``notes``.
+        """
         assert volume.shape is not None
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
         placed = to_gltf(matrices)
@@ -210,14 +205,8 @@ def _volume_extras(
 ) -> dict[str, Any]:
     """Extras of a volume's node, sufficient for a collider.
 
-    ``docs/formats/scene-volume.schema.json`` is the schema.
-
-    Parameters
-    ----------
-    matrices : (T, 4, 4) float64
-        Shape space to world at active samples.
-    values : (T, 1 + P) float64
-        Level and parameters at these samples.
+    ``docs/formats/scene-volume.schema.json`` is the schema. ``matrices`` (T, 4, 4): shape space to
+    world at active samples; ``values`` (T, 1 + P): level and parameters at these samples.
     """
     assert isinstance(effect.area, HapticVolume)
     falloff = effect.area.falloff
@@ -257,7 +246,7 @@ def _volume_extras(
 
 
 def _range(values: F64) -> dict[str, float]:
-    """First, lowest and highest value, rounded."""
+    """First, lowest and highest value of (T,), rounded to 6 decimals."""
     return {
         "first": round(float(values[0]), 6),
         "lowest": round(float(values.min()), 6),
@@ -266,12 +255,12 @@ def _range(values: F64) -> dict[str, float]:
 
 
 def _seconds(frame: float, time: TimeBase) -> float:
-    """Time of a frame from the first exported frame."""
+    """Time of a frame, s from the first exported frame, rounded to 1 us."""
     return round((frame - time.frame_first) / float(time.fps), 6)
 
 
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
-    """Draft primitive of a shape (width x, height y, length z); None for a mesh."""
+    """Draft primitive of a shape with its matrix (4, 4) to the world; None for a mesh."""
     placed = {"transformationMatrix": matrix.T.ravel().tolist()}
     if isinstance(shape, Capsule):
         ends = {
@@ -286,7 +275,7 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
 
 
 def _add_mesh(document: Document, shape: Any) -> int:
-    """Add a mesh shape and return the index."""
+    """Add a mesh shape in its own space, and return the mesh's index."""
     attributes = {"POSITION": document.accessor(np.asarray(shape.vertices), is_vertex=True)}
     triangles = document.accessor(np.asarray(shape.triangles).ravel(), is_index=True)
     return document.append(
@@ -301,7 +290,10 @@ def _add_interactivity(
     scene: SceneDescription,
     hjif_name: str | None,
 ) -> None:
-    """Add the draft extensions: an action per trigger, playing the effect's modality."""
+    """Add the draft extensions: an action and a behaviour per trigger; nothing without triggers.
+
+    ``nodes`` are the volumes' nodes in the order of ``triggers``. Media need ``hjif_name``.
+    """
     if not triggers:
         return
     modalities = {clean(effect.id): effect.modality for effect in scene.effects}

@@ -48,7 +48,7 @@ def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> P
 
 
 def ticks(band: dict[str, Any], placed: Placed, timescale: int) -> Iterator[Transient]:
-    """Yield the ticks of a transient effect; the default frequency is the band's middle."""
+    """Yield a tick per keyframe; default amplitude 1, frequency the band's middle."""
     position, effect = placed
     middle = (band["lower_frequency_limit"] + band["upper_frequency_limit"]) / 2.0
     for frame in effect.get("keyframes", ()):
@@ -58,7 +58,7 @@ def ticks(band: dict[str, Any], placed: Placed, timescale: int) -> Iterator[Tran
 
 
 def curve(band: dict[str, Any], effects: Iterable[Placed], timescale: int) -> Curve | None:
-    """Concatenate the effects of a curve band; None without keyframes."""
+    """Join the interpolated effects of a curve band in time; None without amplitude keyframes."""
     curves = []
     for position, effect in effects:
         levels, _ = _columns(effect.get("keyframes", ()), position, timescale)
@@ -68,9 +68,9 @@ def curve(band: dict[str, Any], effects: Iterable[Placed], timescale: int) -> Cu
 
 
 def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Waveform:
-    """Sample a curve band of a vibration as a waveform of low frequencies.
+    """Sample a curve band of a vibration at 2 to 8 kHz, with fewer samples for long curves.
 
-    Raises TooLargeError beyond the limits of duration or memory.
+    Raises TooLargeError beyond the limits of duration or memory; ``name`` is the file's.
     """
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band["upper_frequency_limit"], 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
@@ -84,7 +84,10 @@ def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Wavefor
 def _columns(
     frames: Iterable[dict[str, Any]], position: int, timescale: int
 ) -> tuple[_Points, _Points]:
-    """Points (seconds, amplitude) and (seconds, hertz), ascending; a keyframe may lack either."""
+    """Points (s, amplitude) and (s, hertz) of keyframes, each by time; a keyframe may lack either.
+
+    ``position`` is in ticks, ``timescale`` in ticks per second.
+    """
     levels, hertz = [], []
     for frame in frames:
         time = (position + frame.get("relative_position", 0)) / timescale
@@ -96,13 +99,13 @@ def _columns(
 
 
 def _curve_of(points: _Points, otherwise: tuple[float, float] = (0.0, 0.0)) -> Curve:
-    """Curve through points, or through ``otherwise`` without points."""
+    """Curve through points (s, value), or of the single point ``otherwise`` without points."""
     times, values = np.array(points or [otherwise], np.float64).T
     return Curve(times, values)
 
 
 def one_after_another(curves: list[Curve]) -> Curve:
-    """Concatenate curves in time order, with 0 in gaps; in overlaps the later curve wins."""
+    """Concatenate one or more curves in time order, 0 in gaps; in overlaps the later curve wins."""
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):
@@ -178,7 +181,7 @@ def _spline(points: F64) -> F64:
 
 
 def _along(arches: F64, parts: int) -> Curve:
-    """Sample Bezier arches at ``parts`` points each; times are made monotonic."""
+    """Sample each Bezier arch (n, 3, 2) of (time, value) at ``parts`` points; times ascend."""
     share = (np.arange(parts) / parts)[None, :, None]
     start, middle, end = (arches[:, k, None, :] for k in range(3))
     dense = start * (1.0 - share) ** 2 + 2.0 * middle * share * (1.0 - share) + end * share**2

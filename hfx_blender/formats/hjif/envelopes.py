@@ -42,9 +42,9 @@ MAX_POSITION: Final = 2**16 - 1
 def timescale_of(*rates_hz: Fraction, seconds: float = 0.0) -> int:
     """Ticks per second with whole ticks in one period of each rate, where possible.
 
-    Earlier rates have priority; the result is at most 48000, the standard's limit, where periods
-    of the remaining rates are rounded to ticks. For ``seconds`` > 0 the scale is reduced, if
-    possible, so that an effect of this duration fits into 16 bits.
+    Earlier rates have priority: a rate needing more than 48000, the standard's limit, is rounded to
+    ticks. The scale is about 8000, less for ``seconds`` > 0, to let an effect of this duration fit
+    into 16 bits.
     """
     ticks = 1
     for rate in rates_hz:
@@ -79,9 +79,9 @@ Burst = tuple[int, tuple[Keyframe, ...]]
 def shared_waves(
     bands: Sequence[Sequence[Burst]],
 ) -> tuple[list[dict[str, Any]], list[list[dict[str, Any]]]]:
-    """Return the effect library of a perception, and the effects of each band.
+    """Effect library of a perception, and for each band the list of its effects.
 
-    Repeated keyframes are stored once in the library (ids from 1) and referenced by the bands.
+    Keyframes occurring twice or more are stored once in the library (ids from 1), and referenced.
     """
     # Equal keyframes are equal tuples, so counting finds repetitions.
     counts = Counter(keyframes for bursts in bands for _, keyframes in bursts)
@@ -101,13 +101,13 @@ def shared_waves(
 
 
 def _wave(position: int, keyframes: Iterable[Keyframe], **id: int) -> dict[str, Any]:
-    """Sine effect with keyframes; ``id`` for entries of the library."""
+    """Sine effect at ``position`` ticks with keyframes; ``id`` only for entries of the library."""
     wave = {"position": position, "phase": 0.0, "base_signal": "Sine"}
     return {"effect_type": "Basis", **id, **wave, "keyframes": keyframes_of(keyframes)}
 
 
 def keyframes_of(frames: Iterable[Keyframe]) -> list[dict[str, Any]]:
-    """Encode keyframes as members of an effect."""
+    """Encode keyframes as JSON; without ``frequency_modulation`` where ``hertz`` is None."""
     members: list[dict[str, Any]] = []
     for ticks, level, hertz in frames:
         members.append({"relative_position": ticks, "amplitude_modulation": level})
@@ -143,7 +143,10 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
 def _wave_keyframes(
     times: F64, levels: F64, hertz: F64, timescale: int, tolerance: float
 ) -> tuple[Keyframe, ...]:
-    """Simplify amplitude and frequency separately, then sample both at all keyframes."""
+    """Keyframes of a vibration (T,), simplified to ``tolerance`` of full scale and to 1 Hz.
+
+    Amplitude and frequency are simplified separately, then sampled at the keyframes of both.
+    """
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
     amplitude = _on_grid(few, strength, tolerance, timescale)
@@ -164,26 +167,11 @@ def _wave_keyframes(
 
 
 def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tuple[I64, F64]:
-    """Move the keyframes of a simplified curve to whole ticks; returns ticks and values.
+    """Move the keyframes of ``few`` to whole ticks; returns ticks (n,), ascending, and values (n,).
 
-    Holds of the original (three or more equal rows) stay exactly constant. Where a moved keyframe
-    leaves the tolerance, the adjacent rows of the original replace it; rows on whole ticks are
-    then exact.
-
-    Parameters
-    ----------
-    few : Curve
-        Within ``tolerance`` of ``dense``.
-    dense : Curve
-        Original, times strictly ascending.
-    tolerance : float
-        In the unit of the values.
-
-    Returns
-    -------
-    ticks : (n,) int64
-        Ascending, from the original's first tick to its last.
-    values : (n,) float64
+    ``few`` is within ``tolerance`` (unit of the values) of ``dense``, the original. Holds of the
+    original (three or more equal rows) stay exactly constant. Where a moved keyframe leaves the
+    tolerance, the adjacent rows of the original replace it; rows on whole ticks are then exact.
     """
     own_ticks = np.rint(dense.times_s * ticks_per_s).astype(np.int64)
     few_ticks = np.rint(few.times_s * ticks_per_s).astype(np.int64)
@@ -213,7 +201,7 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
 
 
 def _holds(values: F64) -> Bool:
-    """Mask of the rows whose successor continues a hold, (n,) bool."""
+    """Mask (n,) of rows equal to their successor within a run of at least three equal rows."""
     is_held = np.zeros(len(values), np.bool_)
     for begin, end in stretches(values[1:] == values[:-1]):
         is_held[begin:end] = end - begin + 1 >= _HOLD
@@ -223,7 +211,7 @@ def _holds(values: F64) -> Bool:
 def _merged(
     few_ticks: I64, few_values: F64, own_ticks: I64, own_values: F64, is_pinned: Bool
 ) -> tuple[I64, F64]:
-    """Simplified keyframes, replaced by rows of the original where these are pinned."""
+    """Ascending ticks and values: simplified keyframes, and rows of the original where pinned."""
     row = np.clip(np.searchsorted(own_ticks, few_ticks, side="right") - 1, 0, len(own_ticks) - 1)
     after = np.minimum(row + 1, len(own_ticks) - 1)
     is_taken = is_pinned[row] & (is_pinned[after] | (own_ticks[row] == few_ticks))
@@ -263,7 +251,10 @@ def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe
 
 
 def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[str, Any]]:
-    """Effects of a pressure, temperature or wind; several only beyond 16-bit ticks."""
+    """Effects of a pressure, temperature or wind curve; several only beyond 65535 ticks.
+
+    A constant of a single row lasts two ticks.
+    """
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
     ticks, values = _on_grid(few, strength, tolerance, timescale)
@@ -285,7 +276,7 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
 
 
 def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
-    """Insert a keyframe on the line between fewer than three, if the duration allows."""
+    """Insert an interpolated keyframe in the middle of two, if two ticks or more apart."""
     first, stop = frames[0].ticks, frames[-1].ticks
     if len(frames) >= _SHORTEST or stop - first < 2:
         return frames
@@ -294,7 +285,7 @@ def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]
 
 
 def band(kind: str, effects: Sequence[dict[str, Any]], **members: str) -> dict[str, Any]:
-    """Band from 0 to 1000 Hz with effects and further members."""
+    """JSON of a band of type ``kind``, 0 to 1000 Hz, with effects and further members."""
     return {
         "band_type": kind,
         "lower_frequency_limit": 0,

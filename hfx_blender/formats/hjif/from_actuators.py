@@ -43,7 +43,8 @@ def write(
 ) -> Written:
     """Write ``stem.hjif`` with a channel per actuator; strengths are relative to neutral values.
 
-    Raises OutputError for an unwritable file; no partial file remains.
+    Actuators silenced by the tolerance are noted. Raises OutputError for an unwritable file; no
+    partial file remains.
     """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
@@ -54,10 +55,7 @@ def write(
 def _compose(
     raster: Raster, device: DeviceConfig, name: str, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Compose the document of a raster; second, the actuators silenced by the tolerance.
-
-    Strengths are relative to each actuator's neutral value.
-    """
+    """HJIF document of a raster; second, the ids of actuators silenced by the tolerance."""
     columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     # The last row lasts a whole period, as in all formats.
@@ -133,7 +131,10 @@ def write_signals(
 
 
 def _dense(signal: Signal) -> Dense:
-    """Rows at a signal's own keyframes; steps become ramps of one tick."""
+    """Envelope at the keyframes of both curves; steps become ramps of 0.1 ms.
+
+    Frequencies are clipped to 0..1000 Hz; rows are added 0.1 ms before and after silence.
+    """
     end = float(signal.amplitude.times_s[-1])
     frequency = clipped(signal.frequency_hz, 0.0, MAX_HZ)
     times = joined_times([signal.amplitude, frequency], 0.0, end)
@@ -148,7 +149,7 @@ def _dense(signal: Signal) -> Dense:
 
 
 def _write(document: dict[str, Any], stem: Path) -> Path:
-    """Write a document as ``stem.hjif``."""
+    """Write a document as ``stem.hjif``; returns the path."""
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document, path)
     return path

@@ -42,14 +42,8 @@ def write(
 ) -> Written:
     """Write ``stem.hjif``, and each body model as ``stem.<model>.glb`` in the same folder.
 
-    Raises
-    ------
-    NothingFeltError
-        The track has no samples on a body.
-    InputError
-        A body model differs from the recorded version.
-    OutputError
-        A file cannot be written; no partial file remains.
+    Raises NothingFeltError without samples on a body, InputError for a body model of another
+    version than recorded, and OutputError for an unwritable file; no partial file remains.
     """
     document, meshes, loss = compose(track, devices, stem.name, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
@@ -77,7 +71,7 @@ def compose(
     name: str,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[dict[str, Any], list[PerceptualModel], Written]:
-    """Compose the HJIF document of a track; also its models, and losses as a Written without files.
+    """HJIF document of a track, its models, and losses as a Written without files.
 
     Raises as :func:`write`, except OutputError. ``name`` begins the mesh file names.
     """
@@ -129,14 +123,9 @@ def compose(
 class _Collected:
     """Samples of a stream, collected run by run.
 
-    Memory is bounded: each sample stores a weight per body part, not the contacts.
-
-    Parameters
-    ----------
-    masks : (V,) uint32
-        Body part mask of each vertex of the model.
-    by_part : bool
-        Store the strongest weight of each body part; otherwise only the first vertex set.
+    Memory is bounded: each sample stores a weight per body part, not the contacts. ``masks`` (V,):
+    body part mask of each vertex of the model. ``by_part``: store the strongest weight of each body
+    part; otherwise only the first vertex set.
     """
 
     def __init__(self, masks: U32, *, by_part: bool) -> None:
@@ -182,7 +171,7 @@ class _Collected:
         return sum(len(rows) for rows in self._rows)
 
     def columns(self) -> tuple[I64, F64, F64]:
-        """Ascending sample indices (n,), effect levels (n,) and parameters (n, P)."""
+        """Ascending sample indices (n,), levels (n,) and parameters (n, P); only with samples."""
         return (
             np.concatenate(self._rows),
             np.concatenate(self._levels),
@@ -218,7 +207,7 @@ def _groups(
 def _loss(
     header: TrackHeader, collected: Mapping[Stream, _Collected], turning: Sequence[str]
 ) -> Written:
-    """Losses of a document: high frequencies, turning winds, changing painted areas."""
+    """Losses: vibrations above 1000 Hz, winds ``turning``, changing painted areas."""
     # Frequencies are the second parameter of vibration.
     high = [
         header.effect(stream).name
@@ -240,7 +229,7 @@ def _loss(
 
 
 def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:
-    """Return a model with the recorded content hash; InputError for another version."""
+    """Return ``model`` unchanged; InputError if its content hash differs from the recorded hash."""
     recorded = next(
         recorded_model for recorded_model in track.header.models if recorded_model.id == id
     )
@@ -293,9 +282,9 @@ def _places(
 
 
 def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
-    """Group a painted area's vertices into at most 8 classes, heaviest first: mean weight, ids.
+    """Group a painted area's vertices by weight: mean and ids per class, heaviest first.
 
-    A range of weights below 1/255 forms a single class.
+    Classes are eighths of 1; a range of weights below 1/255 forms a single class.
     """
     steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
     if np.ptp(weights) < 1.0 / 255.0:
@@ -307,7 +296,7 @@ def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
 
 
 def _direction(parameters: F64) -> dict[str, int] | None:
-    """Mean wind direction in glTF axes times 127; None for a turn of more than about 1 degree."""
+    """Mean wind direction in glTF axes, length 127; None for a turn of about 1 degree or more."""
     vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
     mean = vectors.mean(axis=0)
     length = float(np.linalg.norm(mean))

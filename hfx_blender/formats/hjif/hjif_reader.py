@@ -24,7 +24,7 @@ _FATAL = _STRUCTURAL - {"HJIF-RANGE"}  # amplitudes of early wavelets
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
-    """Parse a document, and return sentences about tolerated faults.
+    """Parse a document; second, sentences about tolerated faults.
 
     Files of other tools and drafts are converted to the standard's form as far as clear in meaning;
     unknown members are dropped. Raises InputError for unreadable files.
@@ -41,7 +41,7 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Description, avatars and perceptions of a file for ``hfx info``."""
+    """Description, profile, avatars, perceptions and tolerated faults for ``hfx info``."""
     document, notes = decode(read_bytes(path), str(path))
     return {
         **as_fact("notes", notes),
@@ -118,6 +118,7 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
 
     Old names and choices are replaced, unknown members dropped, missing members without haptic
     effect added, and numbers clipped to the allowed range. Everything else is returned unchanged.
+    ``name`` is the member's name.
     """
     if isinstance(shape, Record):
         return _record(shape, value) if isinstance(value, dict) else value
@@ -138,7 +139,10 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
 
 
 def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
-    """Convert an object: old member names, defaults, and draft encodings of bands."""
+    """Convert an object: old member names, missing members with defaults, draft types of bands.
+
+    Unknown members, and a ``block_length`` other than a whole number from 16 on, are dropped.
+    """
     known = {**shape.required, **shape.optional}
     members = {}
     for key, item in value.items():
@@ -158,7 +162,7 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_effect(shape: Shape, item: Any) -> bool:
-    """Test for a readable effect of a composition, ignoring nested compositions."""
+    """Test for an item without faults of the shape but RANGE, nested compositions ignored."""
     report = Report("HJIF")
     if isinstance(item, dict):
         item = {key: member for key, member in item.items() if key != "composition"}
@@ -172,7 +176,10 @@ def _is_length(item: Any) -> bool:
 
 
 def _number(shape: Number, value: Any, name: str) -> Any:
-    """Clip a number to the allowed range; wavelet scales and sampling rates have wider ranges."""
+    """Clip a number to the allowed range; unchanged for another type.
+
+    Wider: amplitudes to +-16 (scale of early wavelets), upper frequency limits to 192 kHz.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
@@ -183,7 +190,7 @@ def _number(shape: Number, value: Any, name: str) -> Any:
 
 
 def _text(shape: Text, value: str, name: str) -> str:
-    """Replace an old choice by the standard's; the default for an unknown choice."""
+    """Replace an old choice by the standard's; an unknown one by the member's default, if any."""
     known = _OLD_VALUES.get(name, {}).get(value, value)
     is_known = not shape.choices or known in shape.choices
     is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None

@@ -191,7 +191,10 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document; semantic rules only without schema faults."""
+    """Return the findings of a parsed document: schema faults, or without any, semantic faults.
+
+    Unknown members are warnings and no schema faults.
+    """
     report = Report("HJIF")
     check(DOCUMENT, document, report)
     structural = [finding for finding in report.findings if finding.code != "HJIF-UNKNOWN"]
@@ -201,7 +204,7 @@ def findings(document: Any) -> list[Finding]:
 
 
 def _with_tool(finding: Finding) -> Finding:
-    """Append the name of the tool known for this fault to a finding's message."""
+    """Finding with the tool known for this fault in the message, or unchanged."""
     for code, part, tool in _TOOLS:
         if finding.code == f"HJIF-{code}" and part in f"{finding.place} {finding.message}":
             return replace(finding, message=f"{finding.message} ({tool})")

@@ -45,7 +45,7 @@ def document_of(
     avatars: Sequence[dict[str, Any]] = (),
     date: str = DATE,
 ) -> dict[str, Any]:
-    """Compose a document of the lowest level for its channels, and number the channels in place.
+    """Compose a document at the lowest sufficient level; channels are numbered in place, from 0.
 
     Channel ids are unique in the whole file, as decoders require.
     """
@@ -141,7 +141,7 @@ def _channel(
 
 
 def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list[str]:
-    """Titles of sounding places with only zero keyframes within the tolerance."""
+    """Titles of places with a strength other than 0, but only zero keyframes in the perception."""
     library = {effect_band["id"]: effect_band for effect_band in perception["effect_library"]}
 
     def sounds(effect: dict[str, Any]) -> bool:
@@ -159,7 +159,7 @@ def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str, Any]:
-    """Transient band with a keyframe per tick."""
+    """Transient band with an effect of one keyframe per tick in time order, at most 1000 Hz."""
     effects = []
     for tick in sorted(transients, key=lambda each: each.time_s):
         frame = Keyframe(0, round(tick.amplitude, 6), round(min(tick.frequency_hz, MAX_HZ)))

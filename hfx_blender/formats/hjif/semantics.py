@@ -100,7 +100,7 @@ def _check_root(document: dict[str, Any], report: Report, *, is_simple: bool) ->
 
 
 def is_date(text: str) -> bool:
-    """Test for an ISO 8601 date and time with an offset."""
+    """Test for an existing date and time of ISO 8601 with seconds and an offset or Z."""
     if not _DATE.fullmatch(text):
         return False
     try:
@@ -170,7 +170,7 @@ def _check_perception(
 
 
 def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
-    """Report contradictory frequencies of a reference device."""
+    """Report a reference device with maximum < minimum, or a resonance outside."""
     low, high = device.get("minimum_frequency"), device.get("maximum_frequency")
     resonance = device.get("resonance_frequency")
     if low is not None and high is not None and high < low:
@@ -234,7 +234,10 @@ def _check_band(
 
 
 def _check_content(effect: dict[str, Any], place: Place, report: Report, band: str) -> None:
-    """Report members of a basis effect missing for the standard's readers."""
+    """Report ``wavelet_stream``, or else ``keyframes``, missing in a basis effect of ``band``.
+
+    ``band`` is a band type; waves also need ``phase`` and ``base_signal``.
+    """
     if band == "WaveletWave" and "wavelet_stream" not in effect:
         report.error("WAVELET-STREAM", place, "'wavelet_stream' is missing")
     if band != "WaveletWave" and "keyframes" not in effect:
@@ -252,7 +255,10 @@ def _check_effect(
     is_simple: bool,
     band: str | None,
 ) -> None:
-    """Report faults of an effect and its composition; ``band`` is None for the library."""
+    """Report faults of an effect and its composition.
+
+    ``library``: ids of the effect library; ``band``: type of the band, None within the library.
+    """
     kind = effect["effect_type"]
     if is_simple and kind == "Composite":
         message = "the profile Simple Parametric has no composite effects"

@@ -47,8 +47,8 @@ class Envelope:
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Decode the vibration channels of a file as signals, and the range of all frequencies.
 
-    Losses and notes of the file are on the first signal. Raises InputError for an unreadable file,
-    and TooLargeError for too many effects after unfolding references.
+    Losses and notes of the file are on the first signal; 0 to 1 Hz without signals. Raises
+    InputError for an unreadable file, and TooLargeError for too many effects after unfolding.
     """
     document, notes = read(content, name)
     signals = []
@@ -90,7 +90,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _unused_members(document: dict[str, Any]) -> ToleratedFaults:
-    """Sentences about members of a document without a place in signals."""
+    """Sentences about places, mixing coefficients and modality Other, lost in signals."""
     perceptions = document["perceptions"]
     channels = [channel for perception in perceptions for channel in perception["channels"]]
     sentences = {
@@ -142,7 +142,10 @@ class _Parts:
         self._is_vibration, self._gain = is_vibration, gain
 
     def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
-        """Decode the effects of a band, multiplied by the gain, and count losses in ``lost``."""
+        """Decode the effects of a band; only waveforms are not yet multiplied by the gain.
+
+        Losses are counted in ``lost``. A curve of a vibration is a waveform.
+        """
         placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
             for tick in (
@@ -178,7 +181,10 @@ def _envelope(
     full_scale: float | None,
     unfolding: Unfolding,
 ) -> Envelope:
-    """Combine the bands of a channel into an envelope."""
+    """Mix the bands of a channel; curves are left out in a channel with waves or ticks.
+
+    ``full_scale``: largest amplitude of the reference device, or None. Losses are in ``left_out``.
+    """
     unfolding.library = {effect.get("id"): effect for effect in perception["effect_library"]}
     is_vibration = perception["perception_modality"] in VIBRATIONS
     gain = min(channel["gain"], _LARGEST_GAIN)
@@ -234,7 +240,8 @@ class Unfolding:
     ) -> Iterator[bands.Placed]:
         """Yield (position in ticks, basis effect); missing references are counted in ``lost``.
 
-        Raises InputError beyond eight nested levels, and TooLargeError beyond the file's limit.
+        Positions add to ``start``; ``depth``: level of nesting. Raises InputError beyond eight
+        levels, and TooLargeError beyond the file's limit of effects and keyframes.
         """
         if depth > _DEEPEST:
             raise InputError(

@@ -29,7 +29,7 @@ _SHORTEST, _LONGEST = 16, 1 << 16  # samples of a block
 
 
 def _symmetric(half: F64, middle: float) -> F64:
-    """Symmetric filter from its first half and its middle tap."""
+    """Symmetric filter (2 n + 1,) from its first half (n,) and its middle tap."""
     return np.concatenate([half, [middle], half[::-1]])
 
 
@@ -52,7 +52,7 @@ def synthesized(coefficients: F64) -> F64:
 
 
 def _filtered(samples: F64, taps: F64) -> F64:
-    """Convolve samples with taps; both ends are mirrored without repeating the last sample."""
+    """Convolve samples (n,) with an odd filter, (n,); mirrored about the end samples."""
     reach = len(taps) // 2
     return np.convolve(np.pad(samples, reach, mode="reflect"), taps, mode="valid")
 
@@ -63,17 +63,9 @@ def waveform(
     """Waveform of a wavelet band (None without readable blocks), and counts of losses by reason.
 
     Overlapping blocks are played in sequence: the standard's reference software writes such
-    positions, and plays the blocks in sequence. Raises TooLargeError beyond the limits of samples
-    or memory.
-
-    Parameters
-    ----------
-    band : dict
-        Upper limit: the sampling rate.
-    effects : sequence of (int, dict)
-        Position in ticks and block.
-    name : str
-        File name in messages.
+    positions, and plays the blocks in sequence. The band's upper limit is the sampling rate;
+    ``effects`` are position in ticks and block. Raises TooLargeError, with ``name``, beyond the
+    limits of samples or memory.
     """
     rate_hz = float(band["upper_frequency_limit"])
     lost: Counter[str] = Counter()
@@ -129,7 +121,10 @@ def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int 
 
 
 def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
-    """Wavelet coefficients of an effect, (count,); None if unreadable or too few."""
+    """Wavelet coefficients of an effect, (count,), of the stream or else of draft keyframes.
+
+    Keyframes hold the coefficients, then their scale. None if unreadable or too few.
+    """
     stream, frames = effect.get("wavelet_stream"), effect.get("keyframes", ())
     if stream or (stream == "" and not frames):
         try:
@@ -184,7 +179,10 @@ class _Bits:
         return self._next >= len(self._bits) and self._code == self._lower
 
     def take(self, kind: int) -> int:
-        """Decode the next decision of a context, 0 or 1, and adapt its probability."""
+        """Decode the next decision of a context (``_HEADER`` to ``_REFINEMENT``), 0 or 1.
+
+        The context's probability is adapted.
+        """
         width = self._upper - self._lower
         share = int(self._zeros[kind] / self._counts[kind] * _FULL + 0.5)
         split = min(max(width * share // _FULL, 1), width - 1)
@@ -211,7 +209,7 @@ class _Bits:
             self._code = 2 * (self._code - off) + self._digit()
 
     def number(self, length: int) -> int:
-        """Decode a whole number of the header, least significant digit first."""
+        """Decode a whole number of ``length`` binary digits of the header, lowest digit first."""
         return sum(self.take(_HEADER) << digit for digit in range(length))
 
 
@@ -233,7 +231,7 @@ def decoded_block(stream: str, count: int) -> F64:
 
 
 def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
-    """Decode the bit planes from high to low into signed whole numbers, (count,)."""
+    """Decode the bit planes ``planes`` to 0 into signed whole numbers, (count,)."""
     values = [0] * count
     points = list(range(_LOWEST_POINTS))  # not yet significant
     # Trees whose points below the root, or below its children, are not yet significant.

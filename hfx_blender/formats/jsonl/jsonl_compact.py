@@ -50,7 +50,7 @@ class CompactDecoder:
         self._parameters: dict[tuple[int, int], list[float]] = {}
 
     def line(self, value: Any, report: Report, place: Place) -> Any:
-        """Decode a line; None for a faulty line, which is reported."""
+        """Decode a set or sample; None after a reported fault; other lines are unchanged."""
         kind = value.get("type") if isinstance(value, dict) else None
         if kind not in ("set", "sample"):
             return value
@@ -61,7 +61,10 @@ class CompactDecoder:
         return (self._set if kind == "set" else self._sample)(value, report, place)
 
     def _set(self, value: dict[str, Any], report: Report, place: Place) -> Any:
-        """Decode a set; TooLargeError beyond the memory limit of all sets."""
+        """Decode a set to the plain encoding; None after a reported fault.
+
+        Raises TooLargeError beyond the memory limit of all sets.
+        """
         base = value.get("from")
         if base is not None and base not in self._sets:
             report.error("SET-FROM", place, f"there is no set {base} before it")
@@ -83,7 +86,7 @@ class CompactDecoder:
         return {"type": "set", "set": value["set"], "vertices": [*steps], "weights": weights}
 
     def _sample(self, value: dict[str, Any], report: Report, place: Place) -> Any:
-        """Decode a sample with ids of effect and body, and named parameters."""
+        """Decode a sample with ids of effect and body, and named parameters; None after a fault."""
         effects, bodies = self.header.get("effects", ()), self.header.get("bodies", ())
         key = (value["effect"], value["body"])
         parameters = value.get("parameters", self._parameters.get(key))

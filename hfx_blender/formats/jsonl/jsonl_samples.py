@@ -159,7 +159,10 @@ def _header(header: TrackHeader) -> dict[str, Any]:
 
 
 def _lines(track: TrackReader) -> Iterator[bytes]:
-    """Yield sets and samples in time order, each set before the first sample using the set."""
+    """Yield sets and samples as lines in time order, a set before the first sample using the set.
+
+    A set equal to the stream's last set is not repeated.
+    """
     last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
     count = 0
     for block in blocks(track.header, track.runs()):
@@ -181,7 +184,10 @@ def _lines(track: TrackReader) -> Iterator[bytes]:
 
 
 def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
-    """Sample ``k`` of a run, with the exact place of a spot or the values of actuators."""
+    """JSON of sample ``k`` of a run: times rounded to 1 ns, values to 1e-6.
+
+    With the place of a spot, m, or the values of actuators, to 1e-4, if the run has these.
+    """
     extras: dict[str, Any] = {}
     if run.focus is not None:
         *centre, radius = (round(number, 6) for number in run.focus[k].astype(float).tolist())
@@ -204,7 +210,10 @@ def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
 
 
 def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
-    """Encode a set as a line; numbers are looked up in tables of texts for speed."""
+    """Encode vertices (n,), ascending, and weights 0..1 (n,) as the line of set ``number``.
+
+    Weights are rounded to 1e-4. Numbers are looked up in tables of texts for speed.
+    """
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
@@ -217,15 +226,15 @@ def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
 
 
 def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
-    """Concatenate entries of a table of texts, without the final comma."""
+    """Concatenate the entries ``chosen`` of a table of :func:`_texts`, without the final comma."""
     return texts[chosen].tobytes().translate(None, b"\0")[:-1]
 
 
 @lru_cache(maxsize=5)
 def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
-    """Texts ``"<number>,"`` below ``count``, or of weights in steps, zero-padded to 8 bytes.
+    """Texts ``"<number>,"`` of 0 to ``count`` - 1, or of these times 1e-4 for ``is_weight``.
 
-    The bytes are returned as integers, which numpy indexes faster.
+    Each is zero-padded to 8 bytes and viewed as an integer, which numpy indexes faster.
     """
     numbers = (step / _WEIGHT_STEPS if is_weight else step for step in range(count))
     return np.array([f"{number!r}," for number in numbers], "S8").view(np.uint64)
@@ -257,7 +266,10 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """Return faultless lines in the plain encoding, and all findings; no lines without a header."""
+    """Faultless lines in the plain encoding, and all findings; no lines without a header.
+
+    Raises InputError for a line without valid JSON.
+    """
     report = Report("JSONL")
     rules = _Rules(report)
     lines: list[dict[str, Any]] = []
@@ -294,7 +306,7 @@ class _Rules:
         self._time_s = -np.inf
 
     def is_sound(self, value: Any, is_first: bool, place: Place) -> bool:
-        """Report the faults of the next line; False for a wrong structure."""
+        """Report the faults of the next line; False only for a fault of structure or schema."""
         kind = value.get("type") if isinstance(value, dict) else None
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
             self._report.error("LINE", place, "expected a header first, then sets and samples")
@@ -314,7 +326,7 @@ class _Rules:
         return True
 
     def _check_set(self, value: dict[str, Any], place: Place) -> None:
-        """Check lengths, order and number of a set."""
+        """Report a set of different lengths, vertices not ascending, or a repeated number."""
         vertices, number = value["vertices"], value["set"]
         if len(vertices) != len(value["weights"]):
             self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
@@ -325,7 +337,7 @@ class _Rules:
         self._sets[number] = max(vertices, default=-1)
 
     def _check_sample(self, value: dict[str, Any], place: Place) -> None:
-        """Check time, ids, parameters and vertices of a sample."""
+        """Report a sample with a descending time, unknown ids or set, or wrong parameters."""
         if value["t"] < self._time_s:
             message = "the time is before the last sample"
             self._report.error("ORDER", place, message)

@@ -12,9 +12,9 @@ _END: Final = b"\xff\xd9"
 
 
 def is_cut_off(path: Path) -> bool:
-    """Test for a JPEG without end marker: readers show the missing part grey.
+    """Test for a JPEG without end marker after the first scan; False for files of another kind.
 
-    False for files of another kind.
+    Readers show the missing part grey. Raises OSError for an unreadable file.
     """
     data = path.read_bytes()
     if not data.startswith(_START):

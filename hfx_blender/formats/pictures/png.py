@@ -164,7 +164,7 @@ def _unpacked(data: bytes) -> bytes:
 
 
 def _utf8_or_latin(data: bytes) -> str:
-    """Decode as UTF-8, or else as Latin-1."""
+    """Decode as UTF-8, or as Latin-1 if this fails."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
@@ -195,7 +195,10 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo the filters of rows, (H, bytes per row); ``unit`` bytes per pixel."""
+    """Undo the row filters ``kinds`` (H,) of ``lines`` (H, bytes); ``unit``: bytes per pixel.
+
+    Raises ValueError for a filter above 4.
+    """
     if kinds.max() > 4:
         raise ValueError(f"row filter {kinds.max()}")
     if kinds.max() <= 2:
@@ -213,7 +216,7 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
 
 
 def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo filters depending on the left and upper pixel."""
+    """Undo all row filters as in :func:`_unfiltered`, one anti-diagonal of pixels at a time."""
     rows, width = lines.shape
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]

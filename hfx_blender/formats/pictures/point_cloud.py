@@ -45,7 +45,10 @@ def read(path: Path) -> F64:
 
 
 def _lines(content: bytes, path: Path) -> F64:
-    """Parse the first three columns of text lines."""
+    """First three columns (N, 3) of text lines, separated by spaces, commas or semicolons.
+
+    Comments begin with # or //. Raises InputError for another line.
+    """
     text = content.replace(b",", b" ").replace(b";", b" ")
     try:
         with warnings.catch_warnings():
@@ -60,7 +63,7 @@ def _lines(content: bytes, path: Path) -> F64:
 
 
 def _ply(content: bytes, path: Path) -> F64:
-    """Parse the vertices of a PLY file, required as the first element."""
+    """Vertices (N, 3) of a PLY file, with ``vertex`` as the first element; else InputError."""
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
         raise InputError(f"{path}: is no PLY file.")
@@ -83,7 +86,7 @@ def _ply(content: bytes, path: Path) -> F64:
 
 
 def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
-    """Parse x, y and z, at column numbers ``places``, of ``count`` text lines."""
+    """Parse x, y and z (count, 3), at column numbers ``places``, of text lines; else InputError."""
     lines = body.split(b"\n", count)[:count]
     if len(lines) < count or (count and not lines[-1].strip()):
         raise InputError(f"{path}: ends early; {count} points were announced.")
@@ -97,7 +100,8 @@ def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
     """Parse a PLY header: byte order ("" for text), data before the vertices, count, columns.
 
-    Raises InputError for a broken header, list properties of vertices, or too many vertices.
+    Columns are (name, numpy type) of the vertex. Raises InputError for a broken header, list
+    properties of vertices, or too many vertices.
     """
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     order, count, columns, element, before = None, -1, [], "", False

@@ -52,7 +52,7 @@ _STEPS: Final = strict(
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
     """Write ``stem.intensity.png``, ``stem.sharpness.png`` and ``stem.texture.json``.
 
-    Raises OutputError for an unwritable file.
+    Raises OutputError for an unwritable file, ValueError for ``bits`` other than 8 or 16.
     """
     if bits not in (8, 16):
         raise ValueError(f"bits: expected 8 or 16, got {bits}")
@@ -86,7 +86,7 @@ def write_relief(
 ) -> tuple[Path, ...]:
     """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
 
-    Raises OutputError for an unwritable file.
+    Roughness is 1 - sharpness. Raises OutputError for an unwritable file.
     """
     heights = field.heights_m - field.heights_m.min()
     layers = {
@@ -99,7 +99,7 @@ def write_relief(
 def _write_layers(
     layers: dict[str, npt.NDArray[np.floating[Any]]], stem: Path, bits: int
 ) -> dict[str, Path]:
-    """Write each layer as ``stem.<name>.png``, and return the paths by name."""
+    """Write each layer (H, W), 0..1, as ``stem.<name>.png``, and return the paths by name."""
     files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
     for name, path in files.items():
         png.write(_codes(layers[name], bits), path)
@@ -140,14 +140,17 @@ def read(path: Path) -> HapticMap:
 
 
 def _codes(layer: npt.NDArray[np.floating[Any]], bits: int) -> png.Grey:
-    """Quantize a layer, (H, W) bottom row first, to codes with the top row first."""
+    """Quantize a layer 0..1, (H, W) bottom row first, to 0..2**bits - 1, top row first."""
     full = (1 << bits) - 1
     codes = np.rint(layer[::-1].astype(np.float64) * full)
     return codes.astype(np.uint8 if bits == 8 else np.uint16)
 
 
 def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
-    """Read a layer in the folder of the map as float32 0..1, bottom row first."""
+    """Read the picture named by ``node``, beside ``path``, as float32 0..1, bottom row first.
+
+    InputError for a name with a folder.
+    """
     name = node.value
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
         node.fail("the name of a picture in the same folder")

@@ -31,7 +31,7 @@ _MAX_COLUMNS: Final = 100_000
 
 
 def header_line(raster: Raster) -> str:
-    """Column names with units: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
+    """First line without line end: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
     return ",".join(["time_s", *(column_name(column) for column in raster.columns)])
 
 
@@ -75,7 +75,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def read(path: Path) -> Raster:
-    """Read a raster without device, body and neutral values, for conversion.
+    """Read a raster with empty device and body, and the first row as neutral, for conversion.
 
     Raises InputError for an unreadable file or another table.
     """
@@ -88,9 +88,9 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """Decode the bytes of :func:`read`.
+    """Decode a raster: the first row gives the neutral values, the times the rate.
 
-    The first row gives the neutral values, the times give the rate.
+    Raises InputError, with ``name``, as :func:`read`.
     """
     first, _, rest = content.partition(b"\n")
     try:
@@ -134,7 +134,10 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """Sampling rate of a clock's times; 100 Hz for too few times, later rejected by the rules."""
+    """Mean rate of ascending times in s: intervals over duration, at most 1001 as denominator.
+
+    Uneven times are refused later. 100 Hz for one time, no duration or non-finite times.
+    """
     if len(times) > 1 and np.isfinite(times).all():
         lasts = float(times[-1]) - float(times[0])
         rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0

@@ -118,7 +118,7 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the first fault of a file as a finding; a warning for a raster without columns."""
+    """Return the first fault as a finding, or else a warning for a raster without columns."""
     read: list[Raster] = []
     findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
     if read and not read[0].columns:
@@ -139,7 +139,7 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """Decode the bytes of :func:`read`; shapes are compared before an array is unpacked."""
+    """Decode a raster archive; InputError, with ``name``, for another or damaged file."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             return _decoded(archive, name)
@@ -148,7 +148,10 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
-    """Decode the raster of an open archive."""
+    """Decode an open archive; array shapes are compared before any array is unpacked.
+
+    Raises InputError for a wrong description, shapes or raster.
+    """
     entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
     if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
         raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")
@@ -183,7 +186,7 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
 
 
 def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: str) -> None:
-    """Raise InputError for missing arrays, or shapes and types contradicting the description."""
+    """Raise InputError for missing arrays, or shapes and types contradicting ``meta``."""
     rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
     columns = (len(meta["columns"]),)
     # Shapes follow from the number of rows and of described columns.
@@ -214,7 +217,7 @@ class _Head:
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
-    """Read the shape and type of an array; ValueError for a forbidden size or type."""
+    """Read shape and type of an array; ValueError for objects, records or a wrong size."""
     with archive.open(entry) as packed:
         file = io.BytesIO(packed.read(_HEAD_BYTES))
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
@@ -232,7 +235,7 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """Unpack an array after :func:`_head`, directly into memory."""
+    """Unpack an array into C order; its checksum is compared."""
     with archive.open(entry) as packed:
         array = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
         packed.read(1)  # reading the end makes zipfile compare the checksum

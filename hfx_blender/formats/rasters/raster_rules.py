@@ -17,10 +17,10 @@ _BLOCK_ROWS: Final = 1 << 16
 
 
 def refuse(raster: Raster, name: str) -> None:
-    """Raise InputError, with file and field, for a raster breaking a rule.
+    """Raise InputError, with file and field, for a raster breaking a rule; returns nothing.
 
-    Rules: a row or more, finite values of the right shape, times ascending and evenly spaced, and
-    the limits of rate and duration.
+    Rules: a row or more, finite values (T, columns), rate up to 1 MHz, times ascending and evenly
+    spaced within 1 % of a row (and rounding), and the limits of duration and memory.
     """
     times, rate = raster.times_s, raster.rate_hz
     if not len(times):
@@ -55,19 +55,14 @@ def refuse(raster: Raster, name: str) -> None:
 
 
 def refuse_large(raster: Raster, name: str) -> None:
-    """Refuse a raster that lasts longer, or has more values, than readers take.
-
-    Raises
-    ------
-    TooLargeError
-    """
+    """Raise TooLargeError for a raster with more seconds or bytes of values than readers take."""
     times = raster.times_s
     limits.SECONDS.check(len(times) / float(raster.rate_hz), name, "its rows last")
     limits.MEMORY.check(8.0 * (times.size + raster.values.size), name, "its values would take")
 
 
 def facts(raster: Raster) -> dict[str, Any]:
-    """Rows, rate, duration, actuators, columns and parameters of a raster."""
+    """Rows, rate, duration, counts of actuators and columns, and sorted parameters with units."""
     return {
         "rows": len(raster.times_s),
         "rate_hz": float(raster.rate_hz),

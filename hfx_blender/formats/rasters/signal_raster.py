@@ -92,7 +92,10 @@ def raster_of(
 
 
 def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
-    """Signal of each vibration actuator with a signal, by actuator id."""
+    """Signal of each vibration actuator with a signal, by actuator id, see :func:`raster_of`.
+
+    Names match in any case. Raises InputError without a vibration actuator or match.
+    """
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
@@ -115,7 +118,10 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
 
 
 def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
-    """Amplitude (0..1) and frequency at times with ticks; third, the number of hidden ticks."""
+    """Amplitude (0..1) and Hz at times (T,) with ticks; third, the number of hidden ticks.
+
+    A tick fades linearly over 22 ms; it is hidden if nowhere stronger than the envelope.
+    """
     hidden = 0
     amplitude = np.where(times < signal.amplitude.times_s[-1], signal.amplitude.at(times), 0.0)
     hertz = signal.frequency_hz.at(times)

@@ -71,7 +71,7 @@ class Curve:
 
     @classmethod
     def of(cls, times_s: npt.ArrayLike, values: npt.ArrayLike) -> Curve:
-        """Create a curve from any sequences of numbers."""
+        """Create a curve from any sequences of numbers; ValueError as for the class."""
         return cls(np.asarray(times_s, np.float64), np.asarray(values, np.float64))
 
 
@@ -158,21 +158,21 @@ def _strictly_ascending(times: F64) -> F64:
 
 
 def _open(low: F64, high: F64) -> tuple[F64, F64]:
-    """Widen a corridor to a positive width everywhere."""
+    """Widen a corridor about its middle to 2e-9 (of the middle if above 1) at least."""
     middle, half = (low + high) / 2.0, (high - low) / 2.0
     half = np.maximum(half, 1e-9 * np.maximum(1.0, np.abs(middle)))
     return middle - half, middle + half
 
 
 def _without_collinear(times: F64, values: F64) -> Curve:
-    """Remove keyframes within constant stretches."""
+    """Remove keyframes equal to both neighbours; first and last remain."""
     keep = np.ones(len(times), np.bool_)
     keep[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
     return Curve(times[keep], values[keep])
 
 
 def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
-    """Keyframes of the continuous curve of fewest straight pieces within a corridor.
+    """Keyframes of the continuous curve of fewest pieces between walls ``low`` and ``high``.
 
     The walls of the corridor are straight from row to row. Greedy: each piece is the line reaching
     furthest; the next piece crosses this line within a window, from the line's last contact with a
@@ -260,7 +260,7 @@ def _through(a: _Point, b: _Point) -> _Line:
 
 
 def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """Mean of the two extreme lines, and thus within the corridor."""
+    """Mean of the extreme lines; of one or no line: this line, or horizontal through (x, value)."""
     if rising is None or falling is None:
         return rising or falling or (x, value, 0.0)
     at = rising[0]
@@ -276,7 +276,10 @@ def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
 
 
 def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
-    """Append a point to a hull in place (sign 1: concave lower wall, -1: convex upper wall)."""
+    """Append a point to a hull in place, popping points made redundant, but none up to ``first``.
+
+    ``sign`` 1: concave hull of the lower wall, -1: convex hull of the upper wall.
+    """
     x, y = point
     while len(hull) - first >= 2:
         (ax, ay), (bx, by) = hull[-2], hull[-1]
@@ -287,7 +290,10 @@ def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
 
 
 def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
-    """Index of a hull's tangent point for a line to ``point``, from ``first`` on."""
+    """Index, from ``first`` on, of the hull's tangent point for a line to the later ``point``.
+
+    ``sign`` as for :func:`_push`.
+    """
     x, y = point
     while first + 1 < len(hull):
         (ax, ay), (bx, by) = hull[first], hull[first + 1]
@@ -300,7 +306,10 @@ def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
 def _keyframes(
     lines: list[_Line], windows: list[tuple[float, float]], first: float, last: float
 ) -> tuple[F64, F64]:
-    """Times and values of the lines' intersections, clamped to their windows, and of both ends."""
+    """Times and values of both ends and of the intersections of successive lines.
+
+    Intersections are clamped to their windows, and at least 1 us apart from an earlier one.
+    """
     times, values = [first], [_value(lines[0], first)]
     for k, (earliest, latest) in enumerate(windows):
         a, b = lines[k], lines[k + 1]

@@ -24,7 +24,7 @@ def beyond_limits(
     highest_m_s2: float | None = None,
     highest_hz: float = MAX_HZ,
 ) -> tuple[str, ...]:
-    """Sentences about actuators with clipped vibration.
+    """Sentences about vibration actuators with a value above a limit, which a file clips.
 
     ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count.
     """
@@ -44,14 +44,14 @@ def beyond_limits(
 
 
 def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
-    """Sentence about signals sounding outside the frequencies of a file; empty without any."""
+    """Sentence about signals with sound or ticks outside a Hz range; empty without any."""
     cut = [signal.name for signal in signals if _is_off(signal, held)]
     low, high = held.lowest_hz, held.highest_hz
     return counted(cut, f"it holds {low:g} to {high:g} Hz; vibrations cut to that")
 
 
 def _is_off(signal: Signal, held: FrequencyRange) -> bool:
-    """Test for sound or a tick outside a range of frequencies."""
+    """Test for a sounding keyframe, or a tick above 0, more than 1e-6 Hz outside ``held``."""
     amplitude = signal.amplitude
     times = np.union1d(amplitude.times_s, signal.frequency_hz.times_s)
     sounds = (amplitude.at(times) > 0.0) | (amplitude.before(times) > 0.0)
@@ -65,10 +65,10 @@ def _is_off(signal: Signal, held: FrequencyRange) -> bool:
 
 
 def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
-    """Largest errors of a signal written and read back: amplitude, frequency.
+    """Largest errors of a signal read back: share of full scale, and Hz where the original sounds.
 
-    Amplitude is a share of full scale, frequency in hertz while the original sounds. ``grid_s`` is
-    the time resolution of the format: a value is met if the curve has this value within this time.
+    ``grid_s`` is the time resolution of the format: a value is met if the curve has this value
+    within this time. The last ``grid_s`` do not count.
     """
     curves = (original.amplitude, original.frequency_hz, written.amplitude, written.frequency_hz)
     end_s = float(original.amplitude.times_s[-1])
@@ -86,7 +86,10 @@ def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, 
 
 
 def _largest_distance(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
-    """Largest distance, both ways, of a curve's values from the other curve within ``grid_s``."""
+    """Largest distance of a curve's value from the other curve's range within ``grid_s``.
+
+    Both ways, at ``times``; 0 without times.
+    """
     most = 0.0
     for curve, near in ((first, second), (second, first)):
         low, high = _range_near(near, times, grid_s)
@@ -96,7 +99,7 @@ def _largest_distance(first: Curve, second: Curve, times: F64, grid_s: float) ->
 
 
 def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
-    """Lowest and highest value of a curve within ``grid_s`` of each time, (n,) each."""
+    """Lowest and highest value, (n,) each, of a curve within +-``grid_s`` of each time (n,)."""
     ends = [side(times + off) for off in (-grid_s, grid_s) for side in (curve.at, curve.before)]
     first = np.searchsorted(curve.times_s, times - grid_s)
     stop = np.searchsorted(curve.times_s, times + grid_s, side="right")
@@ -117,7 +120,10 @@ def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
 
 
 def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str, ...]:
-    """Sentence about stretches below the tolerance, which are 0 in the simplified signals."""
+    """Sentence about bursts of ``dense`` signals without any positive value in the ``simplified``.
+
+    Signals correspond by position. One sentence with names and count of bursts, or empty.
+    """
     names, count = [], 0
     for before, after in zip(dense, simplified, strict=True):
         gone = sum(
@@ -134,7 +140,7 @@ def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str
 
 
 def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
-    """Test for a positive value strictly within a stretch of time."""
+    """Test for a positive amplitude from ``start_s`` to ``end_s``, limits from inside included."""
     times, values = signal.amplitude.times_s, signal.amplitude.values
     inside = (times > start_s) & (times < end_s)
     ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])
@@ -142,7 +148,7 @@ def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
 
 
 def several_frequencies(raster: Raster) -> tuple[str, ...]:
-    """Sentence about actuators with simultaneous frequencies, for formats of single frequencies."""
+    """Sentence about actuators with simultaneous frequencies over 1 Hz apart, or empty."""
     shape = len(raster.values), len(raster.waveform_actuators)
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
     for partial in raster.partials:

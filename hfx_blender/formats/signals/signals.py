@@ -94,7 +94,7 @@ class Signal:
 
     @property
     def duration_s(self) -> float:
-        """End of the envelope or of the last tick, seconds."""
+        """Time of the envelope's last keyframe or of the last tick, seconds, if later."""
         ends = [float(self.amplitude.times_s[-1]), *(tick.time_s for tick in self.transients)]
         return max(ends)
 
@@ -106,7 +106,7 @@ class Signal:
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
-    """Number repeated names, ignoring case, as files are named after signals."""
+    """Number repeated names ("a", "a 2"), ignoring case, as files are named after signals."""
     taken: dict[str, int] = {}  # last number given to each name
     renamed = []
     for signal in signals:
@@ -210,7 +210,10 @@ def vibration_of(raster: Raster, device: DeviceConfig) -> tuple[list[Actuator], 
 
 
 def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
-    """Replace the frequency of silent rows by that of the sounding row before, or else after."""
+    """Replace the frequency of rows without amplitude by that of the sounding row before, or after.
+
+    All (T,); unchanged for silence throughout.
+    """
     sounds = np.flatnonzero(amplitude > 0.0)
     if not len(sounds):  # silence throughout: any frequency is right
         return frequency
@@ -223,12 +226,8 @@ def simplified_signals(
 ) -> tuple[Signal, ...]:
     """Reduce signals to the fewest keyframes within a tolerance; silence stays exactly 0.
 
-    Parameters
-    ----------
-    tolerance : float
-        Of the amplitude, a share of full scale.
-    frequency_hz : float
-        Of the frequency, wherever the signal sounds.
+    ``tolerance`` is of the amplitude, a share of full scale; ``frequency_hz`` of the frequency,
+    wherever the signal sounds.
     """
     reduced = []
     for signal in signals:
@@ -250,7 +249,7 @@ def simplified_signals(
 
 
 def _is_heard(signal: Signal) -> Bool:
-    """Mask of the frequency keyframes adjacent to sound, (n,) bool."""
+    """Mask (n,) of the frequency keyframes at the ends of any stretch with sound."""
     times, amplitude = signal.frequency_hz.times_s, signal.amplitude
     knots = np.union1d(times, amplitude.times_s)
     sounds = (amplitude.at(knots[:-1]) > 0.0) | (amplitude.before(knots[1:]) > 0.0)
@@ -262,7 +261,7 @@ def _is_heard(signal: Signal) -> Bool:
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:
-    """Sounding stretches as indices (first, last) of keyframes with value 0.
+    """Sounding stretches as indices (first, last) of keyframes at their ends, of value 0.
 
     A stretch at the curve's own begin or end may begin or end above 0.
     """
@@ -271,7 +270,7 @@ def bursts(curve: Curve) -> list[tuple[int, int]]:
 
 
 def stretches(is_true: Bool, gap: int = 1) -> list[tuple[int, int]]:
-    """Runs of True as (first, stop); runs up to ``gap`` indices apart are joined."""
+    """Runs of True as (first, stop); runs with fewer than ``gap`` False between are joined."""
     true = np.flatnonzero(is_true)
     if not len(true):
         return []
@@ -336,7 +335,7 @@ def mixed(
 
 
 def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
-    """Keyframe times of the pieces' curves within any piece using them."""
+    """Arrays of the keyframe times of the pieces' curves, only within a piece using them."""
     # Thousands of pieces may share one control curve, whose times are searched only once.
     sharing: dict[int, tuple[F64, list[Piece]]] = {}
     for piece in pieces:
@@ -351,7 +350,10 @@ def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
 
 
 def _stepped(times: F64, sides: F64) -> Curve:
-    """Curve through left and right limits (2, n), with two keyframes where these differ."""
+    """Curve through left and right limits (2, n) at ``times`` (n,), with steps where these differ.
+
+    At the ends only the right limit of the first and the left limit of the last time count.
+    """
     is_step = np.abs(sides[0] - sides[1]) > 1e-9
     is_step[[0, -1]] = False
     counts = 1 + is_step

@@ -33,16 +33,8 @@ def simplified_writer(
     """Create a ``write_signals`` for simplified signals, with a note on the largest error.
 
     Further notes name stretches silenced by the tolerance. If a file exceeds the reader's limits,
-    the note says so instead.
-
-    Parameters
-    ----------
-    write_few : callable
-        Writes simplified signals: ``stem.<name><suffix>`` each, or all in ``stem<suffix>``.
-    decode : callable
-        Reader of the format.
-    grid_s : float
-        Time resolution of the format, seconds.
+    the note says so instead. ``write_few`` writes signals to ``stem.<name><suffix>`` each, or all
+    to ``stem<suffix>``; ``decode`` reads a file back; ``grid_s`` is the format's time resolution.
     """
 
     def write_signals(
@@ -60,7 +52,7 @@ def simplified_writer(
 
 
 def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> str:
-    """Sentence about the largest error over pairs of original and decoded signals.
+    """Sentence about the largest errors over pairs of original and decoded signals, rounded up.
 
     ``grid_s`` is the time resolution, as for :func:`~.losses.errors_of`.
     """
@@ -75,7 +67,7 @@ def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> s
 def _read_back(
     signals: Sequence[Signal], written: Written, stem: Path, suffix: str, decode: Decoder
 ) -> Iterator[tuple[Signal, Signal]]:
-    """Yield each signal with the decoded counterpart; signals without a file are skipped."""
+    """Yield (signal, signal decoded from its file); signals without a file are skipped."""
     together = stem.with_name(stem.name + suffix)
     decoded: dict[str, Signal] = {}
     if together in written.files:

@@ -61,7 +61,10 @@ def write(rendered: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Pat
 
 
 def _envelope(rendered: StrokeSignal, device: DeviceRange) -> Signal:
-    """Amplitude and frequency as stepped curves from time 0."""
+    """Signal of constant amplitude and frequency per step, from time 0, with full scale 1.
+
+    Clipped to full scale and the device's frequencies.
+    """
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     begins = rendered.times_s - rendered.times_s[0]
     times = np.stack([begins, begins + rendered.step_s], axis=1).ravel()
@@ -84,7 +87,7 @@ def _wav(rendered: StrokeSignal, device: DeviceRange, path: Path) -> Written:
 
 
 def _csv(rendered: StrokeSignal, stroke: Stroke, path: Path) -> Written:
-    """Write a CSV row per step: place, speed, amplitude and frequency."""
+    """Write a CSV row per step: time, s, place, mm, speed, mm/s, amplitude, m/s^2, and Hz."""
     middles = rendered.times_s + 0.5 * rendered.step_s
     places, speeds = stroke.at(rendered.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
     rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]

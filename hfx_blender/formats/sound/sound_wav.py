@@ -28,12 +28,12 @@ _CACHED: Final = 1 << 26
 
 
 def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
-    """Audio samples of a raster, as many as in the WAV of a device with this raster."""
+    """Samples of ``rows`` raster rows at ``rate_hz``, rounded up, as in the WAV of a device."""
     return int(-(-rows * rate_hz // raster_hz))
 
 
 def refuse_large(layout: LoudspeakerLayout, path: Path, *, count: int) -> int:
-    """Return the size of sound in bytes; InputError beyond 4 GiB, the limit of WAV."""
+    """Bytes of ``count`` samples in 24 bits for all channels; InputError beyond 4 GiB."""
     data_bytes = count * len(layout) * _BITS // 8
     if data_bytes > _MAX_BYTES:
         raise InputError(
@@ -53,24 +53,10 @@ def write(
 ) -> float:
     """Write sound with 24 bits and its channel list, and return the gain applied to all samples.
 
-    The gain is 1 or less: a peak above 0.98 of full scale is reduced to 0.98.
-
-    Parameters
-    ----------
-    blocks : callable
-        Starts the rendering; yields samples (n, C), ``count`` in total. Called twice for long
-        sound.
-    path : Path
-        The channel list is ``path.channels.json``.
-    start_s : float
-        Time of the first sample in the scene.
-
-    Raises
-    ------
-    InputError
-        The file would exceed 4 GiB.
-    OutputError
-        A file cannot be written; no partial file remains.
+    The gain is 1 or less: a peak above 0.98 of full scale is reduced to 0.98. ``blocks`` starts the
+    rendering and yields samples (n, C), ``count`` in total; it is called twice for long sound. The
+    channel list is ``path.channels.json``; ``start_s`` is the first sample's time in the scene.
+    Raises InputError beyond 4 GiB, OutputError for an unwritable file; no partial file remains.
     """
     data_bytes = refuse_large(layout, path, count=count)
     cached: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _CACHED else None

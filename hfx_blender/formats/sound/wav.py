@@ -108,7 +108,7 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 
 
 def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:
-    """Yield blocks of audio samples (n, C) in -1..1, before quantization.
+    """Yield blocks of audio samples (n, C) of full scale 1, before quantization.
 
     Raises InputError for a device without vibration actuators.
     """
@@ -116,7 +116,10 @@ def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> I
 
 
 def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterator[F64]:
-    """Yield blocks of whole raster rows; sample counts of rows may alternate."""
+    """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives.
+
+    Samples per row alternate if the rates have no whole ratio.
+    """
     channel_count = len(drives[0].actuators)
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
@@ -130,7 +133,10 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
-    """Waves of the raster's rows, and of each effect on actuators with waveform output."""
+    """Waves of the raster's rows, then of each effect on actuators with waveform output.
+
+    Raises InputError for a device without vibration actuators.
+    """
     vibrating, pairs, full_scale = vibration_of(raster, device)
     if not vibrating or full_scale == 0.0:
         raise InputError(
@@ -162,7 +168,11 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
 def _driven(
     pairs: F64, curves: Sequence[Sequence[DriveCurve]], full_scale: float, totals: F64 | None = None
 ) -> F64:
-    """Convert amplitudes (T, C, 2) to drive levels for linear output of the actuators."""
+    """Pairs (T, C, 2) with amplitudes converted to drive levels; unchanged without drive curves.
+
+    ``curves``: drive curves of each actuator; ``totals`` (T, C): summed amplitudes of its effects.
+    Non-finite pairs are silent.
+    """
     if not any(curves):
         return pairs
     safe = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
@@ -179,7 +189,10 @@ def _drive(
     raster: Raster,
     first_row: int,
 ) -> _Drive:
-    """Create the waves of amplitudes and frequencies (T, C, 2)."""
+    """Waves of amplitude and Hz pairs (T, C, 2), clipped to full scale and 1 kHz.
+
+    The first pair is raster row ``first_row``. Silence has the frequency of the adjacent sound.
+    """
     safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
@@ -208,12 +221,8 @@ def _add_waveform(
 ) -> None:
     """Add the output of a drive in place to audio samples (n, C); independent of the block size.
 
-    Parameters
-    ----------
-    played : (n, C) float64
-        Samples of the raster rows from ``first_row`` on, -1..1 of full scale.
-    starts : (R + 1,) int64
-        First audio sample of each row, and the sample after the last row.
+    ``played`` are the samples of the raster rows from ``first_row`` on, full scale 1; ``starts``
+    (R + 1,) the first sample of each row, and the sample after the last row.
     """
     skipped = max(drive.first_row - first_row, 0)
     start = first_row + skipped - drive.first_row
@@ -286,7 +295,7 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
 
 
 def _sidecar(raster: Raster, drive: _Drive, rate_hz: int) -> dict[str, Any]:
-    """Channel list with actuators and full scale."""
+    """JSON of the channel list: device, body, rate, start, full scale, actuators."""
     return {
         "format": "hfx-wav-channels",
         "version": 1,

@@ -32,12 +32,12 @@ class WavForm:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a file."""
+    """Return the findings of a file; empty: valid. ``name`` is unused."""
     return inspect(content)[1]
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Channels, rate, sample type and duration of a valid file for ``hfx info``."""
+    """Channels, rate, sample type and duration of a validated file for ``hfx info``."""
     form, _ = inspect(mapped(path))
     assert form is not None
     return {
@@ -77,7 +77,10 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
 
 
 def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) -> WavForm:
-    """Parse the fmt chunk and report contradictory sizes."""
+    """Storage format of the fmt chunk; reports unknown kinds, wrong sizes and non-finite samples.
+
+    ``chunks``: (first byte, length) by name.
+    """
     start, length = chunks[b"fmt "]
     tag, channels, rate, byte_rate, frame, bits = struct.unpack_from("<HHIIHH", content, start)
     # The extensible form has the real sample format in its first two GUID bytes.
@@ -153,7 +156,10 @@ _KINDS: Final = {
 
 
 def validate_channels(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a file; InputError without valid JSON."""
+    """Return the findings of a channel list: schema errors, or else channels out of order.
+
+    Raises InputError without valid JSON.
+    """
     document = parse(content, name)
     report = Report("CHANNELS")
     kind = document.get("format") if isinstance(document, dict) else None
@@ -168,7 +174,7 @@ def validate_channels(content: bytes, name: str) -> list[Finding]:
 
 
 def channel_facts(path: Path) -> dict[str, Any]:
-    """Device or layout, rate and channel count of a valid file for ``hfx info``."""
+    """Device and body, or layout, rate and channel count of a valid file for ``hfx info``."""
     document = parse(read_bytes(path), str(path))
     origin = {key: document[key] for key in ("device", "body", "layout") if key in document}
     return {**origin, "rate_hz": document["rate_hz"], "channels": len(document["channels"])}
