@@ -57,11 +57,11 @@ def sections_of(
     return sections, left_out
 
 
-def numbers_of(values: F64, lowest: float, highest: float, neutral: float) -> Records:
+def numbers_of(values: F64, lowest: float, highest: float) -> Records:
     """Quantize values (n,) to uint16: 0 at ``lowest``, 65535 at ``highest``, rounded to nearest.
 
-    Values outside are clipped; an empty or NaN range gives 0. ``neutral`` is unused: players read
-    the number of the neutral value as exactly neutral.
+    Values outside are clipped; an empty or NaN range gives 0. Players read the number of the
+    neutral value as exactly neutral.
     """
     scale = highest - lowest
     if not scale > 0.0:
@@ -142,7 +142,7 @@ class _Baked:
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
-                numbers_of(values[:, k], control.lowest, control.highest, control.neutral)
+                numbers_of(values[:, k], control.lowest, control.highest)
                 for k, control in enumerate(kind.controls)
             ],
             axis=1,
@@ -185,7 +185,7 @@ class _Baked:
     def _column(self, actuator: int, control: ActuatorControl, unit: str) -> tuple[Any, ...]:
         """Tuple of a control's column record, in the field order of ``COLM``."""
         lowest, highest, neutral = control.lowest, control.highest, control.neutral
-        number = int(numbers_of(np.array([neutral]), lowest, highest, neutral)[0])
+        number = int(numbers_of(np.array([neutral]), lowest, highest)[0])
         text = self._texts.add
         return text(control.name), text(unit), actuator, number, lowest, highest, neutral
 
