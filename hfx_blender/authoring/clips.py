@@ -333,7 +333,9 @@ def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:
 
 
 def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
-    """Clips of an effect with their tracks: strips of the activation, and their meta strips."""
+    """Clips of an effect as (track, strip), tracks from bottom to top, strips in the order of time;
+    empty without animation data. Clips are strips with an F-curve of the activation, muted or not,
+    and meta strips containing such a strip; strips inside of meta strips are not listed."""
     data = effect.animation_data
     if data is None:
         return []

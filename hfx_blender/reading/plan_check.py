@@ -33,15 +33,9 @@ def checked(
     indices: I64,
     agrees: Agrees,
 ) -> Plan:
-    """Cheapest plan, from ``plan`` upwards, that agrees with the user's own scene at a few
-    samples.
-
-    Parameters
-    ----------
-    indices : (n,) int64
-        Samples with possible effects, of which :data:`_PROBES` are compared.
-    agrees : callable
-    """
+    """Cheapest plan, from ``plan`` upwards, that agrees with the user's own scene at up to five of
+    the sample ``indices`` (n,), by ``agrees(plan, rows)``. ``plan`` itself if nothing needs
+    comparison."""
     # The user's scene also evaluates objects that are not felt. Unplayed simulations among them
     # must not be disturbed, so such a scene is compared in a scratch scene.
     is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
@@ -80,7 +74,9 @@ def _as_evaluated(
     probes: list[int],
     in_own_scene: bool,
 ) -> list[SceneRow]:
-    """Rows of all active effects and bodies as Blender evaluates them at samples."""
+    """Rows of all active effects and all bodies at sample indices ``probes``, stepped by Blender in
+    the user's scene or, with ``in_own_scene`` False, in a scratch scene. Meshes are read as
+    boxes."""
     bodies = range(len(haptics.bodies))
     if in_own_scene:
         stepped = stepping.own_scene(haptics)
@@ -94,7 +90,8 @@ def _as_evaluated(
 
 
 def is_same(row: SceneRow, block: AnimationBlock) -> bool:
-    """Test that the first time of a block equals a row up to rounding."""
+    """Test that the first time of a block equals a row up to float32 rounding: effects of the row,
+    and bodies that are valid in the block."""
     for k, read_effect in row.effects.items():
         effect = block.effects[k]
         block_row = EffectRow(
@@ -119,5 +116,5 @@ def is_same(row: SceneRow, block: AnimationBlock) -> bool:
 
 
 def _first(values: Any) -> Any:
-    """First entry of an array; None for None."""
+    """First entry along the first axis; None for None."""
     return None if values is None else values[0]

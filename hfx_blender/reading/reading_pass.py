@@ -59,8 +59,6 @@ class ReadingPass:
         Effects read from F-curves.
     rows : SteppedRows or None
         Reader of stepped effects and bodies; None without any.
-    far_volumes : FarVolumes
-    counters : ReadingCounters
     """
 
     def __init__(
@@ -101,8 +99,8 @@ class ReadingPass:
         self.rows = self._stepped_rows(stack)
 
     def _stepped_rows(self, stack: ExitStack) -> SteppedRows | None:
-        """Reader of stepped rows in the own scene or in scratch scenes; None if nothing is
-        stepped."""
+        """Reader of stepped rows in the user's scene or in scratch scenes, open until ``stack``
+        closes; None if all objects are read from F-curves."""
         effects, bodies = self.stepped_effects, self.stepped_bodies
         if self.plan.in_own_scene:
             scenes = SteppedScenes.own(self.found, stack)
@@ -115,15 +113,14 @@ class ReadingPass:
         return SteppedRows(scenes, self._reading, bodies, self.far_volumes, count)
 
     def _frames(self, indices: I64) -> F64:
-        """Frames of the animation (n,) at samples."""
+        """Animation frames (n,) of sample indices (n,)."""
         return animation_frames(self.found.scene, sample_frames(self.scene.time, indices))
 
     @np.errstate(invalid="ignore", over="ignore")  # the engine reports NaN
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
-        """Read placements, poses and values at consecutive samples.
+        """Read all effects and poses at consecutive sample indices (T,), in index order.
 
-        ``history`` and ``future`` are the numbers of samples that belong to the
-        neighbouring blocks.
+        The first ``history`` and the last ``future`` samples belong to the neighbouring blocks.
         """
         frames, count = self._frames(indices), len(indices)
         effects = self._from_curves(indices)
@@ -147,7 +144,8 @@ class ReadingPass:
         )
 
     def _from_curves(self, indices: I64) -> dict[int, EffectBlock]:
-        """Blocks of the effects that are read from F-curves."""
+        """Blocks by index of the effects read from F-curves, with continuous sine phases; with
+        impacts also motion between samples and key indices."""
         effects = {k: self.curves.read(k, indices) for k in self.plan.effects}
         for k, effect in effects.items():
             if effect.response is not None:
@@ -167,24 +165,28 @@ class ReadingPass:
         return effects
 
     def _at(self, motion: Motion) -> Motion:
-        """Motion as a function of fractional sample indices, from one of animation frames."""
+        """Function of fractional sample indices, from ``motion`` as a function of animation
+        frames."""
         return lambda indices: motion(self._exact_frames.at(indices))
 
     def _keys(self, curves: CurveEffect | CurveBody) -> F64:
-        """Fractional sample indices of an effect's or a body's keys, cached."""
+        """Fractional sample indices (k,) of an effect's or a body's keys, ascending, cached."""
         if curves not in self._key_indices:
             self._key_indices[curves] = self._exact_frames.indices(curves.key_frames)
         return self._key_indices[curves]
 
     def _times_on(self, effects: dict[int, EffectBlock], count: int) -> Bool:
-        """Mask (T,) of times with an active effect that needs poses; NaN levels count as active."""
+        """Mask (T,) of times with a level above 0 or NaN among the given effects that need posed
+        bodies."""
         on = np.zeros(count, np.bool_)
         for k in self.in_scene & effects.keys():
             on |= ~(effects[k].levels <= 0.0)
         return on
 
     def _in_full(self, may_be_on: Bool) -> list[int]:
-        """Stepped effects to read completely; inactive far volumes are removed from ``in_full``."""
+        """Indices of stepped effects to read completely: all but far volumes outside
+        ``far_volumes.in_full``. Removes volumes without a True in ``may_be_on`` (N,) from that
+        set."""
         far = self.far_volumes
         far.in_full -= {k for k, on in zip(far.numbers, may_be_on, strict=True) if not on}
         left_out = {*far.numbers} - far.in_full
@@ -193,10 +195,9 @@ class ReadingPass:
     def _rows(
         self, indices: I64, is_posed: Bool, in_full: Sequence[int], may_be_on: Bool
     ) -> list[SceneRow]:
-        """Stepped rows; without active effects only the bodies are read.
-
-        ``may_be_on`` (N,) selects far volumes.
-        """
+        """Stepped rows at sample indices (T,): empty rows if nothing is stepped; bodies only, if no
+        effect is read in full and no far volume selected. ``is_posed`` (T,) are times with bodies,
+        ``in_full`` effects to read, ``may_be_on`` (N,) far volumes."""
         if self.rows is None:
             return [SceneRow(index) for index in indices.tolist()]
         if in_full or may_be_on.any():
@@ -204,7 +205,9 @@ class ReadingPass:
         return self.rows.read_bodies(indices, is_posed)
 
     def _poses(self, frames: F64, is_posed: Bool, rows: list[SceneRow]) -> list[PoseBlock]:
-        """Poses of all bodies; stepped or sampled, with motion between samples for impacts."""
+        """Pose blocks of all bodies by index: from F-curves at animation frames (T,) with
+        ``is_posed``, or from the rows. With impacts, F-curve bodies also get motion between samples
+        and keys."""
         poses = {k: body.read(frames, is_posed) for k, body in self.plan.bodies.items()}
         if self._impacts:
             for k, body in self.plan.bodies.items():
@@ -221,12 +224,10 @@ class ReadingPass:
     def _far_effects(
         self, rows: list[SceneRow], poses: list[PoseBlock], may_be_on: Bool, own: list[SceneRow]
     ) -> dict[int, EffectBlock]:
-        """Blocks of far volumes: silent while far, completed by a second reading on
-        approach.
-
-        Volumes read twice are read completely until they are far again. ``own`` are the
-        rows without those of neighbouring blocks.
-        """
+        """Blocks of far volumes by index: silent if far from skin or off, in full if near. Near
+        volumes with constant settings need placements only, the rest is read in a second pass, and
+        in the first pass of later blocks until far again. ``own`` are the rows without those of
+        neighbouring blocks; these are counted as skipped for far volumes."""
         far, reading, far_blocks = self.far_volumes, self._reading, dict[int, EffectBlock]()
         is_near = may_be_on
         if is_near.any():
@@ -249,7 +250,7 @@ class ReadingPass:
         return far_blocks
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:
-        """Block of one stepped effect."""
+        """Block of stepped effect ``which`` from rows, all with the effect."""
         return effect_block([row.effects[which] for row in rows], self._modality(which))
 
     def _modality(self, which: int) -> str:

@@ -34,7 +34,7 @@ class Plan:
 
     @property
     def note(self) -> str:
-        """Sentence for the report on how the scene was read."""
+        """Clause for the report: F-curves were sampled, or which scene was stepped and why."""
         if not self.reason:
             return "sampled F-curves, stepped no scene"
         where = "the whole scene" if self.in_own_scene else "a scratch scene"
@@ -86,7 +86,8 @@ def plan_of(
 def _presampled(
     found: HapticObjects, scene: SceneDescription, plan: Plan
 ) -> dict[int, PresampledRig]:
-    """Rigs, among stepped bodies, with keyed bones that can be sampled in advance."""
+    """Presampled rigs by body index, for stepped bodies on an armature whose bone animation can be
+    sampled."""
     presampled = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):

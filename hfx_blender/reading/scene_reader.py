@@ -143,7 +143,8 @@ class SceneReader:
         self.stepping_note = ""
 
     def _find_unfelt(self, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-        """Find effects that are certainly not felt (:attr:`unfelt`); returns warnings."""
+        """Set :attr:`unfelt` to reasons by name of effects that are certainly not felt; returns
+        warnings about these effects, lost clips and instances. Expected reasons give no warning."""
         haptics = self.found
         states = dict(zip(haptics.effects, haptics.activations, strict=True))
         states |= self.instances.activations
@@ -161,7 +162,7 @@ class SceneReader:
 
     @property
     def is_part(self) -> bool:
-        """True if only a part of the scene's frames is read."""
+        """True unless the read frames are exactly the scene's frame range."""
         scene, time = self.found.scene, self.time
         return (time.frame_first, time.frame_last) != (scene.frame_start, scene.frame_end)
 
@@ -172,7 +173,7 @@ class SceneReader:
 
     @property
     def counters(self) -> ReadingCounters:
-        """Counters of reading, so far."""
+        """Copy of the counters so far, with simulated frames, instances and dormant effects."""
         simulation, asleep = self.found.simulation, self.found.dormant.items()
         return replace(
             self._shapes.counters,
@@ -188,7 +189,7 @@ class SceneReader:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on corrected values and on probable mistakes."""
+        """Unique notes on non-finite keys, corrected shapes and doubtful surface settings."""
         surfaces = (effect for effect in self.found.effects if effect.hfx.kind == "SURFACE")
         warned = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         warned = {text: s for text, s in warned.items() if s.warning}
@@ -201,24 +202,26 @@ class SceneReader:
         return {} if poses is None else {SETTING: PlaySpace.as_setting(poses)}
 
     def steps(self) -> bool:
-        """True if the scene must be stepped, because F-curves alone do not define all values."""
+        """True if F-curves alone do not define all values, so that a scene must be stepped. Without
+        the comparison with Blender."""
         return bool(plan_of(self.found, self._described, self._shapes).reason)
 
     @property
     def is_stepped(self) -> bool:
-        """True if the checked plan steps a scene."""
+        """True if the plan, after comparison with Blender, steps a scene; see :attr:`plan`."""
         return bool(self.plan.reason)
 
     @property
     def sample_indices(self) -> I64:
-        """Ascending indices of samples with possible effects."""
+        """Ascending indices in the range at which an effect may be on; instances count as
+        volumes."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
 
     def _earlier(self, first: int) -> I64:
-        """Ascending negative indices, from ``first`` on, of samples before the range with
-        possible volumes."""
+        """Ascending negative indices from ``first`` to -1, within the scene's frames, with possible
+        volumes or surfaces; empty for ``first`` >= 0."""
         earlier = np.arange(min(first, 0), 0, dtype=np.int64)
         in_scene = [self._is_in_scene(index) for index in earlier.tolist()]
         earlier = earlier[np.array(in_scene, np.bool_)]
@@ -227,7 +230,8 @@ class SceneReader:
         return earlier[self._may_be_on(earlier, scene_description.IN_SCENE)]
 
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
-        """Mask (n,) of samples at which an effect of these kinds may be on."""
+        """Mask (n,) of sample indices at which an effect of one of the ``kinds`` may be on;
+        "VOLUME" includes instances."""
         frames = scene_description.sample_frames(self.time, indices)
         animation = animation_frames(self.found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
@@ -241,9 +245,9 @@ class SceneReader:
         return on
 
     def why_in_one_go(self) -> str | None:
-        """Reason why all samples must be read in order, starting with the first.
+        """Reason why all samples must be read in order, starting with the first; None if not.
 
-        None if any part made of whole blocks can be read alone with equal results.
+        Without a reason any part made of whole blocks can be read alone with equal results.
         """
         plan = self.plan
         return plan.reason if plan.in_own_scene and plan.in_one_go else None
@@ -287,7 +291,8 @@ class SceneReader:
                 yield block
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
-        """Set levels of effects on a body to 0 while the body is disabled."""
+        """Copy of a block with level 0 for effects on a body at times without a valid pose, if the
+        body's visibility is animated."""
         blocks = list(block.effects)
         for pose, body in zip(block.poses, self._described.bodies, strict=True):
             if pose.valid.all():
@@ -302,8 +307,8 @@ class SceneReader:
 
     @cached_property
     def plan(self) -> Plan:
-        """Cheapest plan for all samples that agrees with the user's scene at a few times,
-        cached."""
+        """Cheapest plan for all samples, cached; compared with Blender at a few samples, unless not
+        ``is_probed`` or without samples."""
         plan = plan_of(self.found, self._described, self._shapes)
         indices = self.sample_indices
         if not self._is_probed or not len(indices):
@@ -313,7 +318,8 @@ class SceneReader:
     def open_pass(
         self, stack: ExitStack, plan: Plan | None = None, spots: I64 | None = None
     ) -> ReadingPass:
-        """Start a pass through the scene by a plan, until the stack is closed."""
+        """Start a pass by ``plan`` (default :attr:`plan`), open until ``stack`` closes; ``spots``
+        are the only sample indices read, if given."""
         return ReadingPass(
             plan or self.plan,
             self.found,
@@ -326,7 +332,10 @@ class SceneReader:
         )
 
     def _beside(self, first: int, last: int) -> tuple[int, int]:
-        """Numbers of samples before and after a block that are read with the block."""
+        """Numbers of samples before and after a block from ``first`` to ``last`` read with the
+        block. One sample before, up to :data:`NEIGHBOURS` more on both sides with impacts, and one
+        after for velocities; only within the scene's frames and, before, while volumes or surfaces
+        may be on."""
         impacts = NEIGHBOURS if self._has_impacts else 0
         history = future = 0
         while history <= impacts and self._has_history(first - history):
@@ -348,12 +357,14 @@ class SceneReader:
         )
 
     def _is_in_scene(self, index: int) -> bool:
-        """True for a sample between the scene's first frame and the end of the last frame."""
+        """True for a sample from the scene's first frame up to, without, the end of the last frame,
+        the scene's or the last read."""
         end = max(self.found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
 
     def _agrees(self, plan: Plan, truth: list[SceneRow]) -> bool:
-        """Test that a plan agrees with rows of Blender's evaluation at single times."""
+        """Test that blocks read by a plan equal rows of Blender's evaluation, at the rows'
+        samples."""
         with ExitStack() as stack:
             spots = np.array([row.index for row in truth])
             reading = self.open_pass(stack, plan, spots)
@@ -363,7 +374,8 @@ class SceneReader:
 def _simulation(
     haptics: scene_description.HapticObjects, time: TimeBase, shapes: ShapeCache
 ) -> Simulation | None:
-    """Simulation to play before reading; None if no simulation is needed."""
+    """Simulation to play before reading, up to the end of the read frames; None without physics or
+    particles, and if a scratch scene is used and no volume is instanced."""
     scene = haptics.scene
     if not has_simulation_anywhere(scene):
         return None
@@ -375,6 +387,7 @@ def _simulation(
 
 
 def contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
-    """Yield runs of consecutive indices, cut at multiples of ``size``."""
+    """Yield parts of ascending indices: consecutive, and cut at multiples of ``size``; nothing for
+    none."""
     cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % size == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))

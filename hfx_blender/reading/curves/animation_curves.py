@@ -42,7 +42,9 @@ class _Curves:
     other: list[tuple[bpy.types.FCurve, int]] = field(default_factory=list)
 
     def sample(self, frames: F64, single: bool) -> F64:
-        """Values (T, C) at frames of the action; see :meth:`KeyedCurves.sample`."""
+        """Values (T, C) at frames (T,) of the action, columns as ``channels``. ``single`` computes
+        in Blender's float32 where keys allow; curves in ``other`` are evaluated by Blender
+        singly."""
         if len(self.keyed) == 1 and not self.other:
             return self.keyed[0][0].sample(frames, single=single)
         values = np.zeros((len(frames), len(self.channels)))
@@ -54,7 +56,9 @@ class _Curves:
 
 
 def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool]) -> _Curves:
-    """Group selected, valid and unmuted curves with equal frames and interpolations."""
+    """Group valid, unmuted curves whose RNA path is accepted by ``selects``, by equal frames and
+    interpolations. Curves without keys, with F-modifiers, extrapolation, easing or infinite keys go
+    to ``other``; frames of all curves are collected in ``key_frames``."""
     grouped = _Curves()
     groups: dict[tuple[bytes, bytes], list[tuple[int, bpy.types.FCurve, F32]]] = {}
     for curve in curves:
@@ -101,7 +105,8 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
 
 
 def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
-    """Test for finite keyframes and handles; ``points`` holds frames and values alternately."""
+    """Test for finite keyframes and handles: magnitudes below float32's largest number, NaN fails.
+    ``points`` (2 K,) holds frame and value of each key alternately."""
     handles = np.empty((2, len(points)), np.float32)
     keys.foreach_get("handle_left", handles[0])
     keys.foreach_get("handle_right", handles[1])
@@ -110,7 +115,8 @@ def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
 
 
 def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
-    """Handles (C, K, 2) of curves with equal numbers of keys; ``name`` is an RNA property."""
+    """Frames and values of handles (C, K, 2) of C curves with K keys each, ``members`` as (column,
+    curve, values); ``name`` is "handle_left" or "handle_right"."""
     flat = np.empty((len(members), 2 * len(members[0][2])), np.float32)
     for k, (_, curve, _) in enumerate(members):
         curve.keyframe_points.foreach_get(name, flat[k])
@@ -136,7 +142,7 @@ class _Strip:
 
     @classmethod
     def of(cls, strip: bpy.types.NlaStrip, curves: _Curves, columns: I64 | slice) -> _Strip:
-        """Copy the settings of a strip from Blender."""
+        """Copy the settings of a strip; ``curves`` and ``columns`` are stored as given."""
         return cls(
             curves,
             columns,
@@ -153,7 +159,9 @@ class _Strip:
         )
 
     def frames_within(self, frames: F64) -> F64:
-        """Frames of the action at frames of the scene within the strip."""
+        """Frames of the action (T,) at frames of the scene (T,) within the strip; raises
+        NotModelledError without a length. Repetitions start again at the first frame; the end of a
+        whole number of repetitions holds the last frame."""
         first, last = self.action_frames
         length = (last - first) * self.scale
         if length <= 0.0:
@@ -170,7 +178,8 @@ class _Strip:
 
     @property
     def key_frames(self) -> F64:
-        """Frames of the scene at the strip's start and end and at keys, for all repetitions."""
+        """Frames of the scene, unsorted, of keys within the played frames and of both their ends,
+        for each of up to 1000 repetitions; the last repetition is not cut."""
         first, last = self.action_frames
         keys = np.array([first, *self.curves.key_frames, last])
         keys = (keys[(keys >= first) & (keys <= last)] - first) * self.scale
@@ -179,7 +188,8 @@ class _Strip:
         return (starts[:, None] + keys).ravel()
 
     def influence(self, frames: F64) -> F64:
-        """Influence 0..1 (T,) of the strip with the blend in and out."""
+        """Influence (T,) at frames of the scene: 1, with linear blends to 0 at the start and at the
+        end. Where the blends overlap, the blend in counts."""
         share = np.ones(len(frames))
         if self.blend_out > 0.0:
             falling = frames >= self.end - self.blend_out
@@ -193,19 +203,9 @@ class _Strip:
 class AnimatedValues:
     """Animated values of a data-block from the action and NLA tracks.
 
-    Parameters
-    ----------
-    default : callable
-        (path, index) -> value without a playing strip.
-    selects : callable
-        Predicate on RNA paths: values of interest.
-    with_drivers : bool
-        Ignore drivers; the caller leaves drivers to Blender.
-
-    Raises
-    ------
-    NotModelledError
-        Drivers, blended actions, or strips other than plain clips.
+    ``default(path, index)`` is the value without a playing strip, ``selects(path)`` chooses RNA
+    paths; with ``with_drivers`` drivers are ignored, for the caller to leave to Blender. Raises
+    NotModelledError for drivers, blended actions, tweak mode, or strips other than plain clips.
     """
 
     def __init__(
@@ -242,7 +242,8 @@ class AnimatedValues:
             self._action = action, columns
 
     def _columns_of(self, curves: _Curves, default: Callable[[str, int], float]) -> I64 | slice:
-        """Columns of curves, appended if new; a slice if consecutive."""
+        """Columns of curves in ``self.columns``; new channels are appended with ``default(path,
+        index)`` as their value. A slice if consecutive, else an array."""
         for channel in curves.channels:
             if channel not in self.columns:
                 self.columns[channel] = len(self._below)
@@ -256,7 +257,9 @@ class AnimatedValues:
     def _read_tracks(
         self, name: str, data: bpy.types.AnimData, default: Callable[[str, int], float]
     ) -> None:
-        """Collect the strips of all evaluated tracks, from bottom to top."""
+        """Append the strips of evaluated tracks to ``_tracks``, from bottom to top: of solo tracks,
+        else of unmuted tracks. Raises NotModelledError for a strip that is no plain clip. Without
+        solo too, channels of unmuted tracks get columns."""
         solo = any(track.is_solo for track in data.nla_tracks)
         for track in data.nla_tracks:
             if track.mute and not track.is_solo:
@@ -272,7 +275,8 @@ class AnimatedValues:
 
     @property
     def key_frames(self) -> F64:
-        """Ascending unique frames of the scene at keys and at ends of strips."""
+        """Ascending unique frames of the scene at keys of the strips and of the action, and at the
+        strips' ends; empty without animation."""
         parts = [strip.key_frames for strips in self._tracks for strip in strips]
         if self._action is not None:
             parts.append(np.array([*self._action[0].key_frames]))
@@ -302,7 +306,7 @@ class AnimatedValues:
 
 
 def _place(rows: I64, columns: I64 | slice) -> Any:
-    """Index of a block of rows and columns."""
+    """Index of the block ``rows`` by ``columns`` for an array with both axes."""
     return (rows, columns) if isinstance(columns, slice) else np.ix_(rows, columns)
 
 
@@ -326,11 +330,10 @@ def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
 
 
 def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.ndarray, F64]]:
-    """Yield (strip, rows, frames) of each playing strip of a track, with frames clamped to the
-    ends.
-
-    Between two strips the earlier one holds its last value, before the first only "HOLD" holds.
-    """
+    """Yield (strip, row indices, frames of these rows) of each unmuted strip of a track, frames
+    clamped to the strip's ends. At each frame the first covering strip plays, also a muted one.
+    After its end a strip with "HOLD" or "HOLD_FORWARD" holds until the next strip's start; before
+    its start only the first strip with "HOLD"."""
     free = np.ones(len(frames), np.bool_)
     for k, strip in enumerate(strips):
         until = strips[k + 1].start if k + 1 < len(strips) else np.inf

@@ -27,15 +27,9 @@ MOST_SAMPLES = 2**24
 def time_base(
     scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
 ) -> TimeBase:
-    """Time base of a scene's samples.
-
-    ``frames`` (first and last, both included) and ``rate_hz`` default to the scene's settings.
-
-    Raises
-    ------
-    InputError
-        The frame range is empty, a rate is out of range, or there are too many samples.
-    """
+    """Time base of a scene's samples; ``frames`` (first and last, both included) and ``rate_hz``
+    default to the scene's settings. Raises InputError for an empty range, a rate out of range, or
+    too many samples."""
     first, last = frames or (scene.frame_start, scene.frame_end)
     if last < first:
         raise InputError(
@@ -53,7 +47,8 @@ def time_base(
 
 
 def _frame_rate(scene: bpy.types.Scene) -> Fraction:
-    """Exact frames per second; raises InputError out of range."""
+    """Frames per second (FPS / Base, the base as a fraction up to 1/10000); raises InputError
+    outside 0.001 to 10,000."""
     fps, base = scene.render.fps, scene.render.fps_base
     rate = fps / base if base else np.inf
     if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
@@ -65,7 +60,8 @@ def _frame_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Sample rate of a scene's setting, Hz; raises InputError for a damaged value."""
+    """Samples per second of a scene's setting, as a fraction with a denominator up to 1000; raises
+    InputError for a damaged value."""
     for bad in stored_values.bad_values(scene):
         if bad.path == "rate":
             raise InputError(f"Scene '{scene.name}': {bad}.")
@@ -73,13 +69,14 @@ def _sample_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _length(scene: bpy.types.Scene) -> np.float32:
-    """Animation frames per played frame, in Blender's float32."""
+    """Animation frames per played frame (Time Remapping old / new), in Blender's float32."""
     render = scene.render
     return np.float32(render.frame_map_old) / np.float32(render.frame_map_new)
 
 
 def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:
-    """Animation frames (n,) at played frames, in float32 as Blender computes them."""
+    """Animation frames (n,) float64 of played frames (n,): times old / new of Time Remapping,
+    computed in float32 like Blender."""
     mapped: F64 = (frames.astype(np.float32) * _length(scene)).astype(np.float64)
     return mapped
 
@@ -97,7 +94,7 @@ class ExactFrames:
 
     @classmethod
     def of(cls, scene: bpy.types.Scene, time: TimeBase) -> ExactFrames:
-        """Conversion for a scene's time base."""
+        """Conversion between samples of ``time`` and animation frames of ``scene``."""
         length = float(_length(scene))
         return cls(time.frame_first * length, float(time.fps / time.rate_hz) * length)
 
@@ -106,10 +103,10 @@ class ExactFrames:
         return self.first + indices * self.step
 
     def indices(self, frames: F64) -> F64:
-        """Fractional sample indices (n,) at animation frames."""
+        """Fractional sample indices (n,) at animation frames, also outside the range."""
         return (frames - self.first) / self.step
 
 
 def played_frame(scene: bpy.types.Scene, frame: float) -> float:
-    """Played frame of an animation frame."""
+    """Played frame of an animation frame: times new / old of Time Remapping."""
     return frame / float(_length(scene))

@@ -28,13 +28,8 @@ _CHUNK = 256
 
 
 class CurveEffect:
-    """Effect with level, parameters and placement defined by F-curves.
-
-    Raises
-    ------
-    NotModelledError
-        Another cause moves or deforms the effect.
-    """
+    """Effect with level, parameters and placement defined by F-curves; raises NotModelledError if
+    another cause moves, shows or deforms the effect."""
 
     def __init__(
         self,
@@ -74,8 +69,8 @@ class CurveEffect:
             self._vertices = SurfaceVertices().of(effect, effect)[None]
 
     def _default(self, path: str, index: int) -> float:
-        """Value of a property without a playing strip; raises NotModelledError for other
-        properties."""
+        """Value of a property without a playing strip: the RNA default; 0 for an actuator, the rest
+        value of a transform. Raises NotModelledError for other properties of ``hfx``."""
         filter_property = response_values.place_of(path)
         if filter_property is not None:
             filters = self._hfx.bl_rna.properties["response"].fixed_type
@@ -90,7 +85,9 @@ class CurveEffect:
         return rest_value(path, index)
 
     def read(self, frames: F64) -> EffectBlock:
-        """Block of the effect at animation frames (T,)."""
+        """Block of the effect at animation frames (T,): levels and parameters (wind: with
+        directions). Volumes also have matrices, shape and filter controls, surfaces matrices and
+        vertices (1, V, 3); other effects have ``place`` of a spot and ``drive`` of actuators."""
         sampled = self._place.values.sample(frames)
         parameters = [self._value(name, sampled) for name in self._names]
         is_volume = self._hfx.kind == "VOLUME"
@@ -125,22 +122,26 @@ class CurveEffect:
         )
 
     def matrices(self, frames: F64) -> F64:
-        """Shape space to world (T, 4, 4) of a volume; reads nothing from Blender."""
+        """Shape space to world (T, 4, 4) in metres at animation frames (T,); reads nothing from
+        Blender."""
         return self._placing(self._place.world(frames))
 
     @property
     def key_frames(self) -> F64:
-        """Ascending animation frames (k,) at which the motion may turn."""
+        """Ascending unique animation frames (k,) of keys of the effect and the parents, where
+        motion may turn."""
         return self._place.key_frames
 
     def _placing(self, world: F64) -> F64:
-        """Shape space to world, metres, from object matrices in Blender units."""
+        """Shape space to world (T, 4, 4), metres, from object matrices (T, 4, 4) in Blender units;
+        the shape's scale is included, the input unchanged."""
         scaled = effect_values.to_metres(world, self._unit_m)
         scaled[..., :3, :3] *= self._scale
         return scaled
 
     def _response(self, sampled: F64) -> F64 | None:
-        """Controls (T, F, WIDTH) of the response filters, clamped; None without filters."""
+        """Controls (T, F, WIDTH) of the F active filters from sampled values (T, C), clamped to
+        hard limits, lengths in metres; without a curve the present value. None without filters."""
         still = response_values.controls(self._hfx, self._unit_m)
         if still is None:
             return None
@@ -156,7 +157,8 @@ class CurveEffect:
         return values
 
     def _level(self, sampled: F64) -> F64:
-        """Level (T,): activation times intensity, 0..1."""
+        """Level (T,) from sampled values (T, C): activation times intensity; the intensity alone if
+        always on, 0 if off."""
         if self._state.source is ActivationSource.OFF:
             return np.zeros(len(sampled))
         intensity = self._value("intensity", sampled)
@@ -165,7 +167,8 @@ class CurveEffect:
         return self._value("activation", sampled) * intensity
 
     def _value(self, name: str, sampled: F64) -> F64:
-        """Values (T,) of a property below ``hfx``, clamped and rounded to float32 as in Blender."""
+        """Values (T,) of ``hfx.<name>`` from sampled values (T, C), clamped to hard limits and
+        rounded to float32; without a curve the present value at all times."""
         column = self._place.values.columns.get((f"hfx.{name}", 0))
         owner = self._hfx
         if skin_values.is_drive(f"hfx.{name}"):
@@ -178,12 +181,14 @@ class CurveEffect:
 
 
 def is_steady(effect: bpy.types.Object) -> bool:
-    """Test for a volume of constant shape and visibility."""
+    """Test for a volume without deformation and without an animated monitor icon; the transform may
+    be animated."""
     return is_rigid(effect) and not visibility.is_keyed(effect)
 
 
 def is_rigid(effect: bpy.types.Object) -> bool:
-    """Test for a volume other than a deforming mesh."""
+    """Test that no modifier, shape key, animated mesh or deforming parent changes the shape; True
+    for every volume but a mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
@@ -197,7 +202,8 @@ _DEFORMING = ("ARMATURE", "LATTICE")
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
-    """Raise NotModelledError for a mesh with deformation or animation of its own."""
+    """Raise NotModelledError unless a mesh object without visible or switched modifiers, deforming
+    parent, shape keys and animated mesh data."""
     mesh = effect.data
     if effect.type != "MESH":
         raise NotModelledError(f"'{effect.name}' is no mesh")
@@ -231,7 +237,8 @@ class EffectChunks:
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """Block of an effect at ascending sample indices."""
+        """Block of effect ``which`` at ascending, not empty sample indices (n,). With ``spots``
+        ``spots`` must include all indices."""
         if self._spots is not None:
             rows = np.searchsorted(self._spots, indices)
             return _rows_of(self._chunk(0, self._spots)[which], rows)
@@ -245,7 +252,8 @@ class EffectChunks:
         return parts[0] if len(parts) == 1 else _joined(parts)
 
     def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
-        """Sampled effects of a chunk; chunks far from the last one are dropped."""
+        """Blocks of all effects, by key, at ``indices``, cached by chunk number; a new chunk
+        removes all but the two neighbouring chunks."""
         if number not in self._chunks:
             frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
@@ -259,26 +267,22 @@ _BY_TIME = ("levels", "parameters", "matrices", "response", "place", "drive")
 
 
 def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
-    """Rows of a sampled effect block."""
+    """Copy of a block at some times; fields without a time axis (shapes, vertices) are shared."""
     known = [name for name in _BY_TIME if getattr(block, name) is not None]
     return replace(block, **{name: getattr(block, name)[rows] for name in known})
 
 
 def _joined(parts: list[EffectBlock]) -> EffectBlock:
-    """Sampled effect blocks joined in time."""
+    """Blocks of an effect joined in time; fields without a time axis, and the present fields, as in
+    the first block."""
     known = [name for name in _BY_TIME if getattr(parts[0], name) is not None]
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in known}
     return replace(parts[0], **columns)
 
 
 class CurveBody:
-    """Body with bones animated by F-curves only.
-
-    Raises
-    ------
-    NotModelledError
-        Another cause poses the body.
-    """
+    """Body with bones animated by F-curves only; raises NotModelledError if bound to a surface,
+    shown and hidden, or posed by another cause."""
 
     def __init__(
         self,
@@ -296,7 +300,8 @@ class CurveBody:
 
     @property
     def key_frames(self) -> F64:
-        """Ascending animation frames (k,) at which an armature or its bones may turn."""
+        """Ascending unique animation frames (k,) of keys of the armature object, the parents and
+        the bones."""
         return np.union1d(self.rig.body.key_frames, self.rig.key_frames)
 
     def to_world(self, frames: F64) -> F64:
@@ -304,8 +309,8 @@ class CurveBody:
         return effect_values.to_metres(self.rig.body.world(frames), self._unit_m)
 
     def read(self, frames: F64, is_wanted: npt.NDArray[np.bool_]) -> PoseBlock:
-        """Pose block at animation frames (T,); other rows than ``is_wanted`` stay invalid
-        and zero."""
+        """Pose block at animation frames (T,); rows outside the mask ``is_wanted`` are invalid and
+        zero, and without any True there are no bones."""
         to_world = np.zeros((len(frames), 4, 4))
         if not is_wanted.any():
             return PoseBlock(is_wanted, to_world)

@@ -37,7 +37,8 @@ _HARMLESS = re.compile(
 
 
 def rest_value(path: str, index: int) -> float:
-    """Value of a transform property without a playing strip."""
+    """Value of component ``index`` of a transform property without a playing strip: scale 1,
+    quaternion (1, 0, 0, 0), axis-angle (0, 0, 1, 0), else 0."""
     name = path.rpartition(".")[2]
     if name.endswith("scale"):
         return 1.0
@@ -56,13 +57,13 @@ class Parents:
         self._rigs: dict[bpy.types.Object, PlainRig] = {}
 
     def object(self, obj: bpy.types.Object) -> PlainObject:
-        """Cached kinematics of an object."""
+        """Kinematics of an object, made at the first request; raises NotModelledError."""
         if obj not in self._objects:
             self._objects[obj] = PlainObject(obj, parents=self)
         return self._objects[obj]
 
     def rig(self, obj: bpy.types.Object) -> PlainRig:
-        """Cached kinematics of an armature."""
+        """Kinematics of an armature, made at the first request; raises NotModelledError."""
         if obj not in self._rigs:
             self._rigs[obj] = PlainRig(obj, self)
         return self._rigs[obj]
@@ -82,19 +83,10 @@ class _LastResult:
 
 
 class PlainObject:
-    """Object with a world matrix defined by its own and the parents' F-curves.
+    """Object with a world matrix defined by F-curves of its own and of the parents.
 
-    Parameters
-    ----------
-    default : callable, optional
-        (path, index) -> value of a property without a playing strip.
-    parents : Parents, optional
-        Shared cache of parents.
-
-    Raises
-    ------
-    NotModelledError
-        Another cause moves the object.
+    ``default(path, index)`` is the value of a property without a playing strip; ``parents`` a
+    shared cache. Raises NotModelledError if another cause moves the object.
     """
 
     def __init__(
@@ -124,10 +116,8 @@ class PlainObject:
             self._read_parent(obj, parents or Parents())
 
     def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
-        """Set the parent object or bone.
-
-        Raises NotModelledError for other parenting, and for a missing bone.
-        """
+        """Set the parent object, or parent bone with the armature. Raises NotModelledError for a
+        missing bone and for other parent types (lattice, armature deform, vertices)."""
         if obj.parent_type == "OBJECT":
             self._parent = parents.object(obj.parent)
         elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
@@ -141,7 +131,8 @@ class PlainObject:
             raise NotModelledError(f"'{obj.name}' hangs on more than the place of its parent")
 
     def world(self, frames: F64, sampled: F64 | None = None) -> F64:
-        """World matrices (T, 4, 4) in Blender units; ``sampled`` are known values at ``frames``."""
+        """World matrices (T, 4, 4) in Blender units at animation frames (T,), parents included.
+        ``sampled`` (T, C) are this object's values there, if known."""
         if sampled is None:
             sampled = self.values.sample(frames)
         own = self._own(sampled if self._moves else sampled[:1])
@@ -155,22 +146,24 @@ class PlainObject:
 
     @property
     def _moves(self) -> bool:
-        """True with an animated transform of its own."""
+        """True if an F-curve or strip sets one of the object's own transform properties."""
         return any(path in WIDTHS for path, _ in self.values.columns)
 
     @property
     def key_frames(self) -> F64:
-        """Ascending animation frames (k,) at which the object or its parents may turn."""
+        """Ascending unique animation frames (k,) of keys of the object, the parents and, on a bone,
+        all bones."""
         above = () if self._parent is None else self._parent.key_frames
         bones = () if self._rig is None else self._rig.key_frames
         return np.unique(np.concatenate([self.values.key_frames, above, bones]))
 
     def _own(self, sampled: F64) -> F64:
-        """Local matrices (T, 4, 4) from sampled channels, delta transforms included."""
+        """Local matrices (T, 4, 4) from sampled values (T, C): location plus delta, delta rotation
+        times rotation, scale times delta scale. Axis-angle has no delta rotation."""
         mode = self._mode
 
         def of(name: str) -> F64:
-            """Values of a channel."""
+            """Values (T, width) of a channel."""
             return self._channels(sampled, name)
 
         turned = rotations(of(rotation_channel(mode)), mode)
@@ -183,7 +176,8 @@ class PlainObject:
         )
 
     def _channels(self, sampled: F64, name: str) -> F64:
-        """Values (T, width) of a property; constant components are repeated."""
+        """Values (T, width) of a transform property from sampled values (T, C); components without
+        a curve keep the value at construction."""
         still = self._still[name]
         values = np.repeat(still[None], len(sampled), axis=0)
         for index in range(len(still)):
@@ -194,13 +188,8 @@ class PlainObject:
 
 
 class PlainRig:
-    """Armature with bones defined by the parents and F-curves.
-
-    Raises
-    ------
-    NotModelledError
-        A bone has constraints or partial inheritance, or the armature shows its rest position.
-    """
+    """Armature with bones defined by the parents and F-curves; raises NotModelledError for bone
+    constraints, partial inheritance, or a rest position."""
 
     def __init__(self, obj: bpy.types.Object, parents: Parents | None = None) -> None:
         self.body = (parents or Parents()).object(obj)
@@ -231,14 +220,14 @@ class PlainRig:
         self._kept_pose = _LastResult(self.pose)
 
     def _current(self, name: str) -> F64:
-        """Present values (B, width) of a channel of all bones."""
+        """Present values (B, width) of channel ``name`` of all B bones."""
         flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
         self.body.obj.pose.bones.foreach_get(name, flat)
         return flat.reshape(len(self._names), -1).astype(np.float64)
 
     @property
     def key_frames(self) -> F64:
-        """Ascending animation frames (k,) at which a bone may turn in armature space."""
+        """Ascending animation frames (k,) of keys of the bones."""
         return self._values.key_frames
 
     @property
@@ -247,18 +236,19 @@ class PlainRig:
         return len(self._names)
 
     def sample(self, frames: F64) -> tuple[F64, F64]:
-        """World matrices (T, 4, 4) in Blender units, and skinning matrices (T, B, 3, 4)."""
+        """World matrices (T, 4, 4) of the armature in Blender units, and skinning matrices (T, B,
+        3, 4), at animation frames (T,)."""
         return self.body.world(frames), self.pose(frames)
 
     def pose(self, frames: F64) -> F64:
-        """Skinning matrices (T, B, 3, 4) at animation frames."""
+        """Skinning matrices (T, B, 3, 4), rest pose to pose in armature space, at animation frames
+        (T,)."""
         return self.keyed.skinning(self._values.sample(frames))
 
     def places_on_bone(self, bone: str, along: float, frames: F64) -> F64:
-        """Matrices (T, 4, 4) in armature space of the parent space of a bone's children.
-
-        ``along`` is the position along the bone: 0 the head, 1 the tail.
-        """
+        """Matrices (T, 4, 4), child space of a bone to armature space, at animation frames (T,).
+        ``along`` is the position along the bone: 0 head, 1 tail. With Relative Parenting the
+        skinning matrix."""
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
         seat[:, :3] = self._kept_pose(frames)[:, k]
@@ -272,7 +262,8 @@ class PlainRig:
 
 
 def _refuse_other_poses(obj: bpy.types.Object) -> None:
-    """Raise NotModelledError for bones moved by more than F-curves and parents."""
+    """Raise NotModelledError for an armature in rest position or with an action or drivers of the
+    data, and for bones with unmuted constraints or partial inheritance."""
     data = obj.data
     if data.pose_position != "POSE":
         raise NotModelledError(f"'{obj.name}' shows its rest position")
@@ -293,15 +284,9 @@ def _refuse_other_poses(obj: bpy.types.Object) -> None:
 def _channel_places(
     obj: bpy.types.Object, columns: Mapping[tuple[str, int], int], bones: Mapping[str, int]
 ) -> dict[str, I64]:
-    """Column, bone and component of each sampled value, (3, n) by channel.
-
-    ``bones`` are bone indices by name.
-
-    Raises
-    ------
-    NotModelledError
-        An animated property moves bones in another way.
-    """
+    """Sampled columns by channel name, each (3, n): column, bone index and component. ``columns``
+    are column numbers by (path, component), ``bones`` bone indices by name; unknown bones are left
+    out. Raises NotModelledError for an animated rotation mode and other properties moving bones."""
     entries: dict[str, list[tuple[int, int, int]]] = {}
     for (path, number), column in columns.items():
         match = BONE_PATH.match(path)
@@ -321,5 +306,5 @@ _OTHERS = ("location", "scale")
 
 
 def _rotations(modes: list[str]) -> list[str]:
-    """Unique rotation channels of rotation modes, in order."""
+    """Names of the rotation properties that the modes use, unique, in order of first use."""
     return list(dict.fromkeys(map(rotation_channel, modes)))

@@ -26,17 +26,9 @@ _CHUNK = 128
 class PresampledRig:
     """Animated bones of an armature over time, and the copy of the armature showing these bones.
 
-    Parameters
-    ----------
-    obj : bpy.types.Object
-        An armature.
-    first, step : Fraction
-        Frame of the first sample, and frames per sample.
-
-    Raises
-    ------
-    NotModelledError
-        The animation cannot be sampled, or a strip moves bones and other properties.
+    ``first`` is the frame of the first sample, ``step`` the frames per sample. Raises
+    NotModelledError for linked armatures, animation that cannot be sampled, and strips of bones and
+    other properties.
     """
 
     def __init__(
@@ -65,11 +57,10 @@ class PresampledRig:
         self.sampled: dict[str, F32] = {}
 
     def make_copy(self) -> list[bpy.types.ID]:
-        """Make the copy and return all created data-blocks, to be removed by the caller.
-
-        References to the rig itself, such as constraint targets, become references to the
-        copy.
-        """
+        """Make :attr:`copy`, without bone animation and not linked to a scene; returns the created
+        data-blocks, to be removed by the caller. Strips of bones are removed from the copy, curves
+        of bones muted. References to the rig itself, such as constraint targets, become references
+        to the copy."""
         self.copy = self.obj.copy()
         created: list[bpy.types.ID] = [self.copy]
         data = self.copy.animation_data
@@ -92,8 +83,8 @@ class PresampledRig:
         return created
 
     def set_frame(self, frame: Fraction) -> None:
-        """Set the bones of the copy for a sample's frame; the scene must be evaluated
-        afterwards."""
+        """Set the bone channels of the copy to the sample at ``frame`` and tag the copy; the scene
+        must be evaluated afterwards. Samples the chunk with the frame if another is loaded."""
         chunk, row = divmod(int((frame - self._first) / self._step), _CHUNK)
         if chunk != self._chunk:
             self.sample(chunk)
@@ -103,7 +94,9 @@ class PresampledRig:
         self.copy.update_tag(refresh={"OBJECT"})
 
     def sample(self, chunk: int) -> None:
-        """Sample all bone channels over a chunk."""
+        """Sample all animated bone channels at the 128 samples of chunk number ``chunk`` into
+        :attr:`sampled`, (128, B * width) each; components without a curve keep the present
+        value."""
         first = self._first + chunk * _CHUNK * self._step
         frames = [first + k * self._step for k in range(_CHUNK)]
         whole = [frame.numerator // frame.denominator for frame in frames]
@@ -120,13 +113,14 @@ class PresampledRig:
 
 
 def _moves_a_bone(path: str) -> bool:
-    """Test a path for a transform channel of a bone."""
+    """Test for the RNA path of a location, rotation or scale (also delta) of a bone."""
     match = BONE_PATH.match(path)
     return match is not None and match[2] in WIDTHS
 
 
 def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Assigned action, if it animates bones and other properties; None otherwise."""
+    """Assigned action if it animates bones and more, else None. Raises NotModelledError for such an
+    NLA strip."""
     for track in obj.animation_data.nla_tracks:
         for strip in track.strips:
             paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]

@@ -43,7 +43,8 @@ class Activation:
     playing: tuple[Clip, ...] = ()  # clips that are certainly off outside their ends
 
     def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
-        """Mask (n,) of frames of the animation at which the effect may be on; a superset."""
+        """Mask (n,) of animation frames (n,) within any of the spans, ends included; False if off.
+        A superset: the level may still be 0."""
         on = np.zeros(len(frames), np.bool_)
         if self.source is not ActivationSource.OFF:
             for start, end in self.spans:
@@ -63,7 +64,12 @@ SILENCED = Activation(ActivationSource.OFF)
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:
-    """Activation of an effect from the NLA clips, F-curves and drivers."""
+    """Activation of an effect from NLA clips, F-curves and drivers of ``activation``.
+
+    Always on without any; off if no clip is evaluated (muted, not solo, NLA off). A single F-curve
+    without NLA, and evaluated clips without extrapolation, bound the spans; otherwise all frames
+    may be on.
+    """
     data = effect.animation_data
     if data is None:
         return Activation(ActivationSource.ALWAYS_ON)
@@ -95,7 +101,8 @@ def activation_of(effect: bpy.types.Object) -> Activation:
 def _playing_strips(
     data: bpy.types.AnimData, pairs: Iterable[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]
 ) -> list[bpy.types.NlaStrip]:
-    """Evaluated NLA strips among (track, strip) pairs."""
+    """Strips of (track, strip) pairs that Blender evaluates, in order: unmuted, on a solo track if
+    there is any, else on an unmuted track; none with the NLA off."""
     solo = any(track.is_solo for track in data.nla_tracks)
     return [
         strip
@@ -105,7 +112,8 @@ def _playing_strips(
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
-    """Frame intervals with possible values above 0; None unless a single plain F-curve counts."""
+    """Animation frame intervals in which ``path`` may be above 0. None without a single valid,
+    unmuted F-curve, and with any driver of the path or NLA track."""
     data = effect.animation_data
     if data is None or len(data.nla_tracks):
         return None
@@ -120,7 +128,8 @@ def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, fl
 
 
 def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
-    """Frame intervals with possible values above 0; the curve is at most 0 outside."""
+    """Frame intervals, ascending, in which a curve may be above 0; at most 0 outside. All frames
+    without keys, and with easing, extrapolation, F-modifiers or NaN."""
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"

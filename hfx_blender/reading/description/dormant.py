@@ -33,7 +33,8 @@ _INTENSITY = "hfx.intensity"
 
 
 def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
-    """Frames of the animation at all samples, and at the neighbouring samples read for motion."""
+    """Animation frames (T,) of all samples and of :data:`OVERLAP` more on both sides, read for
+    motion."""
     indices = np.arange(-OVERLAP, time.sample_count + OVERLAP)
     return animation_frames(scene, sample_frames(time, indices))
 
@@ -43,18 +44,16 @@ def asleep(
     time: TimeBase,
     states: Iterable[tuple[bpy.types.Object, activation.Activation]],
 ) -> dict[bpy.types.Object, str]:
-    """Dormant effects of (effect, activation) pairs, with reasons as in :func:`why_dormant`."""
+    """Dormant effects of (effect, activation) pairs with reasons as in :func:`why_dormant`, in
+    order."""
     frames = frames_read(scene, time)
     reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
     return {effect: why for effect, why in reasons if why is not None}
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
-    """Reason why an effect cannot be felt at any of these frames of the animation; None
-    otherwise.
-
-    The text is a predicate, for use after the effect's name.
-    """
+    """Predicate why an effect cannot be felt at animation ``frames`` (n,), for use after the name;
+    None otherwise. Checked in order: muted, clips off, off at all frames, intensity 0."""
     if state is activation.SILENCED:
         return MUTED
     if state.source is activation.ActivationSource.OFF:
@@ -67,7 +66,8 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
 
 
 def _why_clips_are_off(effect: bpy.types.Object) -> str:
-    """Reason why all clips of an effect are off."""
+    """Text of :data:`CLIPS_OFF` why all clips of an effect are off: NLA off, another track solo,
+    else muted."""
     data = effect.animation_data
     muted, not_solo, off = CLIPS_OFF
     if not data.use_nla:
@@ -76,7 +76,8 @@ def _why_clips_are_off(effect: bpy.types.Object) -> str:
 
 
 def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
-    """Test for an intensity that is certainly 0 at all of these frames of the animation."""
+    """Test for an intensity that is certainly 0 at all animation ``frames`` (n,). False with a
+    frame handler of another add-on, and for an animation that cannot be bounded."""
     if stepping.foreign_handler() is not None:
         return False  # a handler may set any value
     spans = activation.spans_of_value(effect, _INTENSITY)

@@ -17,12 +17,7 @@ from .scene_description import sample_frames
 
 def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
     """Play space to world at all samples, (T, 4, 4) in metres; None if the room is the world.
-
-    Raises
-    ------
-    InputError
-        The object has constraints, drivers or physics, or a matrix without an inverse.
-    """
+    Raises InputError with constraints, drivers or physics, and for a matrix without an inverse."""
     space = scene.hfx.play_space
     if space is None:
         return None
@@ -41,7 +36,8 @@ def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
 
 
 def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
-    """Play space to world at the present frame, (4, 4) in metres; identity without a play space."""
+    """Play space to world at the present frame, (4, 4) in metres, with the scale; identity without
+    a play space."""
     space = scene.hfx.play_space
     if space is None:
         return np.eye(4)

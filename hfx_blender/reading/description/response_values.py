@@ -21,7 +21,9 @@ _STEPS_A_FRAME = 4
 
 
 def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
-    """Active filters with upper bounds of impact durations."""
+    """Active filters of an effect, from top to bottom, each with the upper bound of the duration of
+    the filter's impacts in seconds (``rings_s``; 0 unless an impact), animated attack and decay
+    included."""
     return tuple(
         responses.described(item, _longest_s(effect, k, item))
         for k, item in responses.active_filters(effect.hfx)
@@ -29,7 +31,9 @@ def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
 
 
 def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGroup) -> float:
-    """Upper bound of the duration of a filter's impacts, seconds; 0 for other filters."""
+    """Upper bound over all times of the duration of the impacts of response item ``index``,
+    seconds; 0 for other kinds. Attack and decay count with the highest animated value, at most the
+    hard limit; a driver on either sets both to the limit."""
     if item.kind != FilterKind.IMPACT:
         return 0.0
     times_s = {name: limited(item, name) for name in ("attack", "decay")}
@@ -49,7 +53,8 @@ def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGro
 
 
 def highest_of(curve: bpy.types.FCurve) -> float:
-    """Upper bound of a curve's values; inf with modifiers, extrapolation or NaN."""
+    """Upper bound of a curve's values over all frames, from keys and handles; inf without keys,
+    with easing, F-modifiers, extrapolation or NaN."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
@@ -60,7 +65,8 @@ def highest_of(curve: bpy.types.FCurve) -> float:
 
 
 def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
-    """Current controls (F, WIDTH) of the active filters; None without filters."""
+    """Present controls (F, WIDTH) of the F active filters, clamped to hard limits, lengths in
+    metres, unused columns 0; None without filters."""
     active = responses.active_filters(hfx)
     if not active:
         return None
@@ -93,7 +99,9 @@ def with_even_phase(
 
 
 def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
-    """Integral of a curve from frame ``start`` to frames (T,), by the trapezoidal rule."""
+    """Integral over frames of a curve from frame ``start`` to played ``frames`` (T,), by the
+    trapezoidal rule at quarter frames; negative values count as 0, and frames before the start give
+    0."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
     # A common grid from the scene start makes the phase independent of the block.
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
@@ -103,6 +111,7 @@ def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, star
 
 
 def place_of(path: str) -> tuple[int, str] | None:
-    """Filter index and property of an animated path; None for paths outside the response."""
+    """Index in the response list and property name of an animated RNA path; None for other
+    paths."""
     match = PATH.match(path)
     return None if match is None else (int(match[1]), match[2])

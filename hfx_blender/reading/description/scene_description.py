@@ -79,13 +79,13 @@ class HapticObjects:
 
     @property
     def active(self) -> list[int]:
-        """Indices of possibly felt effects."""
+        """Indices of the effects that are not dormant, ascending."""
         return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """Objects to read: possibly felt effects, bodies, and avatar meshes that bodies
-        follow."""
+        """Objects to read: effects that are not dormant, all bodies, then the avatar meshes of
+        bodies bound to a surface."""
         bodies = [body for body in self.bodies if body_binding.surface_reason(body) is not None]
         followed = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
         return [*(self.effects[k] for k in self.active), *self.bodies, *followed]
@@ -99,13 +99,8 @@ class HapticObjects:
 def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     """Collect the enabled bodies and effects of a scene, and warnings about excluded ones.
 
-    Updates the view layer, and tags objects with unreported changes. Muted effects are included
-    as silenced.
-
-    Raises
-    ------
-    InputError
-        The scene has no body or no effect, or all of them are faulty.
+    Updates the view layer, and tags objects with unreported changes. Muted effects are included as
+    silenced. Raises InputError without a body or effect, and if all of either are faulty.
     """
     # Evaluated copies may refer to removed data-blocks; reading such a reference would crash.
     layer.update()
@@ -147,12 +142,12 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
 
 
 def _refusal(faults: Collection[str]) -> InputError:
-    """Error that names all faults of a scene in which nothing is left to be felt."""
+    """InputError with the faults of a scene without any usable object, shortened to a few."""
     return InputError(" ".join(shortened(faults, MOST_LINES)))
 
 
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
-    """Raise InputError if a scene's Unit Scale is out of range."""
+    """Raise InputError for a scene's Unit Scale outside 1e-9 to 1e9, or NaN; returns nothing."""
     unit = scene.unit_settings.scale_length
     if not 1e-9 <= unit <= 1e9:
         raise InputError(
@@ -161,7 +156,7 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
 
 
 def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
-    """Warnings about objects with an unknown role."""
+    """One warning for each object of a scene whose stored role is no known value."""
     roles = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
     bad = [(obj, value) for obj in roles for value in bad_values(obj) if value.path == "role"]
     return [f"object '{obj.name}': {value}; it was left out" for obj, value in bad]
@@ -172,7 +167,10 @@ def _find_bodies(
     layer: bpy.types.ViewLayer,
     enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
-    """Valid bodies, warnings about them, and warnings about excluded bodies."""
+    """Valid bodies, warnings about corrected values, and one warning for each excluded body.
+    Excluded: no armature, disabled (also a mesh of the avatar), unreadable values. Raises
+    InputError without any body (another text if a collection instance has one) and if all are
+    excluded."""
     bodies = effects.bodies_of(scene)
     if not bodies:
         inside = _instanced_body(scene)
@@ -209,7 +207,8 @@ def _find_bodies(
 def _instanced_body(
     scene: bpy.types.Scene,
 ) -> tuple[bpy.types.Object, bpy.types.Object] | None:
-    """First (instancer, body) of an instanced collection with a haptic body; None without any."""
+    """First (instancer, body) of the collection instances of a scene whose collection has a body;
+    None without any."""
     for obj in scene_objects(scene):
         collection = obj.instance_collection
         for member in collection.all_objects if collection is not None else ():
@@ -224,7 +223,9 @@ def _shown_effects(
     candidates: list[bpy.types.Object],
     enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Enabled effects of a scene, and warnings about disabled effects."""
+    """Effects among ``candidates`` that Blender evaluates, in order, and one warning for each
+    disabled one. Raises InputError without candidates, and if all are disabled; never if an object
+    may show instances."""
     # Instances may show volumes of other scenes.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not candidates and not has_instances:
@@ -245,7 +246,8 @@ def _shown_effects(
 def _of_bodiless(
     bodiless: Mapping[bpy.types.Object, str], silenced: Sequence[bpy.types.Object]
 ) -> tuple[str, ...]:
-    """One warning for each reason about unmuted effects without a body."""
+    """One warning for each reason, with the names of the effects excluded for it. ``bodiless`` are
+    reasons by effect; silenced effects get none."""
     reasons: dict[str, list[str]] = {}
     for effect, why in bodiless.items():
         if effect not in silenced:
@@ -351,19 +353,20 @@ def describe(
 
 
 def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
-    """Reasons by effect name, as predicates."""
+    """Predicates about excluded objects by name, from messages by object."""
     return {obj.name: _predicate(obj.name, why.removesuffix(".")) for obj, why in faults.items()}
 
 
 def _predicate(name: str, fault: str) -> str:
-    """Predicate of a sentence about an effect, from a fault that may begin with the effect."""
+    """Fault without a leading "Effect 'name'", if a space follows; otherwise "has a fault: ..."
+    with the rest."""
     rest = re.sub(rf"^[Ee]ffect '{re.escape(name)}'", "", fault)
     return rest.strip() if rest.startswith(" ") else f"has a fault: {rest.lstrip(' :')}"
 
 
 def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Frames (n,) of samples, rounded once, so that no sample falls before a clip that starts
-    with it."""
+    """Played frames (n,) of sample indices (n,), also negative. Rounded once, so that no sample
+    falls before a clip with the same start."""
     step = time.fps / time.rate_hz
     return time.frame_first + indices * step.numerator / step.denominator
 
@@ -374,7 +377,9 @@ def _describe_effect(
     haptics: HapticObjects,
     ids: dict[str, str],
 ) -> EffectDescription:
-    """Description of an effect; dormant volumes are described without response and shape."""
+    """Description of an effect with the area by kind; ``ids`` are unique ids by full object name. A
+    dormant volume or surface becomes a volume with its falloff only. Raises InputError for a faulty
+    area."""
     hfx = effect.hfx
     area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
     if effect in haptics.dormant and hfx.kind in IN_SCENE:
@@ -402,7 +407,7 @@ def _describe_effect(
 
 
 def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:
-    """Clips of an effect in played frames."""
+    """All clips of an activation in order, with ends in played instead of animation frames."""
     return tuple(
         Clip(clip.name, played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end))
         for clip in state.clips
@@ -423,7 +428,8 @@ def _body_of(effect: bpy.types.Object, haptics: HapticObjects) -> bpy.types.Obje
 def _painted_area(
     effect: bpy.types.Object, haptics: HapticObjects, ids: dict[str, str]
 ) -> PaintedArea:
-    """Painted area, checked against the model; weights outside 0..1 are dropped."""
+    """Painted vertices and weights, without weights outside 0..1. Raises InputError for another
+    model or edition, an invalid vertex list, and nothing painted."""
     hfx, body = effect.hfx, _body_of(effect, haptics)
     vertices, weights = effects.area(effect)
     if len(vertices) == len(weights):  # the warning comes from soundness
@@ -450,7 +456,8 @@ def _painted_area(
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:
-    """Origin of a description: scene and versions; name and hash of a saved file only."""
+    """Origin of a description: scene name, Blender and add-on version; of a saved file also "file"
+    (name) and "sha256"."""
     source = {
         "scene": scene.name,
         "blender": bpy.app.version_string,

@@ -18,13 +18,9 @@ if TYPE_CHECKING:
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
-    """Load the export devices of a scene, and reasons by name for unusable devices.
-
-    Raises
-    ------
-    InputError
-        A name is a file path; only names of device configurations are allowed in a .blend.
-    """
+    """Load the devices chosen for export, each name once, and warnings by name for unloadable
+    devices. Raises InputError for a file path: only names of configurations are allowed in a
+    .blend."""
     chosen = {item.name: item for item in scene.hfx.devices if item.is_exported}
     devices: list[DeviceConfig] = []
     missing: dict[str, str] = {}
@@ -38,31 +34,22 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dic
 
 
 def load_scene_device(item: bpy.types.PropertyGroup) -> DeviceConfig:
-    """Load a device with the rendering scheme chosen in the scene.
-
-    Raises
-    ------
-    InputError
-        The name is a file path, or the device cannot be read.
-    """
+    """Load a device with the rendering scheme chosen in the scene. Raises InputError if the name is
+    a file path, or if the device cannot be read."""
     return load_device(named_in_blend(item.name)).rendered_by(scheme_of(item))
 
 
 def scheme_of(item: bpy.types.PropertyGroup) -> str:
-    """Rendering scheme chosen in a scene; empty for the device's own scheme."""
+    """Rendering scheme chosen for a device of a scene; "" for CONFIGURED, the device's own
+    scheme."""
     return "" if item.scheme == "CONFIGURED" else str(item.scheme)
 
 
 def formats_without(
     missing: Mapping[str, str], formats: Sequence[str], devices: Sequence[DeviceConfig]
 ) -> tuple[str, ...]:
-    """Formats still writable without the missing devices.
-
-    Raises
-    ------
-    InputError
-        No format is left.
-    """
+    """Formats that the loaded devices can still write; all formats if no device is missing. Raises
+    InputError with the reasons of ``missing`` if formats were requested and none is left."""
     usable_formats = usable(formats, devices) if missing else tuple(formats)
     if formats and not usable_formats:
         raise InputError("; ".join(missing.values()) + ".")
@@ -70,13 +57,8 @@ def formats_without(
 
 
 def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
-    """Read the export tolerance of a scene.
-
-    Raises
-    ------
-    InputError
-        The stored value is no tolerance.
-    """
+    """Export tolerance of a scene, preset or custom; raises InputError if the stored value is no
+    tolerance."""
     for bad in bad_values(scene):
         if bad.path in ("tolerance", "tolerance_custom"):
             raise InputError(f"Scene '{scene.name}': {bad}.")
@@ -89,11 +71,6 @@ def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
 
 
 def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
-    """Read the tolerance of the preview and of live devices.
-
-    Raises
-    ------
-    InputError
-        The stored value is no tolerance.
-    """
+    """Tolerance of preview and live devices: PREVIEW, or the export tolerance, see
+    :func:`scene_tolerance`."""
     return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)

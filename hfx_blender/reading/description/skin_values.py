@@ -25,26 +25,29 @@ PLACE = ("path_position", "radius")
 
 
 def is_drive(path: str) -> bool:
-    """Test an animated path for an actuator's strength."""
+    """Test an RNA path for the strength of an actuator, ``hfx.drive[k].value``."""
     return _DRIVE.fullmatch(path) is not None
 
 
 def place(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
-    """Position on the path (0..1) and radius in metres, (2,); None unless a spot."""
+    """Present position on the path (0..1) and radius in metres, (2,), clamped to hard limits; None
+    unless a spot."""
     if hfx.kind != "SPOT":
         return None
     return np.array([limited(hfx, "path_position"), limited(hfx, "radius") * unit_m])
 
 
 def drive(hfx: bpy.types.PropertyGroup) -> F64 | None:
-    """Strengths of the actuators, (A,); None unless a vector sensation."""
+    """Present strengths (A,) of the actuators, clamped to hard limits; None unless of kind
+    ACTUATORS."""
     if hfx.kind != "ACTUATORS":
         return None
     return np.array([limited(item, "value") for item in hfx.drive], np.float64)
 
 
 def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | None:
-    """Position on the path (0..1) and radius in metres at T times, (T, 2); None unless a spot."""
+    """Position on the path (0..1) and radius in metres at T times, (T, 2), from ``value(name)`` in
+    Blender units; None unless a spot."""
     if hfx.kind != "SPOT":
         return None
     along, radius = (value(name) for name in PLACE)
@@ -52,20 +55,15 @@ def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | N
 
 
 def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
-    """Strengths of the actuators at T times, (T, A); None without actuators."""
+    """Strengths (T, A) of the A actuators from ``value("drive[k].value")``; None without
+    actuators."""
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)
 
 
 def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
-    """Path and falloff of a spot.
-
-    Raises
-    ------
-    InputError
-        The spot has no position, or its path is damaged.
-    """
+    """Path and falloff of a spot; raises InputError without a position or for a damaged path."""
     path = paths.path_of(effect)
     if not len(path):
         raise InputError(f"Effect '{effect.name}' is nowhere on the skin. Place it, or delete it.")
@@ -73,13 +71,8 @@ def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
 
 
 def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
-    """Device and actuators of a vector sensation.
-
-    Raises
-    ------
-    InputError
-        No device or actuator is chosen, or an actuator is listed twice.
-    """
+    """Device and actuators, in stored order, of a vector sensation; raises InputError without a
+    device or actuator, and for an actuator listed twice."""
     names = tuple(item.name for item in effect.hfx.drive)
     if not effect.hfx.device or not names:
         raise InputError(f"Effect '{effect.name}' drives no actuators. Choose its device.")
@@ -89,7 +82,8 @@ def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
 
 
 def signature(effect: bpy.types.Object) -> tuple[object, ...]:
-    """Fingerprint of the area, equal as long as no setting of the area changes."""
+    """Comparable value of a spot's path, or of the device and actuator names; () for other
+    kinds."""
     hfx = effect.hfx
     if hfx.kind == "SPOT":
         return (hash(paths.path_of(effect).tobytes()),)

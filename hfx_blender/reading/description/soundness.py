@@ -48,13 +48,9 @@ _STEADY = re.compile(
 
 
 def warnings_of(obj: bpy.types.Object) -> list[str]:
-    """Warnings about replaced or ignored values of an effect or a body, keyed values included.
-
-    Raises
-    ------
-    InputError
-        The object cannot be read.
-    """
+    """Warnings about replaced or ignored values of an effect or a body: stored values, weights,
+    keys. Raises InputError for a value without replacement or of a surface, above 64 filters, and
+    if a property required to be constant is animated."""
     animated = {path for path in animated_paths(obj) if not _STEADY.fullmatch(path)}
     warnings = []
     for bad in stored_values.bad_values(obj):
@@ -77,7 +73,8 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
 def without_faulty(
     objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
 ) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
-    """Results of ``work`` by object, and error messages of objects with an InputError."""
+    """Results of ``work(obj)`` by object, and the messages of InputErrors by object, both in the
+    order of ``objects``; other exceptions pass."""
     results, faults = {}, {}
     for obj in objects:
         try:
@@ -88,12 +85,12 @@ def without_faulty(
 
 
 def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
-    """Warnings about excluded objects."""
+    """One warning for each excluded object, from messages by object."""
     return tuple(f"{titled(o)} was left out: {why.removesuffix('.')}" for o, why in faults.items())
 
 
 def titled(obj: bpy.types.Object) -> str:
-    """Object name with the kind, for messages."""
+    """Kind and quoted name for messages: effect, body or object."""
     kind = {"EFFECT": "effect", "BODY": "body"}.get(obj.hfx.role, "object")
     return f"{kind} '{obj.name}'"
 
@@ -114,7 +111,8 @@ def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]
 
 
 def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
-    """Yield a note for the first NaN or infinite key of each F-curve of an object."""
+    """Yield a note for each curve of the object ``name`` with a NaN or infinite key: the first such
+    key, counted from 1."""
     # All keys in one array: rigs have thousands of curves.
     keys_by_curve = [np.zeros(len(curve.keyframe_points) * 2, np.float32) for curve in curves]
     for curve, keys in zip(curves, keys_by_curve, strict=True):
@@ -132,13 +130,13 @@ def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
 
 
 def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:
-    """Yield the F-curves of a data-block."""
+    """Yield the F-curves of a data-block's action, then of NLA strips."""
     for curves in compat.curve_collections(owner):
         yield from curves
 
 
 def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """Object and the parents, without cycles."""
+    """Object, the parent, the parent's parent and so on; stops at a cycle."""
     ancestors: dict[str, bpy.types.Object] = {}
     while obj is not None and obj.name_full not in ancestors:
         ancestors[obj.name_full] = obj
@@ -147,7 +145,8 @@ def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
-    """Test for a property with influence on samples; unknown properties count."""
+    """Test that a bad value has influence on samples, by role, kind, modality and shape of the
+    object; unknown properties of effects count."""
     hfx, name = obj.hfx, bad.top
     if hfx.role == "BODY":
         return name in _OF_BODIES
@@ -170,14 +169,16 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
 
 
 def add_fault(faults: dict[str, set[int]], text: str, index: int) -> None:
-    """Record a fault at a sample, in place; faults with equal text before the colon are merged."""
+    """Add a sample index to a fault, in place. Faults with equal text before the first ": " share
+    the entry."""
     head = text.partition(": ")[0]
     same = (known for known in faults if known.partition(": ")[0] == head)
     faults.setdefault(next(same, text), set()).add(index)
 
 
 def animated_paths(obj: bpy.types.ID) -> list[str]:
-    """Unique animated paths of a data-block, from unmuted F-curves and drivers."""
+    """Unique RNA paths of a data-block's unmuted F-curves (action, strips) and drivers, in this
+    order."""
     data = obj.animation_data
     if data is None:
         return []
@@ -186,7 +187,8 @@ def animated_paths(obj: bpy.types.ID) -> list[str]:
 
 
 def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
-    """Yield a warning about painted weights outside 0..1."""
+    """Yield one warning with the number of painted weights that are NaN or outside 0..1; nothing
+    for other objects."""
     if obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED":
         bad = sum(not 0.0 <= weight <= 1.0 for weight in effects.area(obj)[1])
         if bad:
@@ -197,7 +199,9 @@ def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
-    """Yield warnings about animation without effect; raises InputError for constant properties."""
+    """Yield warnings about animation of properties read once, and about keys outside the hard
+    limits (lowest and highest key of each path). Raises InputError for an animated kind, modality
+    or other constant property of an effect."""
     paths = animated_paths(obj)
     for path in paths:
         if _FIXED.fullmatch(path) and obj.hfx.role == "EFFECT":
@@ -225,7 +229,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
-    """Hard limits of an animated number of the add-on; None for other properties."""
+    """Hard minimum and maximum of a float or integer property below ``hfx``, else None."""
     if not path.startswith("hfx."):
         return None
     group, _, name = path.rpartition(".")

@@ -16,13 +16,9 @@ _OF_A_UV_UNIT = ("MATERIAL", "IMAGE")
 
 
 def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: float) -> HapticSurface:
-    """Constant description of a surface.
-
-    Raises
-    ------
-    InputError
-        The object is in Edit Mode, has no faces or no required UV map, or its maps cannot be made.
-    """
+    """Triangles, surface coordinates in metres and texture of a surface. Raises InputError in Edit
+    Mode, without faces or a required UV map, or if the maps cannot be made. Coordinates come from
+    the UV map with the mean or the user's own scale; without any map, from a projection."""
     if effect.mode == "EDIT":
         raise InputError(f"Surface '{effect.name}' is being edited; leave Edit Mode first.")
     settings, mesh = effect.hfx.surface, evaluated.data
@@ -46,13 +42,8 @@ class SurfaceVertices:
         self._known: dict[str, F64] = {}
 
     def of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> F64:
-        """Vertices (V, 3) in object space.
-
-        Raises
-        ------
-        InputError
-            The number of vertices has changed.
-        """
+        """Vertices (V, 3) of an evaluated mesh in object space; the cached array itself if
+        unchanged. Raises InputError if the number of vertices differs from the last reading."""
         points = mesh_arrays.points(evaluated.data)
         cached = self._known.get(effect.name)
         if cached is not None and len(cached) != len(points):
@@ -71,10 +62,8 @@ class SurfaceVertices:
 
 
 def joined(rows: list[F64 | None]) -> F64 | None:
-    """Vertices over time: (1, V, 3) without deformation, else (T, V, 3); None without any.
-
-    None entries repeat the first vertices.
-    """
+    """Stack vertices (V, 3) of T times: (T, V, 3), or (1, V, 3) if all entries are the first array
+    itself or None. None entries become the first array; None without any array."""
     first = next((row for row in rows if row is not None), None)
     if first is None:
         return None

@@ -40,7 +40,8 @@ class LostClip:
 
     @property
     def is_whole(self) -> bool:
-        """True if no part of the clip is felt."""
+        """True if the whole clip is outside the frames or between samples, hence not felt at
+        all."""
         return _LOST[self.why][0] == "lie"
 
     @property
@@ -91,10 +92,9 @@ def reasons(
 def lost_clips(
     scene: bpy.types.Scene, time: TimeBase, effect: bpy.types.Object, state: Activation
 ) -> Iterator[LostClip]:
-    """Yield clips outside the scene's frames or between two samples, wholly or partly.
-
-    If only a part of the frames is exported, clips outside that part are not reported.
-    """
+    """Yield evaluated clips with bounds that are wholly or partly outside the read frames, or
+    between two samples. If only a part of the scene's frames is read, only clips between two
+    samples are reported."""
     is_whole = (time.frame_first, time.frame_last) == (scene.frame_start, scene.frame_end)
     for clip in state.playing:
         start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
@@ -104,7 +104,8 @@ def lost_clips(
 
 
 def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
-    """Key of :data:`_LOST` for a clip between two played frames; None if all of it has samples."""
+    """Key of :data:`_LOST` for a clip from played frame ``start`` to ``end``; None if the whole
+    clip has samples. "between" counts before "beyond" and "early"."""
     first, stop = time.frame_first, time.frame_last + 1
     step = float(time.fps / time.rate_hz)
     why = clips.outside(start, end, first, stop, step)
@@ -115,7 +116,8 @@ def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
 
 
 def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ...]:
-    """One warning for each reason, with the clips."""
+    """One warning for each reason of :data:`_LOST`, in this order: a single clip with its times in
+    seconds, several with number and names."""
     end = float((time.frame_last + 1 - time.scene_start) / time.fps)
     warnings = []
     for why, (verb, span) in _LOST.items():
@@ -139,10 +141,8 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
 
 
 def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
-    """Reason for an effect without any felt clip; a warning names the clips.
-
-    None if a clip may be felt.
-    """
+    """Reason for an effect whose clips are all lost as a whole, marked as warned by the clips'
+    warning; None if a clip may be felt. ``lost`` are the effect's own."""
     if not lost or len(lost) < len(state.playing) or not all(clip.is_whole for clip in lost):
         return None
     if all(clip.why == "between" for clip in lost):
@@ -151,13 +151,17 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
 
 
 def of_dormant(why: str, is_part: bool) -> Unfelt:
-    """Reason for a dormant effect; ``is_part``: only a part of the frames is exported."""
+    """Reason for a dormant effect from the predicate ``why``; expected if muted or with clips off,
+    and, if only a part of the frames is read, if off there."""
     is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
-    """Reason why an active effect has certainly no strength at these frames; None otherwise."""
+    """Predicate why an effect that is on has certainly no strength at animation ``frames``; None
+    otherwise. None also for kinds besides painted, volume and spot, with response filters, with a
+    frame handler of another add-on, and for animation that cannot be bounded. A temperature must be
+    constant and neutral."""
     hfx = effect.hfx
     if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active_filters(hfx):
         return None
@@ -180,9 +184,9 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
 
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-    """Warnings about instanced bodies and effects, which are not felt.
+    """Warnings about instanced bodies, surfaces and further effects without samples there, by name.
 
-    Instances of haptic volumes are felt, see :mod:`.instances`.
+    Instances of haptic volumes are felt and give no warning, see :mod:`.instances`.
     """
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     if not instancers:
@@ -205,13 +209,16 @@ def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, 
 
 
 def _is_lost_as_instance(obj: bpy.types.Object) -> bool:
-    """Test for a body or an effect other than a volume."""
+    """Test for a body or for an effect other than a volume."""
     role = obj.hfx.role
     return bool(role == "BODY" or (role == "EFFECT" and obj.hfx.kind != "VOLUME"))
 
 
 def _of_instance(obj: bpy.types.Object, maker: str, is_own: bool) -> Iterable[str]:
-    """Yield the warning about one instanced body or effect."""
+    """Yield the warning that an instance of ``obj`` is not felt: for bodies, surfaces, and for
+    effects not in the scene itself; nothing for the scene's own painted and skin effects. ``maker``
+    is the name of the instancing object ("" if unknown); ``is_own``: ``obj`` is also in the
+    scene."""
     shown = f"is shown {'also' if is_own else 'only'} as an instance, by '{maker}'"
     if obj.hfx.role == "BODY":
         yield (

@@ -13,10 +13,9 @@ from ...blender import compat
 
 
 def tag(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Tag effects and bodies with unreported changes; returns True if there are any.
-
-    Other objects are not tagged, because a tag clears simulation caches.
-    """
+    """Tag effects and bodies of a scene whose stored haptic values differ from the evaluated copy;
+    returns True if there are any. Other objects are not tagged, because a tag clears simulation
+    caches."""
     changed = [
         obj
         for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
@@ -38,7 +37,7 @@ def _content(obj: bpy.types.Object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Property value as a comparable Python value."""
+    """Full name of a data-block, list of an array property; other values unchanged."""
     if isinstance(value, bpy.types.ID):
         return value.name_full
     return value.to_list() if hasattr(value, "to_list") else value

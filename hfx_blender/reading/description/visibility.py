@@ -22,7 +22,8 @@ PATH = "hide_viewport"
 
 
 def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:
-    """Test for an action, a strip or a driver of a property, by default of the monitor icon."""
+    """Test for an F-curve (action or strip, also muted) or a driver of ``path``, by default of the
+    monitor icon."""
     data = obj.animation_data
     if data is None:
         return False
@@ -31,18 +32,20 @@ def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:
-    """Test for an object that is disabled in viewports at all frames."""
+    """Test for a monitor icon that is off now and not animated."""
     return bool(obj.hide_viewport) and not is_keyed(obj)
 
 
 def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
-    """Objects of enabled collections in a view layer, background scenes included."""
+    """Objects in view layers of a scene and the background scenes, without disabled or excluded
+    collections; the objects' own icons are ignored."""
     layers = [layer, *map(scene_info.layer_of, scene_info.backgrounds_of(scene))]
     return set().union(*(_enabled(view.layer_collection) for view in layers))
 
 
 def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of a layer collection and the enabled children."""
+    """Objects of a layer collection and its children. A disabled collection hides the children too,
+    an excluded one does not."""
     if collection.collection.hide_viewport:
         return set()
     objects = set() if collection.exclude else set(collection.collection.objects)
@@ -52,8 +55,8 @@ def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
 def may_be_seen(
     obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> bool:
-    """Test for an object that Blender evaluates at some frame; ``enabled`` from
-    :func:`enabled_objects`."""
+    """Test that Blender evaluates an object at some frame: in ``enabled`` (see
+    :func:`enabled_objects`), monitor icon on or animated, and evaluated now."""
     # Outside the view layer Blender returns the unposed original, and dependencies alone do not
     # make Blender pose an object.
     is_enabled = obj in enabled and not is_disabled(obj)
@@ -61,6 +64,7 @@ def may_be_seen(
 
 
 def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
-    """Indices of effects that act on the selected bodies only."""
+    """Ascending indices of effects with an area on a body selected by ``which`` (one entry per
+    body); volumes and surfaces have none."""
     ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]

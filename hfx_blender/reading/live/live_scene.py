@@ -41,13 +41,7 @@ FEWEST = 64
 
 
 class LiveClock:
-    """Clock of the moments of a scene.
-
-    Parameters
-    ----------
-    now : callable
-        Monotonic clock, seconds.
-    """
+    """Clock of the moments of a scene; ``now`` is a monotonic clock, seconds."""
 
     def __init__(self, scene: bpy.types.Scene, now: Callable[[], float] = time.monotonic) -> None:
         self._scene = scene
@@ -56,14 +50,17 @@ class LiveClock:
         self._is_first = True
 
     def _scene_s(self) -> float:
-        """Time of the current frame since the scene's start, seconds."""
+        """Time of the current frame, subframe included, since the scene's first frame, seconds."""
         scene = self._scene
         fps = fps_of(scene)
         return float(scene.frame_current_final - scene.frame_start) / fps
 
     def tick(self) -> tuple[float, float | None]:
-        """Advance to the present: time, and step since the last moment (None if unrelated),
-        seconds."""
+        """Advance to now; returns (time, step since the last call), seconds from the scene's start.
+
+        The frame's time if the frame has changed, else the last time plus the clock's. The step is
+        None at the first call, for a step back or none, and above :data:`LONGEST_STEP_S`.
+        """
         frame_s, clock_s = self._scene_s(), self._now()
         if frame_s != self._frame_s or self._is_first:
             step = frame_s - self._frame_s
@@ -83,24 +80,15 @@ class LiveClock:
         return time_s, step if follows else None
 
     def ahead_s(self) -> float:
-        """Present time, assuming that only the clock has advanced since the last moment."""
+        """Time of the last tick plus the clock's time since, seconds; changes nothing."""
         return self._time_s + (self._now() - self._clock_s)
 
 
 class LiveScene:
     """Scene that is described once and evaluated after every change.
 
-    Parameters
-    ----------
-    layer : bpy.types.ViewLayer
-        View layer with the evaluated objects.
-    with_positions : bool
-        Samples include positions, for devices in a room.
-
-    Raises
-    ------
-    InputError
-        The scene has no body or no valid effect.
+    ``layer`` holds the evaluated objects; ``with_positions`` adds positions to samples, for devices
+    in a room. Raises InputError if the scene has no body or no valid effect.
     """
 
     def __init__(
@@ -140,11 +128,13 @@ class LiveScene:
 
     @property
     def rings(self) -> bool:
-        """True while an impact may still be felt without any motion."""
+        """True while an impact of a response is still felt at the clock's present time, without any
+        motion."""
         return self._answers and self.engine.responses.settling.any_rings(self.clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
-        """Samples of the present moment: at most one run for each effect and body."""
+        """Samples of the present frame, all with index 0: at most one for each effect and body;
+        empty if all effects are off. Advances the clock and the responses."""
         active = self._may_be_on()
         if active is None:
             return []
@@ -164,7 +154,8 @@ class LiveScene:
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
     def _may_be_on(self) -> Sequence[int] | None:
-        """Indices of effects to read; None if all effects are certainly off."""
+        """Indices of effects to read, or None if all are off. All effects with responses, surfaces
+        or instances; else those with a level above 0 or NaN."""
         all_effects = range(len(self.objects.effects))
         if self._answers or self._has_surfaces or self._instances.descriptions:
             return all_effects
@@ -177,10 +168,10 @@ class LiveScene:
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
-        """Block of the present moment, and of the last moment where responses need history.
-
-        Advances the clock; an unrelated moment clears the memories of responses.
-        """
+        """Block of the present rows, after the last call's rows if a response needs history and the
+        clock relates both. Advances the clock; an unrelated moment clears the impacts of all
+        responses. ``stays`` are the instances' slots, the last effects: False forgets the slot's
+        last row."""
         rows, posed = [[effect] for effect in effects], [poses]
         now_s, step_s = self.clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None
@@ -239,7 +230,8 @@ class LiveInstances:
         self.descriptions = tuple(descriptions)
 
     def _counts(self, scene: bpy.types.Scene) -> dict[str, int]:
-        """Sources with present or possible instances -> number of present instances, sorted."""
+        """Number of present instances by source name, sorted: for all sources outside the scene
+        (also 0), and for sources with an instance."""
         scene_members = set(scene_objects(scene))
         counts = {
             name: 0 for name, obj in self._sources.objects.items() if obj not in scene_members
@@ -250,8 +242,9 @@ class LiveInstances:
         return dict(sorted(counts.items()))
 
     def rows(self) -> tuple[list[EffectRow], list[bool]]:
-        """Effect row of each slot, and True for slots with the same instance as in the last
-        call."""
+        """Effect row of each slot, and True for each slot with the same instance as at the last
+        call. A missing instance frees the slot (an effect that is off); new instances take free
+        slots by key. Further instances are left out."""
         if not self._slots:
             return [], []
         current = self._sources.rows_now(self._layer.depsgraph)
@@ -275,8 +268,8 @@ class LiveInstances:
 
 
 def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
-    """Fingerprint of the values that a scene description depends on; quick enough for each
-    update."""
+    """Comparable value of all settings that a scene description depends on; equal as long as a
+    description stays valid. Quick enough for each update."""
     parts: list[object] = [scene.name]
     for obj in (*effects.bodies_of(scene), *effects.effects_of(scene)):
         hfx = obj.hfx
@@ -317,7 +310,8 @@ def _has_weights(obj: bpy.types.Object) -> bool:
 
 
 def _strips(data: bpy.types.AnimData) -> list[object]:
-    """NLA settings that decide which strips play."""
+    """NLA on or off, name of the action, then for each track (mute, solo) and (name, mute) of each
+    strip."""
     parts: list[object] = [data.use_nla, data.action.name if data.action else ""]
     for track in data.nla_tracks:
         parts.append((track.mute, track.is_solo))

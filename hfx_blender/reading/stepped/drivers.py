@@ -53,7 +53,8 @@ class RetriedDrivers:
         self._collect()
 
     def _collect(self) -> None:
-        """Cache references to all drivers: a search costs more than posing a rig."""
+        """Cache all unmuted drivers of existing properties and mark each as failed; opens a file
+        for Blender's messages if any is scripted."""
         self._counts = list(map(_count, self._owners))
         pairs = [
             (owner, curve)
@@ -73,7 +74,8 @@ class RetriedDrivers:
             self._messages = tempfile.TemporaryFile()
 
     def evaluate(self, work: Callable[[], object]) -> None:
-        """Call ``work``, which evaluates the scene in Blender, and update :attr:`failures`."""
+        """Make failed drivers valid, call ``work`` once, which evaluates the scene, and set
+        :attr:`failures`. Drivers are searched again if their number has changed."""
         if not self._owners:
             work()
             return
@@ -93,8 +95,8 @@ class RetriedDrivers:
         self.failures = tuple(self._pairs[k][1] for k in (*self._failed, *self._endless()))
 
     def _endless(self) -> list[int]:
-        """Indices of scripted drivers with a NaN or infinite last result; Blender uses 0
-        instead."""
+        """Indices of scripted drivers that Blender reported as NaN or infinite in the last
+        evaluation and replaced by 0."""
         if self._messages is None:
             return []
         self._messages.seek(0)
@@ -111,7 +113,7 @@ def _count(owner: bpy.types.ID) -> int:
 
 
 def _drives(owner: bpy.types.ID, curve: bpy.types.FCurve) -> bool:
-    """True if the driven property exists."""
+    """True if the driven property's path resolves on the owner."""
     with suppress(ValueError):
         owner.path_resolve(curve.data_path, False)
         return True
@@ -119,7 +121,8 @@ def _drives(owner: bpy.types.ID, curve: bpy.types.FCurve) -> bool:
 
 
 def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
-    """Sentence about a failed driver, without a full stop."""
+    """Message about a failed driver, without a full stop: path (array properties with index), kind
+    and name of the owner."""
     path = curve.data_path
     if hasattr(owner.path_resolve(path), "__len__"):
         path += f"[{curve.array_index}]"
@@ -132,8 +135,8 @@ def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
 
 @contextmanager
 def _errors_to(file: IO[bytes] | None) -> Iterator[None]:
-    """Context that redirects file descriptor 2, which Blender uses too, to a file; None: no
-    change."""
+    """Context that redirects standard error of the process (descriptor 2) to an emptied file; None:
+    no change."""
     if file is None:
         yield
         return

@@ -58,7 +58,8 @@ Phase = Callable[[bpy.types.Object, F64], F64]
 def _states(
     scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
 ) -> dict[str, activation.Activation]:
-    """Activations by full name; with any solo volume, all other volumes are silenced."""
+    """Activations of sources by full name, in order; silenced if muted, or if another effect of the
+    scene or source is solo and this is not."""
     every = {obj.name_full: obj for obj in effects.effects_of(scene)}
     silenced = effects.muted_effects({**every, **sources}.values())
     return {
@@ -165,7 +166,8 @@ class Sources:
         }
 
     def described(self, name: str) -> EffectDescription:
-        """Effect description shared by the instances of a source."""
+        """Description shared by the instances of the source with full name ``name``: unique id,
+        clips, falloff, filters."""
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[name],
@@ -184,11 +186,9 @@ class Sources:
     def rows_now(
         self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
     ) -> dict[Key, EffectRow]:
-        """Effect rows of the present instances; instances without a valid shape are
-        missing.
-
-        ``index`` is the sample index that faults are recorded with.
-        """
+        """Effect rows by key of the present instances of :attr:`objects`, metres; instances without
+        a shape are missing. ``phase`` makes sine phases continuous (None: as stored). Faults are
+        recorded at sample ``index``."""
         rows: dict[Key, EffectRow] = {}
         common: dict[str, _Values] = {}
         shapes: dict[tuple[str, int], Shape | None] = {}
@@ -217,8 +217,8 @@ class Sources:
         return rows
 
     def _values(self, name: str, evaluated: bpy.types.Object, phase: Phase | None) -> _Values:
-        """Values shared by the instances of a source; the phases of the sines are made
-        continuous."""
+        """Level, parameters, shape scale and filter controls shared by the present instances of a
+        source; ``phase`` (if any) is applied to the controls."""
         hfx = evaluated.hfx
         parameters = effect_values.parameters(hfx, np.eye(4))
         response = response_values.controls(hfx, self._found.unit_m)
@@ -232,7 +232,8 @@ class Sources:
         )
 
     def _shape(self, name: str, evaluated: bpy.types.Object, part: int, index: int) -> Shape | None:
-        """Shape of an instance; None without an inside (recorded as a fault) or without a mesh."""
+        """Shape of an evaluated source, mesh number ``part`` at this time; None for an empty mesh,
+        and for a mesh without an inside, with a fault recorded at sample ``index``."""
         if evaluated.hfx.shape == "MESH" and effect_values.is_empty(evaluated):
             return None  # nodes turned the whole mesh into instances, listed themselves
         source = self.objects[name]
@@ -284,7 +285,9 @@ class Instances:
             self._find()
 
     def _find(self) -> None:
-        """Step through the scene, collect the keys of all instances, and describe them."""
+        """Step through the scene's and the read frames, collect all keys, and describe each
+        instance. Also at samples if instances may be brief. Raises InputError above :data:`MOST`
+        instances."""
         scene, time = self._found.scene, self._time
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
@@ -318,11 +321,12 @@ class Instances:
         )
 
     def stepper(self) -> stepping.Stepping:
-        """Context with the user's own scene, for reading instances."""
+        """Context that steps the user's own scene, to be given to :meth:`extended`."""
         return stepping.own_scene(self._found)
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Mask (n,) of played frames at which any instance may be felt; a superset."""
+        """Mask (n,) of played frames at which any instance may be felt; a superset: each source
+        counts from one frame before an instance to one after."""
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(frames), np.bool_)
         for name in {name for name, _, _ in self._keys}:
@@ -347,7 +351,8 @@ class Instances:
         return replace(block, effects=(*block.effects, *more))
 
     def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
-        """Effect rows of the instances at a sample, cached for rows that two blocks share."""
+        """Effect rows by key at sample ``index``; the last :data:`OVERLAP` samples are cached.
+        Failed drivers and instances without a description are recorded as faults."""
         if index not in self._last:
             stepper.set_frame(self._time.frame(index))
             for failure in stepper.failures:
@@ -378,7 +383,8 @@ def _may_be_brief(sources: Iterable[bpy.types.Object]) -> bool:
 
 
 def _may_be_short(data: bpy.types.ID) -> bool:
-    """Test one data-block on the way from an instancer to a source."""
+    """Test one data-block between an instancer and a source for instances shorter than a frame, see
+    :func:`_may_be_brief`; False for further types."""
     if isinstance(data, bpy.types.Object):
         paths = soundness.animated_paths(data)
         return any(path == visibility.PATH or path.startswith("modifiers[") for path in paths)

@@ -45,8 +45,8 @@ class SkinBoxes:
                 self._add(model, body.binding)
 
     def _add(self, model: PerceptualModel, binding: SkinBinding) -> None:
-        """Extend the rest box and the set of bones by a model, fitted to the body if
-        available."""
+        """Extend rest box, bones and bulge by a model, in place; a model fitted to the body is used
+        instead. Bones without a name in the model are left out."""
         fitted = binding.fitted.get(model.id)
         if fitted is not None:
             model = fitted.of(model)
@@ -57,12 +57,10 @@ class SkinBoxes:
         self._bones.update(k for k, name in enumerate(binding.bone_names) if name in names)
 
     def over(self, pose: PoseBlock) -> Box | None:
-        """Box of the skin over all times of a block; None if unknown, empty (inf, -inf) if
-        unread.
-
-        A skinned vertex is a convex combination of the bones' transforms of the rest
-        position, so the union of the rest box under every bone contains the vertex.
-        """
+        """World box of the skin over all valid times of a block and between; (inf, -inf) without a
+        valid time, None without bones and surface. A skinned vertex is a convex combination of the
+        bones' transforms of the rest position, so the union of the rest box under every bone
+        contains the vertex."""
         if not pose.valid.any():
             return np.full(3, np.inf), np.full(3, -np.inf)  # disabled at all times: an empty box
         to_world = pose.to_world[pose.valid]
@@ -80,12 +78,10 @@ class SkinBoxes:
         return swept_box(to_world, np.stack([low, high], axis=1))
 
     def _of_surface(self, surface: npt.NDArray[np.float32]) -> F64:
-        """Boxes (T, 2, 3) around skin anchored to avatar vertices (T, A, 3), the avatar's
-        local space.
-
-        Margins follow from the anchors: negative barycentric weights reach beyond a
-        triangle, offsets above it.
-        """
+        """Boxes (T, 2, 3) of all skin at T times, from the A avatar vertices (T, A, 3), both in the
+        avatar's local space, metres. The box of the vertices is enlarged on all sides: by twice the
+        largest negative barycentric weight of an anchor times the box's longest side, by the
+        largest offset above the triangle, and by the bulge."""
         assert isinstance(self._binding, SurfaceBinding)
         anchors = self._binding.anchors.values()
         beyond = [np.maximum(-a.weights, 0.0).sum(axis=1).max(initial=0.0) for a in anchors]
@@ -104,14 +100,10 @@ def _longest_side(model: PerceptualModel) -> float:
 
 
 def swept_box(matrices: F64, bounds: F64) -> Box:
-    """World box around a moving box at all times and between them; see :func:`swept_boxes`.
+    """World box, two corners (3,), around a moving box at all times and between.
 
-    Parameters
-    ----------
-    matrices : (T, 4, 4) float64
-        Box space to world.
-    bounds : (T, 2, 3) float64
-        Lowest and highest corners.
+    ``matrices`` (T, 4, 4) map box space to world, ``bounds`` (T, 2, 3) are lowest and highest
+    corners. See :func:`swept_boxes`.
     """
     is_present = np.ones((len(matrices), 1), np.bool_)
     low, high = swept_boxes(matrices[:, None], bounds[:, None], is_present)

@@ -15,7 +15,8 @@ Reference = tuple[bpy.types.ID, bpy.types.ID]
 
 
 def is_instancer(obj: bpy.types.ID) -> bool:
-    """Test for an object that may instance other objects or its own geometry."""
+    """Test for an object with instancing, particle systems or geometry nodes, which may show
+    further objects."""
     return isinstance(obj, bpy.types.Object) and (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)
@@ -49,7 +50,8 @@ def _full_name(data: bpy.types.ID) -> str:
 def reached_from(
     start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
 ) -> set[bpy.types.Object]:
-    """Objects and all objects that they refer to, directly or not: a superset of dependencies."""
+    """Objects and all objects in use by these, directly or not; ``ignored`` (user, used) references
+    are not followed. A superset of dependencies."""
     reached = data_reached_from(start, ignored)
     return {data for data in reached if isinstance(data, bpy.types.Object)}
 
@@ -57,10 +59,8 @@ def reached_from(
 def data_reached_from(
     start: Iterable[bpy.types.Object], ignored: Collection[Reference] = ()
 ) -> set[bpy.types.ID]:
-    """Objects and all data-blocks that they refer to, directly or not.
-
-    ``ignored`` references are not followed.
-    """
+    """Objects and all data-blocks in use by these, directly or not; ``ignored`` (user, used)
+    references are not followed."""
     uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for user, used in _references():
         if (user, used) not in ignored:
@@ -69,7 +69,7 @@ def data_reached_from(
 
 
 def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
-    """Objects and all data-blocks that refer to them, directly or not."""
+    """Objects and all their direct and indirect users; scenes do not count as users."""
     users: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for user, used in _references():
         users.setdefault(used, []).append(user)
@@ -77,7 +77,8 @@ def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
 
 
 def _references() -> Iterator[Reference]:
-    """Yield all references of the file except those of scenes."""
+    """Yield (user, used) of all data-blocks of the file except of scenes, and (parent, child) of
+    parents with instancing."""
     for used, users in bpy.data.user_map().items():
         yield from ((user, used) for user in users if not isinstance(user, bpy.types.Scene))
     for obj in bpy.data.objects:  # an instancer's children are its sources
@@ -88,7 +89,8 @@ def _references() -> Iterator[Reference]:
 def _closure(
     start: Iterable[bpy.types.Object], following: dict[bpy.types.ID, list[bpy.types.ID]]
 ) -> set[bpy.types.ID]:
-    """Transitive closure of ``following``, start objects included."""
+    """Objects and everything reached by following the lists of ``following`` any number of
+    times."""
     reached: set[bpy.types.ID] = set()
     pending: list[bpy.types.ID] = [*start]
     while pending:

@@ -43,7 +43,8 @@ class PoseRow:
     surface: npt.NDArray[np.float32] | None = None  # (A, 3) avatar vertices, local space
 
     def nearly_equals(self, second: PoseRow) -> bool:
-        """Test for equality up to rounding with another reading of the same time."""
+        """Test for equality up to float32 rounding of matrix, bones and surface; None equals only
+        None."""
         return _agree(self, second, ("to_world", "bones", "surface"))
 
 
@@ -67,7 +68,8 @@ class SceneRow:
 
 
 def effects_agree(one: EffectRow, two: EffectRow) -> bool:
-    """Test for equality up to rounding; rows with level 0 are compared by level only."""
+    """Test for equality up to float32 rounding. Levels always count; the rest, except shapes, only
+    while the first level is above 0."""
     if not _close(one.level, two.level):
         return False
     if not one.level > 0.0:
@@ -76,12 +78,13 @@ def effects_agree(one: EffectRow, two: EffectRow) -> bool:
 
 
 def _agree(one: object, two: object, names: Sequence[str]) -> bool:
-    """Test for equality up to rounding of the named attributes; None equals only None."""
+    """Test two objects for attributes equal up to float32 rounding; None equals only None."""
     return all(_close(getattr(one, name), getattr(two, name)) for name in names)
 
 
 def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
-    """Test for equality up to rounding of arrays, NaN included; None equals only None."""
+    """Test arrays of equal shape for equality within 1e-5 relative plus 5e-6; NaN equals NaN, None
+    only None."""
     if one is None or two is None:
         return one is two
     one, two = np.asarray(one), np.asarray(two)
@@ -91,7 +94,8 @@ def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
 
 
 def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
-    """Assemble the rows (T) of an effect, in the order of time, into a block."""
+    """Block of an effect from rows in the order of time (T). Missing parameters are 0, missing
+    matrices the identity; without any matrix there are no shapes, response and vertices."""
     count = len(MODALITIES[modality].parameters)
     blank = [0.0] * count
     parameters = np.array([row.parameters or blank for row in rows], np.float64)
@@ -121,7 +125,7 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
 
 
 def silence(count: int, modality: str) -> EffectBlock:
-    """Block of an effect with level 0 at all times."""
+    """Block of an effect at ``count`` times with level and parameters 0, without a placement."""
     width = len(MODALITIES[modality].parameters)
     return EffectBlock(np.zeros(count), np.zeros((count, width)))
 
@@ -135,7 +139,8 @@ def _stacked(values: Sequence[F64 | None]) -> F64 | None:
 
 
 def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
-    """Assemble the rows (T) of a body, in the order of time; None rows become invalid."""
+    """Block of a body from rows in the order of time (T). None rows are invalid copies of the first
+    valid row; without any, matrices are zero and bones and surface None."""
     valid = np.array([row is not None for row in rows])
     first = next((row for row in rows if row is not None), None)
     if first is None:

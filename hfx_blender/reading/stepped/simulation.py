@@ -35,13 +35,7 @@ _CACHED = {"CLOTH", "SOFT_BODY"}
 
 
 class Simulation:
-    """Simulations of a scene, played through once.
-
-    Parameters
-    ----------
-    last : int
-        Last required frame of the animation.
-    """
+    """Simulations of a scene, played once; ``last`` is the last required frame of the animation."""
 
     def __init__(self, scene: bpy.types.Scene, last: int) -> None:
         self._scene = scene
@@ -52,11 +46,9 @@ class Simulation:
         self.frames_played = 0
 
     def play(self) -> None:
-        """Step through all frames of the animation once, as baking does; later calls do
-        nothing.
-
-        Time remapping is off during playback.
-        """
+        """Step from the earliest simulated frame to the last required frame, to fill Blender's
+        caches; later calls do nothing. Leaves the scene at the last frame; Time Remapping is off
+        during playback."""
         if self._is_played:
             return
         render = self._scene.render
@@ -73,11 +65,9 @@ class Simulation:
         self._is_played = True
 
     def go_to(self, frame: Fraction) -> None:
-        """Prepare reading at a frame: play again if Blender has lost the cache.
-
-        Blender 4.5 clears simulations of geometry nodes on a step back from beyond the
-        scene's last frame.
-        """
+        """Prepare and remember the reading of a frame, without setting the frame. Plays again if
+        geometry nodes simulate and the last frame read was after the scene's end and after this
+        frame. Blender 4.5 clears simulations of geometry nodes on such a step back."""
         if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
             self._is_played = False
             self.play()
@@ -85,14 +75,16 @@ class Simulation:
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
-    """First object by name with physics among objects and the references; None without any."""
+    """First object, by full name, with a rigid body or simulating modifier among objects and
+    dependencies; None without any."""
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
 
 
 def takes_part(obj: bpy.types.Object) -> bool:
-    """Test for simulated objects and for inputs of simulations: fields, colliders, constraints."""
+    """Test for objects with physics, particles, force fields, collision or rigid body
+    constraints."""
     if _is_simulated(obj) or obj.particle_systems or obj.rigid_body_constraint is not None:
         return True
     is_field = obj.field is not None and obj.field.type != "NONE"
@@ -100,12 +92,13 @@ def takes_part(obj: bpy.types.Object) -> bool:
 
 
 def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
-    """Test for simulations or moving particles in a scene."""
+    """Test for physics, simulation nodes, emitted particles or dynamic hair among a scene's objects
+    and dependencies."""
     return simulated(scene_objects(scene)) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
-    """Test for emitted particles or dynamic hair in a scene."""
+    """Test for emitters or dynamic hair among a scene's objects and dependencies."""
     return any(
         system.settings.type == "EMITTER" or system.use_hair_dynamics
         for obj in _shown(scene)
@@ -114,7 +107,9 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
 
 
 def to_bake(scene: bpy.types.Scene, haptic: Iterable[bpy.types.Object]) -> list[str]:
-    """Warnings about simulations that haptic objects or their references need baked."""
+    """Warnings, by object name, about unbaked simulations among ``haptic`` objects and
+    dependencies. Fluids and moving dynamic paint always need a bake, cloth and soft bodies only
+    with Time Remapping."""
     haptic = list(haptic)
     if simulated(haptic) is None:
         return []
@@ -134,7 +129,8 @@ def to_bake(scene: bpy.types.Scene, haptic: Iterable[bpy.types.Object]) -> list[
 
 
 def _is_unbaked(modifier: bpy.types.Modifier) -> bool:
-    """Test for an unbaked simulation without reproducible sub-frames after playback."""
+    """Test for an unbaked fluid domain, or an unbaked, active, deforming surface of dynamic
+    paint."""
     if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
         return not modifier.domain_settings.has_cache_baked_data
     if modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
@@ -163,7 +159,8 @@ def _is_simulated(obj: bpy.types.Object) -> bool:
 
 
 def _simulates(modifier: bpy.types.Modifier) -> bool:
-    """Test for a modifier with physics or with simulation nodes."""
+    """Test for a modifier with physics (see :data:`_PHYSICS`) or with a simulation zone in the
+    nodes."""
     if modifier.type == "NODES" and modifier.node_group is not None:
         return _has_simulation(modifier.node_group, set())
     return modifier.type in _PHYSICS
@@ -175,7 +172,8 @@ def _simulates_nodes(obj: bpy.types.Object) -> bool:
 
 
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
-    """Search a node tree and the groups for a simulation zone; ``seen`` is extended in place."""
+    """Search a node tree and the groups for a simulation zone. Names of searched trees are added to
+    ``seen``, in place, and not searched again."""
     seen.add(tree.name_full)
     return any(
         node.bl_idname == "GeometryNodeSimulationInput"
@@ -190,7 +188,8 @@ def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
 
 
 def _first_frame(scene: bpy.types.Scene) -> int:
-    """Earliest frame of the simulations of a scene and of the scene itself."""
+    """Earliest first frame of the scene and of all simulation caches of the objects and the
+    world."""
     starts = [start for obj in _shown(scene) for start in _starts(obj)]
     world = scene.rigidbody_world
     if world is not None:
@@ -199,7 +198,8 @@ def _first_frame(scene: bpy.types.Scene) -> int:
 
 
 def _starts(obj: bpy.types.Object) -> Iterator[int]:
-    """Yield the first frames of an object's simulation caches."""
+    """Yield the first frames of an object's caches: particles, cloth, soft body, dynamic paint,
+    fluid domain."""
     for system in obj.particle_systems:
         yield system.point_cache.frame_start
     for modifier in obj.modifiers:

@@ -77,7 +77,8 @@ class SteppedReading:
     def read(
         self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
     ) -> SceneRow:
-        """Step to a sample, and read effects and bodies by the indices."""
+        """Step to sample ``index`` and read effects and bodies by their indices into a new row.
+        Failed drivers are recorded as faults."""
         stepper.set_frame(self._scene.time.frame(index))
         for failure in stepper.failures:
             soundness.add_fault(self.faults, failure, index)
@@ -89,7 +90,8 @@ class SteppedReading:
         return row
 
     def add_poses(self, row: SceneRow, stepper: Stepper, bodies: Iterable[int]) -> None:
-        """Read bodies at the present time into a row."""
+        """Read bodies by index at the present frame into ``row.poses``, in place; no frame is
+        set."""
         read = {k: self._read_pose(k, stepper) for k in bodies}
         self.counters.poses_read += len(read)
         row.poses |= read
@@ -141,7 +143,8 @@ class SteppedReading:
         return values
 
     def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
-        """Shape of a volume: cached if rigid, a box if far, else read."""
+        """Shape of a volume: cached if rigid, the box if a far deforming mesh, else read. Raises
+        InputError for a mesh without an inside."""
         effect = self._found.effects[which]
         is_rigid = self._is_rigid[which]
         cached = self._shapes.last_of(effect) if is_rigid else None
@@ -153,8 +156,8 @@ class SteppedReading:
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
-        """Cache the settings of an effect unless its row holds more than settings and a
-        placement."""
+        """Cache the settings of effect ``which`` from the row; not for surfaces, response filters,
+        and deforming meshes at level 0."""
         is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
@@ -174,7 +177,8 @@ class SteppedReading:
     def _moved(
         self, cached: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
-        """Row of an effect with cached settings at the present placement."""
+        """Row of an effect from cached settings and the present placement; of a deforming mesh with
+        the present box."""
         row = EffectRow(cached.level, cached.parameters, place=cached.place, drive=cached.drive)
         if cached.scale is None and not cached.is_wind:
             return row
@@ -190,11 +194,12 @@ class SteppedReading:
         return row
 
     def count_far(self, name: str, first: int, count: int) -> None:
-        """Count the samples of a block with a far volume; ``first`` is the block's sample index."""
+        """Record that volume ``name`` was far from skin in a block of ``count`` samples from
+        ``first`` on."""
         self.counters.far.setdefault(name, {})[str(first)] = count
 
     def is_settled(self, which: int) -> bool:
-        """Test for a volume with cached settings of which only the placement is read."""
+        """Test for a rigid volume with cached settings, of which only the placement changes."""
         cached = self._settings.get(which)
         return cached is not None and cached.scale is not None and not cached.is_mesh
 
@@ -222,8 +227,8 @@ class SteppedReading:
     def _response(
         self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
     ) -> np.ndarray | None:
-        """Controls (F, WIDTH) of a volume's filters with continuous phases; None without
-        filters."""
+        """Controls (F, WIDTH) of a volume's filters at sample ``index``, sine phases continuous;
+        None without filters."""
         controls = response_values.controls(hfx, self._unit_m)
         if controls is None:
             return None
@@ -234,7 +239,8 @@ class SteppedReading:
         )[0]
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
-        """Pose of a body; None while hidden, because Blender does not pose hidden objects."""
+        """Pose of a body at the present frame, metres: avatar vertices if bound to a surface, else
+        bones. None if the body or a mesh of the surface is disabled."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
         needed = [body]
@@ -256,11 +262,12 @@ class SteppedReading:
 
 
 def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
-    """Test for a mesh that geometry nodes turned completely into instances."""
+    """Test for an evaluated mesh without faces and with geometry nodes, converted wholly into
+    instances."""
     nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
     return nodes and effect_values.is_empty(evaluated)
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:
-    """Test for F-curves or drivers of an effect's own settings."""
+    """Test for unmuted F-curves or drivers of an effect with "hfx" in the path."""
     return any("hfx" in path for path in soundness.animated_paths(effect))

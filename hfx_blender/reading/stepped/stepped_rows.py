@@ -49,10 +49,9 @@ class SteppedScenes:
         rigs: Sequence[PresampledRig],
         stack: ExitStack,
     ) -> SteppedScenes:
-        """Make scratch scenes of effects and bodies by index until the stack is closed.
-
-        Bodies of ``rigs`` are replaced by the copies.
-        """
+        """Make scratch scenes of effects and bodies by index until the stack is closed. Bodies of
+        ``rigs`` are replaced by the copies. Without effects or without bodies a single scene serves
+        as both."""
         objects = objects_of(found, scene, effects, bodies)
         whole = _scratch(found, objects, rigs, stack)
         if not effects or not bodies:
@@ -64,7 +63,8 @@ class SteppedScenes:
 def objects_of(
     found: HapticObjects, scene: SceneDescription, effects: Iterable[int], bodies: Iterable[int]
 ) -> list[bpy.types.Object]:
-    """Objects to evaluate for effects and bodies by index, surface-bound avatar meshes included."""
+    """Objects of effects, then of bodies by index, then the avatar meshes of surface-bound
+    bodies."""
     bodies = list(bodies)
     surfaces = (k for k in bodies if isinstance(scene.bodies[k].binding, SurfaceBinding))
     meshes = (mesh for k in surfaces for mesh in avatar_meshes.meshes_of(found.bodies[k]))
@@ -81,7 +81,8 @@ def _scratch(
     rigs: Sequence[PresampledRig],
     stack: ExitStack,
 ) -> Stepper:
-    """Scratch scene with presampled rigs, or without if an object follows one of them."""
+    """Stepper of a scratch scene of ``objects``, with copies in place of ``rigs``; with the rigs
+    themselves if another object depends on a rig."""
     if rigs:
         presampled = [rig.obj for rig in rigs]
         others = [obj for obj in objects if obj not in presampled]
@@ -94,18 +95,9 @@ def _scratch(
 class SteppedRows:
     """Reader of rows in the order of time.
 
-    Attributes
-    ----------
-    scenes : SteppedScenes
-    reading : SteppedReading
-    bodies : collection of int
-        Indices of stepped bodies.
-    volumes : FarVolumes
-        Volumes whose placements are read at each time.
-    sample_count : int
-        Number of samples in the scene's range; rows outside the range are not counted.
-    last : dict of int to SceneRow
-        Last rows by sample index, which the next block may share.
+    ``bodies`` are indices of stepped bodies; placements of ``volumes`` are read at each time. Rows
+    outside the ``sample_count`` samples of the range are not counted. ``last`` holds the last rows
+    by sample index, for the next block.
     """
 
     scenes: SteppedScenes
@@ -123,11 +115,10 @@ class SteppedRows:
         in_scene: Collection[int],
         may_be_on: Bool,
     ) -> list[SceneRow]:
-        """Read effects at samples, placements of far volumes, and bodies at posed samples.
-
-        Bodies are also posed at samples with any active ``in_scene`` effect. ``may_be_on``
-        (N,) selects far volumes.
-        """
+        """Rows at sample indices (T,): effects, placements of far volumes, and bodies where
+        ``is_posed``. Bodies are also read where any effect of ``in_scene`` has a level above 0 or
+        NaN. ``may_be_on`` (N,) selects far volumes whose activity is counted. The last rows are
+        reused and kept."""
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
             row = self.last.get(index)
@@ -136,7 +127,8 @@ class SteppedRows:
         return rows
 
     def read_bodies(self, indices: I64, is_posed: Bool) -> list[SceneRow]:
-        """Read bodies at posed samples; other rows stay empty."""
+        """Rows at sample indices (T,) with bodies where ``is_posed``; further new rows are empty.
+        Rows of the last block are reused, none are kept for the next."""
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
             row = self.last.get(index)
@@ -157,7 +149,8 @@ class SteppedRows:
         in_scene: Collection[int],
         may_be_on: Bool,
     ) -> SceneRow:
-        """Read one row; the light scene is stepped first unless bodies are certainly needed."""
+        """Read one new row. The light scene is stepped, unless ``is_posed``; the whole scene only
+        if bodies turn out to be needed."""
         stepper = self.scenes.whole if is_posed else self.scenes.light
         row = self.reading.read(index, stepper, effects, ())
         if self.volumes.numbers:
@@ -179,11 +172,12 @@ class SteppedRows:
         self.reading.read(row.index, self.scenes.whole, (), ())
 
     def _add_bodies(self, row: SceneRow) -> None:
-        """Read bodies at the present time of the whole scene into a row."""
+        """Read the stepped bodies at the present frame of the whole scene into a row, in place."""
         self.reading.add_poses(row, self.scenes.whole, self.bodies)
 
     def add_effects(self, rows: Iterable[SceneRow], effects: Iterable[int]) -> None:
-        """Add missing effects to rows that were read without them, in place."""
+        """Add effects by index to rows without these, in place, by stepping the light scene
+        again."""
         for row in rows:
             missing = [k for k in effects if k not in row.effects]
             if missing:

@@ -66,7 +66,8 @@ class FarVolumes:
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self.numbers]
 
     def read(self, stepper: Stepper) -> VolumePlacements:
-        """Placements of all N volumes at the present time."""
+        """Placements of all N volumes at the present frame, Blender units; boxes of meshes outside
+        the list of evaluated objects are NaN."""
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, listed, count)
@@ -89,11 +90,9 @@ class FarVolumes:
     def _rows(
         self, stepper: Stepper, objects: bpy.types.bpy_prop_collection, count: int
     ) -> tuple[I64, list[int]]:
-        """Rows of the volumes in a scene's list of evaluated objects, and volumes not in
-        the list.
-
-        Rows are cached until the number of objects changes, or if visibility is animated.
-        """
+        """Row (N,) of each volume in the list of evaluated objects (0 if absent), and the numbers n
+        of absent volumes. Cached per stepper until ``count`` changes, never with animated
+        visibility."""
         known = self._listed.get(stepper)
         if known is None or known[0] != count or stepper.is_changing:
             number = {evaluated.original: k for k, evaluated in enumerate(objects)}
@@ -104,19 +103,14 @@ class FarVolumes:
         return known[1:]
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Mask (N, T) of frames of the animation at which each volume may be on; a superset."""
+        """Mask (N, T) of animation frames (T,) at which each volume may be on; a superset."""
         masks = [state.may_be_on(frames) for state in self._states]
         return np.array(masks, np.bool_).reshape(len(masks), len(frames))
 
     def seen_on(self, there: Bool, may_be_on: Bool, stepper: Stepper) -> list[str]:
-        """Ids of volumes that are on for the first time, at the present time; updates
-        `not_seen_on`.
-
-        Parameters
-        ----------
-        there, may_be_on : (N,) bool
-            Enabled volumes, and volumes that may be on in the present block.
-        """
+        """Ids of volumes with a level above 0 for the first time, now; updates `not_seen_on`.
+        ``there`` and ``may_be_on`` (N,) are enabled volumes, and volumes possibly on in the present
+        block; both are required."""
         ids = []
         for n in np.flatnonzero(there & may_be_on).tolist():
             if self.numbers[n] not in self.not_seen_on:
@@ -129,7 +123,8 @@ class FarVolumes:
         return ids
 
     def places(self, rows: Iterable[SceneRow]) -> VolumePlacements:
-        """Stack the placements of rows to arrays (T, N, ...)."""
+        """Stack the placements of rows in time, (T, N, ...); rows without placements are left
+        out."""
         read = [row.places for row in rows if row.places is not None]
         return VolumePlacements(
             np.array([row.there for row in read]),
@@ -138,7 +133,8 @@ class FarVolumes:
         )
 
     def are_near(self, places: VolumePlacements, poses: Sequence[PoseBlock]) -> Bool:
-        """Mask (N,) of volumes that may touch skin of any body during a block."""
+        """Mask (N,) of volumes present at any time whose swept box meets a body's skin box in a
+        block; a NaN box and unknown skin count as near."""
         matrices = places.matrices.copy()
         matrices[..., :3, :] *= self._unit_m
         low, high = swept_boxes(matrices, places.boxes, places.there)
@@ -151,7 +147,8 @@ class FarVolumes:
 
 
 def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
-    """Flat array of a property of all objects, (max(count, 1) * width,); zeros without objects."""
+    """Flat float32 array of a property with ``width`` numbers of ``count`` objects; zeros of a
+    single object if there are none."""
     flat = np.zeros(max(count, 1) * width, np.float32)
     if count:
         objects.foreach_get(name, flat)
@@ -159,22 +156,17 @@ def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: i
 
 
 def _boxes(corners: F64) -> F64:
-    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN for a single point, as of an empty mesh.
-
-    For a subdivided mesh Blender may return the corners of the cage, which contains the
-    surface.
-    """
+    """Lowest and highest corner (N, 2, 3) of N sets of 8 corners (N, 8, 3); NaN for a single point,
+    as of an empty mesh. Blender may give a subdivided mesh's cage, which contains the surface."""
     boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     boxes[(boxes[:, 0] == boxes[:, 1]).all(axis=1)] = np.nan
     return boxes
 
 
 def _half_size(effect: bpy.types.Object) -> list[float] | None:
-    """Half of the largest size of a volume, (3,) Blender units; NaN for a mesh.
-
-    None if the size is unknown, or if the effect is felt independently of the place: no volume,
-    or a volume with response filters.
-    """
+    """Half sizes (3,) of the largest box of a volume over all times, Blender units; NaN for a mesh.
+    None if unknown (animated shape, size by drivers or strips, Edit Mode) or without a place: no
+    volume, or response filters."""
     hfx = effect.hfx
     if hfx.kind != "VOLUME" or responses.active_filters(hfx) or is_keyed(effect, "hfx.shape"):
         return None
@@ -194,7 +186,9 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
 
 
 def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
-    """Largest values over time of the size properties of a shape, clamped; None if unknown."""
+    """Largest values over time of the size properties of ``shape``, clamped, concatenated; None
+    with drivers, strips, blending actions or unbounded curves. An animated cuboid gets the largest
+    side thrice."""
     sizes = []
     for name in SIZES[shape]:
         now = limited_vector(effect.hfx, name) if name == "size" else (limited(effect.hfx, name),)

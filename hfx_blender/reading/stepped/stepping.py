@@ -77,7 +77,8 @@ class Stepper:
         self._drivers = RetriedDrivers(driven, tags=simulation is None)
 
     def set_frame(self, frame: Fraction) -> None:
-        """Evaluate the scene at a frame with a fraction."""
+        """Evaluate the scene at a frame with a fraction, also the presampled rigs; a lost
+        simulation is played again before."""
         whole, rest = divmod(frame.numerator, frame.denominator)
         if self._simulation is not None:
             self._simulation.go_to(frame)
@@ -86,7 +87,8 @@ class Stepper:
         self._set_frame(whole, rest / frame.denominator)
 
     def _set_frame(self, whole: int, subframe: float) -> None:
-        """Evaluate at a whole frame plus a fraction in 0..1."""
+        """Evaluate at ``whole`` plus ``subframe`` (0..1), drivers retried; again if a marker
+        changed the camera."""
         scene, camera = self._scene, self._scene.camera
         self._drivers.evaluate(lambda: scene.frame_set(whole, subframe=subframe))
         # A marker switches the camera after its dependents were evaluated, so evaluate them again.
@@ -103,12 +105,13 @@ class Stepper:
         return self._drivers.failures
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
-        """Evaluated object at the present frame; of a presampled rig, its evaluated copy."""
+        """Evaluated copy of an object at the present frame; of a presampled rig, the copy's."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
 
     @cached_property
     def is_changing(self) -> bool:
-        """True if the set of visible objects may differ between frames."""
+        """True if visible objects may differ between frames: code, or an animated monitor icon;
+        cached."""
         return self._has_code or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property
@@ -165,10 +168,10 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
-    """Objects without influence on haptic objects; empty results are possible.
+    """Objects of a scene, in order, that no haptic object depends on; empty list possible.
 
-    With a window only dormant effects and the instancers, unless other objects depend on
-    them.
+    Never cameras, metaballs, objects with physics or an animated monitor icon. With a window only
+    dormant effects and instancers of these, unless still required.
     """
     objects = scene_objects(found.scene)
     haptic = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
@@ -187,7 +190,8 @@ def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
 
 
 def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
-    """Test for an object that Blender uses without a reference, or that cannot stay hidden."""
+    """Test for a camera, a metaball, a part of physics or an animated monitor icon: must not be
+    hidden."""
     # The scene uses its camera, a metaball those of the family.
     is_used = obj.type in ("CAMERA", "META")
     return is_used or visibility.is_keyed(obj) or simulations.takes_part(obj)
@@ -205,7 +209,7 @@ def _marked_as_stepping() -> Iterator[None]:
 
 
 def is_stepping() -> bool:
-    """True while an export or a preview steps through time, not the user's playback."""
+    """True while the add-on steps through time, not during the user's playback."""
     return _is_stepping
 
 
@@ -232,8 +236,9 @@ def scratch_scene(
 def _scratch(
     scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], presampled: Sequence[PresampledRig]
 ) -> Iterator[Stepper]:
-    """Make the scratch scene; on exit, restore animated values of the objects and remove the
-    scene."""
+    """Make, yield and remove a scratch scene of ``objects`` and rig copies. At the end the objects
+    get the animated values of the user's frame. Raises NotModelledError if an object depends on a
+    rig."""
     from ..curves.animation_curves import (
         NotModelledError,  # not where Blender starts: it needs numpy
     )
@@ -272,8 +277,8 @@ def _scratch(
 
 
 def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Metaballs of a scene that form one surface with a metaball: equal names except for the
-    number."""
+    """Enabled metaballs of a scene with the name of a metaball except for the number, which form
+    one surface; empty for other objects."""
     if obj.type != "META":
         return []
     shown = visibility.enabled_objects(scene, scene.view_layers[0])
@@ -282,7 +287,7 @@ def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.
 
 
 def _without_number(name: str) -> str:
-    """Name without Blender's numeric suffix."""
+    """Name without a final dot and digits."""
     return re.sub(r"\.\d+$", "", name)
 
 
@@ -291,7 +296,7 @@ _OURS = (__package__ or "").rpartition(".reading")[0]
 
 
 def foreign_handler() -> str | None:
-    """Reason, as a sentence, with a frame handler of another add-on; None without any."""
+    """Clause that names the first frame handler of another add-on or script; None without any."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
         module = getattr(handler, "__module__", None) or ""
@@ -304,7 +309,8 @@ def foreign_handler() -> str | None:
 def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
     """Reason why a scratch scene cannot reproduce objects; None if a scratch scene can.
 
-    Only references of these objects, direct or not, are checked.
+    Physics, use of the scene's camera or clip, or a driver reading a scene, among these objects and
+    dependencies.
     """
     mover = simulations.simulated(objects)
     if mover is not None:
@@ -336,7 +342,8 @@ def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
 
 
 def _takes_camera(data: bpy.types.ID) -> bool:
-    """Test for a data-block that depends on the scene's camera or movie clip."""
+    """Test for a node tree with the Active Camera, or an object with tracking constraints, on bones
+    too."""
     if isinstance(data, bpy.types.GeometryNodeTree):
         return any(node.bl_idname == "GeometryNodeInputActiveCamera" for node in data.nodes)
     if not isinstance(data, bpy.types.Object):
