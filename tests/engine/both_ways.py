@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine with the compiled library and without it."""
+"""Engine with and without the compiled library."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin whose covered area is known by hand, and scenes of one volume on it."""
+"""Skin with a covered area known by hand, and scenes of one volume on the skin."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def ball(radius_m: float = 0.1, rounds: int = 3) -> PerceptualModel:
 
 
 def rigid(times: int, to_world: np.ndarray | None = None) -> PoseBlock:
-    """A body that does not deform; ``to_world`` (4, 4) or (T, 4, 4)."""
+    """Return poses of a rigid body; ``to_world`` (4, 4) or (T, 4, 4)."""
     matrices = np.broadcast_to(np.eye(4) if to_world is None else to_world, (times, 4, 4))
     bones = np.tile(np.eye(4)[:3], (times, len(BONES), 1, 1))
     return PoseBlock(np.ones(times, bool), matrices.copy(), bones)
@@ -114,7 +114,7 @@ def evaluated(
 ) -> tuple[np.ndarray, list[SampleRun], Engine]:
     """Evaluate one volume against one body: weights (T, V), the runs, the engine.
 
-    ``cuts`` are where time is split into blocks, each with the row before it as history.
+    ``cuts`` split time into blocks, each with the row before as history.
     """
     times = len(matrices)
     count = 2 if body.modality == "vibration" else 1
@@ -159,7 +159,7 @@ def placed(scale: Any, at: Any, turn: np.ndarray | None = None) -> np.ndarray:
 
 
 def moved_along(matrix: np.ndarray, way: Any, times: int) -> np.ndarray:
-    """The matrix at even places from where it is to ``way`` farther, (T, 4, 4)."""
+    """Return the matrix at equal steps from the start to ``way`` further, (T, 4, 4)."""
     matrices = np.repeat(matrix[None], times, axis=0)
     matrices[:, :3, 3] += np.linspace(0.0, 1.0, times)[:, None] * np.asarray(way, float)
     return matrices

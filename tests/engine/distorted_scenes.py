@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random bodies whose bones turn, and stretch and mirror what they move, with random volumes."""
+"""Random bodies with turning, stretching and mirroring bones, and random volumes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def turn(rng: np.random.Generator, angle: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Volume:
-    """A shape of which all of the surface can be moved outwards."""
+    """Shape with a surface offset outwards on demand."""
 
     kind: str
     size_m: float
@@ -58,7 +58,7 @@ class Volume:
     turned: np.ndarray
 
     def grown(self, by_m: float) -> tuple[Shape, np.ndarray]:
-        """The shape and where it is; nothing where it shrinks away."""
+        """Return the shape and the matrix; a size of at least 1e-9 m when shrunk away."""
         radius = max(self.size_m + by_m, 1e-9)
         shape, scale = Sphere(), np.full(3, radius)
         if self.kind == "cuboid":
@@ -73,7 +73,7 @@ class Volume:
 
 @dataclass(frozen=True, eq=False)
 class DistortedScene:
-    """A body in one pose, and a volume with each kind of falloff."""
+    """Body in one pose, and a volume for each kind of falloff."""
 
     model: PerceptualModel
     bones: np.ndarray  # (B, 3, 4)
@@ -123,7 +123,7 @@ class DistortedScene:
     def felt(
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
     ) -> np.ndarray:
-        """Weights by volume and vertex, all volumes grown; those of ``which`` only."""
+        """Return weights by volume and vertex, with all volumes grown; zero outside ``which``."""
         expected = np.zeros((len(FALLOFFS), len(self.model)))
         for run in self.runs(tolerance, grown_m, which):
             for sample in run:
@@ -146,9 +146,9 @@ class DistortedScene:
         return engine.evaluate(AnimationBlock(np.zeros(1, np.int64), blocks, (pose,)))
 
     def edges_m(self, tolerance: Tolerance) -> np.ndarray:
-        """Accepted error of the edge of a contact at each vertex, world, (V,).
+        """Accepted error of a contact's edge at each vertex, world, (V,).
 
-        Vertices are apart as they are posed; a distance on skin is stretched as bones do it.
+        Vertex distances are measured in the pose; distances on skin are stretched by bones.
         """
         return np.minimum(
             tolerance.spacing_share * self._spacings_m, tolerance.distance_m * self._stretches
@@ -156,7 +156,7 @@ class DistortedScene:
 
     @cached_property
     def _skin(self) -> tuple[PerceptualModel, np.ndarray]:
-        """The model whose surface cells are on, and the cell of each of its vertices."""
+        """Return the model of the surface cells, and the cell of each vertex."""
         if self.model.modality != "temperature":
             return self.model, np.arange(len(self.model))
         name, owner = cell_of_skin(self.model)
@@ -165,7 +165,7 @@ class DistortedScene:
 
     @cached_property
     def _spacings_m(self) -> np.ndarray:
-        """Distance from each vertex to the farthest of its neighbours and of its own skin, (V,)."""
+        """Distance from each vertex to the farthest neighbour or skin vertex of the cell, (V,)."""
         skin, owner = self._skin
         posed = _posed(self.model, self.bones, self.to_world, np.arange(len(self.model)))
         ends = self.model.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -179,7 +179,7 @@ class DistortedScene:
 
     @cached_property
     def _stretches(self) -> np.ndarray:
-        """By how much bones stretch the skin of each vertex, the most of its cell, (V,)."""
+        """Greatest stretch of the skin of each vertex by bones, over the cell, (V,)."""
         skin, owner = self._skin
         of_bones = np.linalg.norm(self.to_world[:3, :3] @ self.bones[:, :, :3], 2, axis=(1, 2))
         entries = np.repeat(np.arange(len(skin)), np.diff(skin.weights.offsets))
@@ -190,11 +190,11 @@ class DistortedScene:
 
 
 def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> float:
-    """By how much the stated tolerance is missed, as a share of full strength; 0 where kept.
+    """Return the excess over the stated tolerance, as a share of full strength; 0 if none.
 
-    ``exact`` is what the exact reference feels. What differs from it by more than the accepted
-    share of strength must lie between what is exact for volumes that are smaller and larger by
-    the accepted distance.
+    ``exact`` has the weights of the exact reference. A difference beyond the accepted share of
+    strength is allowed between exact weights of volumes smaller and larger by the accepted
+    distance.
     """
     actual = scene.felt(tolerance)
     wrong = np.abs(actual - exact) > tolerance.amplitude
@@ -214,7 +214,7 @@ def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> fl
 
 @dataclass(frozen=True)
 class Case:
-    """A random scene and a setting that it is looked at with; the same for the same seed."""
+    """Random scene and tolerance by seed."""
 
     seed: int
     modality: str
@@ -249,7 +249,7 @@ def _volumes(
     sizes_m: tuple[float, float],
     away: float,
 ) -> tuple[Volume, ...]:
-    """Volumes whose middles are about a share of their size away from a vertex."""
+    """Return volumes with centres at a share of the size away from a vertex."""
     volumes = []
     for _ in FALLOFFS:
         size_m = float(np.exp(rng.uniform(*np.log(sizes_m))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small made-up bodies for tests of the engine, and how to look at what it finds."""
+"""Small synthetic bodies for tests of the engine, and helpers for results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BONES = ("root", "arm", "leg", "tip")
 
 
 def model(count: int = 900, seed: int = 1, modality: str = "vibration") -> PerceptualModel:
-    """Points in a box of the size of a person, each moved by one to three of four bones."""
+    """Return points in a person-sized box, each weighted to one to three of four bones."""
     rng = np.random.default_rng(seed)
     vertices = rng.uniform((-0.3, -0.15, 0.0), (0.3, 0.15, 1.8), (count, 3)).astype(np.float32)
     sizes = rng.integers(1, 4, count)
@@ -53,7 +53,7 @@ def affine(rng: np.random.Generator, spread: float = 0.3) -> np.ndarray:
 
 
 def pose(times: int, seed: int = 2, bones: int = len(BONES)) -> PoseBlock:
-    """A body whose every bone moves on its own, and which moves as a whole."""
+    """Return poses with independent motion of every bone, and of the whole body."""
     rng = np.random.default_rng(seed)
     matrices = np.stack([[affine(rng)[:3] for _ in range(bones)] for _ in range(times)])
     return PoseBlock(np.ones(times, bool), np.stack([affine(rng) for _ in range(times)]), matrices)

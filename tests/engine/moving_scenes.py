@@ -30,7 +30,7 @@ SHAPES = (Cuboid(), Sphere(), Cylinder(), Capsule(1.5))
 def moving_scene(
     model: PerceptualModel, seed: int, strength: float, speed: float
 ) -> tuple[SceneDescription, AnimationBlock]:
-    """A body that goes from one distorted pose to another, and volumes that fly and turn."""
+    """Return a body moving between two distorted poses, and flying, turning volumes."""
     rng = np.random.default_rng(seed)
     ends = [DistortedScene.drawn(model, seed + k, strength) for k in range(2)]
     shares = np.linspace(0.0, speed, ROWS)[:, None, None, None]

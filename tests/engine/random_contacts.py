@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small random scenes of one volume and one body, as the engine and as the reference feel them."""
+"""Small random scenes of one volume and one body, evaluated by the engine and the reference."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ _RECORDS = (*[()] * 7, ("depth",), ("surface", "depth"), ("impact", "depth"))
 
 @dataclass(frozen=True, eq=False)
 class RandomContact:
-    """A scene, and what both find in it. ``seed`` says everything."""
+    """Random scene by ``seed``, with the results of engine and reference."""
 
     seed: int
-    asked: Tolerance | None = None  # instead of one that is drawn
+    asked: Tolerance | None = None  # instead of a random tolerance
 
     def _rng(self, part: int) -> np.random.Generator:
-        """Random numbers of one part of the scene, whichever is made first."""
+        """Return a random generator for one part of the scene, independent of order."""
         return np.random.default_rng([part, self.seed])
 
     def __str__(self) -> str:
@@ -183,7 +183,7 @@ class RandomContact:
 
     @cached_property
     def tolerance(self) -> Tolerance:
-        """Exact or the paper's, which alone the reference defines."""
+        """Exact or the paper's tolerance, both defined by the reference."""
         if self.asked is not None:
             return self.asked
         return PAPER if self._rng(6).random() < 0.2 else EXACT
@@ -194,14 +194,14 @@ class RandomContact:
 
     @cached_property
     def indices(self) -> np.ndarray:
-        """One time is sometimes left out."""
+        """Sample indices, sometimes with a gap."""
         gap = self._rng(8).random() < 0.2
         return np.arange(ROWS) + (np.arange(ROWS) > 1) * gap
 
-    # What is found
+    # Results
 
     def runs(self) -> list[SampleRun]:
-        """What the engine feels."""
+        """Return the engine's runs."""
         model, effect = self.model, HapticVolume(self.falloff)
         described = EffectDescription("e", "Effect", model.modality, model.id, effect)
         time = TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 0, 0, 99)
@@ -222,7 +222,7 @@ class RandomContact:
         }
 
     def by_reference(self, row: int) -> Iterator[Contact]:
-        """Contacts at one row, in as many steps between samples as the engine might take."""
+        """Yield contacts at one row, for each number of steps allowed between samples."""
         body = Body(Skin.of(self.model), self.body.binding, self.pose)
         if self.tolerance is PAPER:
             body = replace(body, fineness=None)
@@ -237,7 +237,7 @@ class RandomContact:
             yield contact(body, volume, row, before, steps=step, with_details=with_details)
 
     def before(self, row: int) -> int | None:
-        """The row from which motion is followed; none where vertices alone are looked at."""
+        """Return the row at the start of the motion, or None for tests of vertices only."""
         if self.tolerance is PAPER or row == 0 or self.animated.levels[row - 1] == 0.0:
             return None
         return row - 1 if self.indices[row - 1] == self.indices[row] - 1 else None
@@ -276,7 +276,7 @@ class RandomContact:
         depths = nearest(shape, places, matrix)[2]
         apart = [np.abs(sample.depth_m - depths) / size]
         if sample.surface is not None:
-            # Where several places are equally deep, the engine may have chosen another of them.
+            # For several equally deep points, the engine may have chosen another.
             inwards = sample.surface_normals * sample.depth_m[:, None]
             back = moved(np.linalg.inv(matrix), (sample.surface - inwards).T.astype(float))
             rounding = 4e-7 * np.abs(sample.surface).max()  # float32
@@ -289,7 +289,7 @@ class RandomContact:
             times = self.indices[row] / RATE_HZ + (since - 1.0) / RATE_HZ
             apart.append(np.abs(sample.impact.times_s - times)[began] * RATE_HZ)
             if not isinstance(shape, MeshVolume):
-                # At 0 the shape itself changed: which of its places was first inside is open.
+                # At 0 the shape itself changed, so the first point inside is undefined.
                 began = since > 0.0
                 at = sample.vertices[began]
                 normals = _normals_at(shape, felt.details.entries[:, at], matrix)
@@ -301,7 +301,7 @@ class RandomContact:
 
 
 class StretchedContact(RandomContact):
-    """The same, its bones stretching skin up to six times: it bulges as far as it is posed."""
+    """Random contact with skin stretched up to six times by bones; bulges stretch as well."""
 
     @cached_property
     def pose(self) -> PoseBlock:
@@ -331,14 +331,14 @@ def _turn(rng: np.random.Generator, angle: float) -> np.ndarray:
 
 
 def _star(rng: np.random.Generator, model: PerceptualModel) -> MeshVolume:
-    """A closed mesh that is not convex: a ball of 80 triangles with dents."""
+    """Return a closed, non-convex mesh: a dented ball of 80 triangles."""
     created = ball(1.0, 1)
     dents = rng.uniform(0.4, 1.2, len(created))
     return MeshVolume(created.vertices.astype(float) * dents[:, None], created.triangles, "star")
 
 
 def _normals_at(shape: Shape, points: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-    """Outward unit normals (3, N), world space, of a convex shape at points of its boundary."""
+    """Return outward unit normals (3, N), world space, of a convex shape at boundary points."""
     directions = points.copy()
     if isinstance(shape, Cuboid):
         directions[np.abs(points) < np.abs(points).max(axis=0)] = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shipped avatar and its skeleton."""
+"""Shipped avatar and skeleton."""
 
 from __future__ import annotations
 

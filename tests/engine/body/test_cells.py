@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of skin: which patch a temperature vertex stands for, measured along the skin."""
+"""Cells of skin: the patch of each temperature vertex, by distance along the skin."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_cell_is_one_patch(
 def test_distance_is_measured_along_the_skin_by_an_exact_method(
     coarse: model.PerceptualModel, fine: model.PerceptualModel, owner: np.ndarray
 ) -> None:
-    # Exact geodesics (Mitchell, Mount and Papadimitriou 1987) on one forearm and one lower leg.
+    # Exact geodesics (Mitchell, Mount and Papadimitriou 1987) on a forearm and a lower leg.
     igl = pytest.importorskip("igl")
     for part in ("forearm", "lower_leg"):
         own = (fine.part == PARTS.index(part)) & (fine.side == LEFT)
@@ -91,7 +91,7 @@ def test_distance_is_measured_along_the_skin_by_an_exact_method(
         points, faces = fine.vertices[used].astype(np.float64), faces.reshape(-1, 3)
         distance = []
         for seed in seeds:
-            # A seed is no vertex of the finer mesh: it starts a little way off, at the nearest.
+            # A seed is not a vertex of the finer mesh: start at the nearest vertex, with an offset.
             away = np.linalg.norm(points - coarse.vertices[seed], axis=1)
             start = np.array([int(away.argmin())])
             ends = np.arange(len(points))
@@ -100,7 +100,7 @@ def test_distance_is_measured_along_the_skin_by_an_exact_method(
             distance.append(np.asarray(exact_geodesic).ravel() + away.min())
         ours = np.array(distance)[np.searchsorted(seeds, owner[used]), np.arange(len(used))]
         least = np.min(distance, axis=0)
-        # The nearest fine vertex is up to one spacing beside the seed.
+        # The nearest fine vertex is up to one spacing away from the seed.
         assert (ours - least).max() < 0.0275
         assert (ours > 1.02 * least).mean() < 0.1
 

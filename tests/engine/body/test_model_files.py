@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Storing models: what comes back, and what a broken file says."""
+"""Model files: round trips, and messages about damaged files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models of the user's own, found by their ids beside the shipped ones."""
+"""User models, found by id next to the shipped models."""
 
 from __future__ import annotations
 

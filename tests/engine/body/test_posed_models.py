@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Posed: the models' own skin weights against the avatar that they lie on."""
+"""Posed models: skin weights of the models compared with the avatar below."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shipped perceptual models, against what the literature and the product ask of them."""
+"""Shipped perceptual models meet the requirements of the literature and of the product."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hfx_tools.body_building import stats, thresholds
 from hfx_tools.body_building.meshes.crossings import crossings
 
 IDS = ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1")
-FINE = IDS[:2]  # temperature's limbs are thinner than its cells
+FINE = IDS[:2]  # temperature cells are wider than limbs
 
 
 @pytest.fixture(params=IDS)
@@ -65,7 +65,7 @@ def test_the_surface_is_closed_oriented_and_without_handles(
 
 
 def test_it_is_one_piece_around_each_vertex(shipped: model.PerceptualModel) -> None:
-    # A pinch would pass the count of edges: the triangles at a vertex must form one ring.
+    # A pinched vertex would pass the count of edges: the triangles at a vertex must form one ring.
     follower: list[dict[int, int]] = [{} for _ in range(len(shipped))]
     for a, b, c in shipped.triangles.tolist():
         follower[a][b], follower[b][c], follower[c][a] = c, a, b
@@ -90,7 +90,7 @@ def test_it_faces_outward_and_holds_the_volume_of_a_person(
 
 def test_it_does_not_cross_itself(shipped: model.PerceptualModel) -> None:
     vertices, triangles = shipped.vertices.astype(float), shipped.triangles.astype(np.int64)
-    # It is its own mirror image: what crosses anywhere does so where x >= 0.
+    # The model is symmetric: any crossing also occurs where x >= 0.
     mirrored = shipped.mirror[triangles]
     assert set(map(frozenset, mirrored.tolist())) == set(map(frozenset, triangles.tolist()))
     assert not len(crossings(vertices, triangles[vertices[triangles, 0].max(axis=1) >= 0.0]))
@@ -157,11 +157,11 @@ def test_no_skin_is_farther_than_nine_tenths_of_the_threshold(identity: str) -> 
 
     shipped = model.load_model(identity)
     avatar = model.load_avatar()
-    # The avatar's vertices are skin, and there are many more of them than of most parts.
+    # The avatar's vertices are on the skin, and much denser than most parts of a model.
     distance = 1000.0 * cKDTree(shipped.vertices).query(avatar.vertices)[0]
     for number, target in enumerate(thresholds.LITERATURE_MM[shipped.modality]):
         assert distance[avatar.part == number].max() <= 0.9 * target, PARTS[number]
-    # What the build measured on the dense skin, at the places that the avatar has no vertex.
+    # Statistics of the build on the dense skin, also between the avatar's vertices.
     for part, facts in shipped.provenance["statistics"].items():
         assert facts["gap_mm"] <= 0.9 * facts["target_mm"], part
 
@@ -221,6 +221,6 @@ def test_avatar_places_lead_back_to_the_vertices(shipped: model.PerceptualModel)
     products = np.einsum("ij,ijk->ik", shipped.avatar_weights, corners)
     products += shipped.avatar_offset_m[:, None] * normal
     missed = np.linalg.norm(products - shipped.vertices, axis=1)
-    # Beside a ridge the nearest place is on an edge, and the way there not along a normal.
+    # Near a ridge the nearest point is on an edge, in a direction off the normal.
     assert np.percentile(missed, 99) < 3e-4 and missed.max() < 2e-3
     assert np.abs(shipped.avatar_offset_m).max() < 6e-3

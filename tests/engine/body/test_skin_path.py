@@ -32,7 +32,7 @@ def test_on_a_flat_patch_the_shortest_way_is_straight(
     knots = np.array([[*a, 0.0], [*b, 0.0]])
     path = FLAT.straight(knots)
     straight = float(np.linalg.norm(knots[1] - knots[0]))
-    same_m = 1.1e-7  # knots that are so near count as one
+    same_m = 1.1e-7  # knots merge below this distance
     assert straight - same_m <= _length(path) <= straight * 1.001 + same_m
     if straight > 0.01:
         way = (knots[1] - knots[0]) / straight

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts of the compiled library on whole bodies, and how it places volumes."""
+"""Contacts of the compiled library on whole bodies, and placement of volumes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FLAT = Falloff(), 0.0
 
 
 def samples_and_counts(scene, block, tolerance):
-    """Everything that is felt, and what the engine counted of volumes."""
+    """Return all samples, and the engine's counters of volumes."""
     engine = Engine(scene, models=load, tolerance=tolerance)
     runs = engine.evaluate(block)
     rows = {
@@ -57,7 +57,7 @@ def weights_at(time, rows):
 )
 @example(seed=2358, strength=0.32276461900142983, speed=1.0)  # a vertex on the boundary
 def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, speed):
-    """Vertex by vertex: many clusters, of which the volumes reach some."""
+    """Compares vertex by vertex; many clusters, some within reach of the volumes."""
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
     actual, counted = samples_and_counts(scene, block, PAPER)
     with by_reference():
@@ -66,7 +66,7 @@ def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, spe
     for name, rows in actual.items():
         for time in {row[0] for row in (*rows, *expected[name])}:
             one, second = weights_at(time, rows), weights_at(time, expected[name])
-            # What only rounding puts on one side of a boundary has no weight to speak of.
+            # Vertices on either side of a boundary by rounding have a negligible weight.
             vertices = one.keys() | second.keys()
             np.testing.assert_allclose(
                 [one.get(v, 0.0) for v in vertices],
@@ -118,7 +118,8 @@ def test_places_are_those_of_numpy(entries, scale, shape):
     if usable[0]:
         size, boxes = np.abs(inverse).max(), world_bounds(shape, matrix[None])
         expected = inverse @ body
-        # An inverse's last column is products with the place, which may cancel each other.
+        # The last column of an inverse sums products with the position; such products may cancel
+        # out.
         columns = np.array([1.0, 1.0, 1.0, max(1.0, np.abs(matrix[:3, 3]).max())])
         for part, value, near in (
             ("to_shape", inverse, 1e-12 * size * columns),

@@ -56,7 +56,9 @@ FALLOFFS = [
 
 
 def _placed(seed: int) -> np.ndarray:
-    """A volume that moves among the vertices, stretched, sheared and sometimes mirrored."""
+    """Return matrices of a volume moving among the vertices, stretched, sheared, sometimes
+    mirrored.
+    """
     rng = np.random.default_rng(seed)
     matrices = np.stack([affine(rng) for _ in range(TIMES)])
     matrices[:, :3, :3] *= rng.uniform(0.3, 0.9) * (-1) ** seed
@@ -124,7 +126,7 @@ def test_contacts_are_those_of_every_vertex(name: str, falloff: Falloff, seed: i
 
 @pytest.mark.parametrize("name", ["cuboid", "sphere", "capsule"])
 def test_large_volumes_enclose_whole_clusters(name: str) -> None:
-    """The short cut for clusters that are wholly inside gives what looking at each would."""
+    """The shortcut for clusters wholly inside equals a test of each vertex."""
     matrices, shape = _placed(3), SHAPES[name]
     matrices[:, :3, :3] *= 12.0
     counters, looked = Counters(), Counters()

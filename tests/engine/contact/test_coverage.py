@@ -44,7 +44,7 @@ def _skin(model_id: str, tolerance: Tolerance) -> SkinCoverage:
 
 @dataclass
 class _Patch:
-    """Part of a skin's table for one cluster, its places counted from 0."""
+    """Part of a skin table for one cluster, with samples counted from 0."""
 
     skin: SkinCoverage
     cluster: int
@@ -75,7 +75,7 @@ class _Patch:
 
 
 def _places(model: PerceptualModel, ring: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Shares of the ways to both other corners at which the quad of the first has its corners."""
+    """Return the corners of the first vertex's quad as shares of the edges to the other corners."""
     zero, one, two = 1.0 / np.sqrt(model.areas_m2[ring].astype(np.float64)).T
     whole = zero + one + two
     return one / (zero + one), two / (zero + two), one / whole, two / whole
@@ -134,7 +134,7 @@ def test_samples_are_as_near_as_the_tolerance_asks() -> None:
 
 @pytest.mark.parametrize("tolerance", [STANDARD, parse("3mm,10ms,5%"), EXACT], ids=lambda t: t.name)
 def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tolerance) -> None:
-    """Each place of each part of a quad, looked at one by one."""
+    """Checks points of every part of every quad."""
     skin = _skin("hfx-pressure-1", tolerance)
     model, table = skin.model, skin.table
     spacing = spacing_m(model.areas_m2.astype(np.float64))
@@ -178,7 +178,7 @@ def test_a_temperature_cell_is_sampled_by_its_geodesic_cell_of_the_finer_skin() 
 @pytest.mark.parametrize("x", [0.0, 0.0017, 0.0101, 0.0249])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_a_straight_edge_covers_the_area_on_its_side(x: float, turn: float) -> None:
-    """A large cuboid, its face across the sheet: cells beyond it 0, before it 1."""
+    """A large cuboid with a face across the sheet: cells beyond the face have 0, cells before 1."""
     body = sheet()
     c, s = np.cos(turn), np.sin(turn)
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -208,7 +208,7 @@ def test_coverage_converges_to_the_share_of_the_area() -> None:
                 [placed(radius, (*rng.uniform(-0.06, 0.06, 2), 0.0)) for _ in range(12)]
             )
             levels = np.ones(12)
-            levels[1::2] = 0.0  # so that nothing is followed from one to the next
+            levels[1::2] = 0.0  # no motion between active samples
             weights, _, _ = evaluated(body, Sphere(), matrices, tolerance=tolerance, levels=levels)
             actual.append(np.abs(weights[::2] @ body.areas_m2 / (np.pi * radius**2) - 1.0).max())
         errors[distance] = np.array(actual)
@@ -230,14 +230,14 @@ def test_what_the_vertex_test_feels_is_felt(model_id: str) -> None:
         paper, _, _ = evaluated(body, shape, matrices, tolerance=PAPER, posed=posed, **options)
         cells, _, _ = evaluated(body, shape, matrices, posed=posed, **options)
         assert set(np.unique(paper).tolist()) == {0.0, 1.0}
-        if model_id != "hfx-temperature-1":  # whose skin is sampled at other vertices
+        if model_id != "hfx-temperature-1":  # sampled on other vertices
             assert (cells[paper > 0.0] > 0.0).all()
         assert np.count_nonzero(cells) > np.count_nonzero(paper) > 0
         assert abs(cells - paper).max() < 1.0 or model_id == "hfx-temperature-1"
 
 
 def _on_the_forearm(body_id: str) -> tuple[np.ndarray, np.ndarray]:
-    """A place of the forearm's skin, far from every temperature vertex, and its normal."""
+    """Return a point of the forearm's skin far from every temperature vertex, and the normal."""
     fine, coarse = load_model("hfx-vibration-1"), load_model("hfx-temperature-1")
     ids = np.flatnonzero((fine.part == PARTS.index("forearm")) & (fine.side == 1))
     gaps = np.linalg.norm(fine.vertices[ids, None] - coarse.vertices[None], axis=2).min(axis=1)
@@ -269,7 +269,7 @@ def test_a_hot_coin_on_the_forearm_is_felt(model_id: str) -> None:
 
 @pytest.mark.parametrize("model_id", MODELS)
 def test_a_ball_that_glides_along_the_skin_covers_an_even_area(model_id: str) -> None:
-    """No jumps as it crosses vertices: it is a ball of 30 mm on a back that is nearly flat."""
+    """No jumps at vertices: a ball of 30 mm on an almost flat part of the back."""
     body, fine = load_model(model_id), load_model("hfx-vibration-1")
     path = np.linspace((0.06, 0.3, 1.20), (0.10, 0.3, 1.30), 40)
     near = np.linalg.norm(fine.vertices[None, :, [0, 2]] - path[:, None, [0, 2]], axis=2)
@@ -290,9 +290,9 @@ def test_a_ball_that_glides_along_the_skin_covers_an_even_area(model_id: str) ->
 
 
 def test_a_chord_is_not_taken_for_the_curve() -> None:
-    """A ball of skin in a slightly smaller ball of volume: no sample of it is inside.
+    """A ball of skin in a slightly smaller spherical volume: no sample is inside.
 
-    Flat triangles would dip into it in their middles, by up to 0.7 mm.
+    The middles of flat triangles would be inside by up to 0.7 mm.
     """
     body = ball(0.1, 2)
     corners = body.vertices[body.triangles]
@@ -305,7 +305,7 @@ def test_a_chord_is_not_taken_for_the_curve() -> None:
 
 
 def test_falloff_is_averaged_over_the_cell() -> None:
-    """Linear from the face inwards: in a cell it has the mean of its own places."""
+    """Linear falloff from the face inwards: a cell has the mean over the cell's points."""
     body = sheet()
     matrix = placed((0.2, 0.5, 0.5), (0.0, 0.0, 0.0))
     falloff = Falloff(FalloffKind.LINEAR)
@@ -329,7 +329,7 @@ def test_falloff_is_averaged_over_the_cell() -> None:
 def test_strength_that_falls_off_is_within_the_accepted_error(
     tolerance: Tolerance, seed: int, shape: Shape, kind: FalloffKind, share: float, size_m: float
 ) -> None:
-    """However few samples it takes where it falls off slowly, on the boundary too."""
+    """Holds for few samples in a slow falloff, and on the boundary."""
     rng = np.random.default_rng(seed)
     body, falloff = ball(0.1, 1 + seed % 2), Falloff(kind, share)
     size = size_m * rng.uniform(0.5, 1.0, 3)
@@ -341,7 +341,7 @@ def test_strength_that_falls_off_is_within_the_accepted_error(
 
 @pytest.mark.parametrize("size_m", [0.15, 0.3, 0.8])
 def test_strength_is_within_the_accepted_error_on_the_skin_of_a_finer_model(size_m: float) -> None:
-    """Cells of the temperature model are sampled on a finer skin, one unit a vertex of it."""
+    """Cells of the temperature model are sampled on a finer skin, one unit per fine vertex."""
     body, falloff = load_model("hfx-temperature-1"), Falloff(FalloffKind.SMOOTH)
     posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
     matrices = placed(size_m, (0.1, -0.1, 1.2))[None]
@@ -353,7 +353,7 @@ def test_strength_is_within_the_accepted_error_on_the_skin_of_a_finer_model(size
 
 
 def test_a_soft_mesh_is_sampled_by_its_own_depth() -> None:
-    """A small mesh rises to full strength on a short way of its own space."""
+    """A small mesh rises to full strength over a short distance in mesh space."""
     trimesh = pytest.importorskip("trimesh")
     small = trimesh.creation.icosphere(4, 0.03)
     mesh = MeshVolume(np.array(small.vertices), np.array(small.faces, np.int32), "Pea")
@@ -385,7 +385,7 @@ def test_moving_everything_changes_nothing(seed: int, far: float) -> None:
     move = placed(1.0, far * rng.normal(size=3), _rotation(seed + 1))
     there, _, _ = evaluated(body, shape, move @ matrices, posed=rigid(3, move))
     different = np.abs(here - there) > 1e-4
-    # A sample that lies on the boundary but for rounding may fall on either side.
+    # A sample on the boundary up to rounding may fall on either side.
     assert np.count_nonzero(different) <= (2 if far > 1.0 else 1)
     assert np.abs(here - there).max() < 0.2
 
@@ -406,7 +406,7 @@ def test_the_mirrored_volume_covers_the_mirrored_cells(model_id: str) -> None:
     one, _, _ = evaluated(body, Cuboid(), matrices, **options)
     second, _, _ = evaluated(body, Cuboid(), mirror @ matrices, **options)
     assert np.count_nonzero(one) > 8
-    # Skin on the middle line itself belongs to a temperature cell of one side.
+    # Skin on the midline belongs to a temperature cell of one side.
     assert np.abs(one - second[:, body.mirror]).max() < (
         5e-3 if "temperature" in model_id else 1e-4
     )
@@ -420,14 +420,15 @@ def test_a_mirrored_body_bulges_outwards_too() -> None:
     assert not inside.any()
 
 
-# Only what is needed
+# Skipped work
 
 
 def test_only_skin_near_the_boundary_is_posed() -> None:
     """Of the 3,570 vertices in a circle and of 40,401 in all."""
     weights, _, engine = evaluated(sheet(200), Sphere(), placed(0.05, (0.0, 0.0, 0.0))[None])
     assert np.count_nonzero(weights == 1.0) > 3000
-    # The circle's circumference crosses some 180 cells; whole clusters stand for what is near them.
+    # The circle's circumference crosses about 180 cells; posing works on whole clusters near the
+    # circle.
     assert 120 < np.count_nonzero((weights > 0.0) & (weights < 1.0)) < 250
     assert engine.counters.vertices_posed < 3570
 

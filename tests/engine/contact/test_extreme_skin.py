@@ -60,7 +60,7 @@ def test_skin_is_covered_alike_wherever_it_is_and_whatever_its_size(
         BALL, SHAPES[name], (parent @ around)[None], posed=rigid(1, parent), **options
     )
     assert engine.counters.warnings == {} and here.any()
-    # A place is known to 1e-16 of its distance: all of the body is within that, or as here.
+    # Positions are exact to 1e-16 of the distance: judged are bodies within that bound, or near.
     if away * 1e-16 < 1e-8 * size:
         assert np.abs(there - here).max() < 0.05
         assert np.abs(there - here).mean() < 1e-3
@@ -79,7 +79,7 @@ KINDS = {
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("of", ["volume", "body"])
 def test_cells_away_from_the_boundary_are_wholly_inside_or_outside(of, name, kind):
-    """Vertices whose neighbours are all on the same side, by their places alone."""
+    """Interior vertices, by position alone, have all neighbours on the same side."""
     shape, linear = SHAPES[name], turn(3) @ KINDS[kind]
     skin = sheet(24)
     around, to_world = placed(0.08, (0.01, 0.02, 0.0), turn(4)), np.eye(4)
@@ -96,7 +96,7 @@ def test_cells_away_from_the_boundary_are_wholly_inside_or_outside(of, name, kin
     around_it = np.bincount(ends[:, 0], inside[ends[:, 1]], len(skin))
     deep = inside & (around_it == count)
     assert (weights[0, deep] > 0.999).all()
-    # A volume may be thinner than the sheet's triangles: only then do outer cells feel it.
+    # A volume may be thinner than the sheet's triangles: only then outer cells have contacts.
     if kind in ("mirrored", "turned inside out", "sheared"):
         outer = ~inside & (around_it == 0)
         assert outer.any() and (weights[0, outer] < 0.25).all()
@@ -117,7 +117,7 @@ def test_cells_away_from_the_boundary_are_wholly_inside_or_outside(of, name, kin
 def test_one_value_that_is_no_number_is_silent_at_its_own_time(
     where, tolerance, value, row, entry, falloff, speed, record
 ):
-    """The sample after it has nothing to be followed from; all others are as they were."""
+    """The next sample has no motion history; all other samples are unchanged."""
     matrices = moved_along(placed(0.05, PLACE), (0.0, speed, 0.0), 6)
     poses, levels = rigid(6), np.ones(6)
     options = {"tolerance": tolerance, "falloff": falloff, "record": record}
@@ -200,7 +200,7 @@ def test_a_body_of_200_000_vertices_of_skin():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("falloff", FALLOFFS, ids=lambda f: f.kind.value)
 def test_skin_that_has_no_area_at_all(falloff):
-    """All vertices in one place; and normals and areas of 0."""
+    """All vertices at one point, with zero normals and areas."""
     body = replace(
         BALL,
         vertices=np.zeros_like(BALL.vertices),

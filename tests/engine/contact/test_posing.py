@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Posed vertices and the boxes around them."""
+"""Posed vertices and bounding boxes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_every_vertex_is_in_one_cluster_of_one_part() -> None:
 
 
 def test_clusters_are_compact() -> None:
-    """Those of a shipped model: halving makes them small in space too."""
+    """Halving a shipped model gives clusters of small extent."""
     body = load_model("hfx-vibration-1")
     sizes = [np.ptp(body.vertices[ids], axis=0).max() for ids in clusters_of(body)]
     assert max(sizes) < 1.0 and np.median(sizes) < 0.1  # metres; the legs are sparse
@@ -74,7 +74,7 @@ def test_a_missing_bone_is_named() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_boxes_hold_their_clusters(seed: int) -> None:
-    """Whatever the bones do: mirrored, sheared, far apart."""
+    """Holds for mirrored, sheared and distant bones."""
     body, posed = model(seed=seed), pose(TIMES, seed=seed)
     if seed % 2:
         posed.bones[:, 1] *= -30.0
@@ -101,7 +101,7 @@ def test_boxes_of_a_rigid_body_are_tight() -> None:
 
 
 def test_weights_that_are_off_by_rounding_do_not_shrink_a_far_body() -> None:
-    """float32 weights sum to 1 within 1e-7: over a kilometre that would be 0.1 mm."""
+    """float32 weights sum to 1 within 1e-7; at a distance of 1000 km, the error would be 0.1 m."""
     body = model()
     bound = SkinnedModel(body, SkinBinding(BONES))
     shift = np.eye(4)[:3].copy()
@@ -112,7 +112,7 @@ def test_weights_that_are_off_by_rounding_do_not_shrink_a_far_body() -> None:
     assert np.abs(points[0] - 1e6 - body.vertices[:, 0]).max() < 1e-8
 
 
-# Bodies that ride on a surface
+# Bodies bound to a surface
 
 
 def _surface(seed: int = 5) -> tuple[SurfaceAnchors, PoseBlock]:

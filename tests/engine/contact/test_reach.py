@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes that stay clear of a body during a whole block are left out, and nothing else."""
+"""Volumes clear of a body during a whole block are skipped, without effect on contacts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_volume_that_passes_between_two_samples_is_felt(monkeypatch: pytest.Mo
 
 def test_a_body_that_swings_into_a_volume_feels_it(monkeypatch: pytest.MonkeyPatch) -> None:
     posed = rigid(2, np.stack([_turned(angle) for angle in np.radians([-80.0, 80.0])]))
-    posed.bones[..., 2, 3] = -1.0  # its skin hangs a metre below what it turns about
+    posed.bones[..., 2, 3] = -1.0  # the skin hangs a metre below the pivot
     matrices = np.stack([placed(0.05, (0.0, 0.0, -1.0))] * 2)
     weights, _, _ = _both_ways(monkeypatch, Sphere(), matrices, posed=posed)
     assert not weights[0].any() and weights[1].any()

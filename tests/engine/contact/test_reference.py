@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The definition of a contact, judged by libigl and by arithmetic, and the engine by it."""
+"""Reference contacts, checked by libigl and by arithmetic, and the engine against the reference."""
 
 from __future__ import annotations
 
@@ -64,13 +64,13 @@ def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [2089, 2244])
 def test_skin_that_bones_stretch_bulges_as_far_as_it_is_posed(seed: int) -> None:
-    """Where only the bulge is inside: no plane parts it from the volume."""
+    """Only the bulge is inside: no plane separates the skin from the volume."""
     case = StretchedContact(seed)
     assert case.difference < NEAR, case
 
 
 class _Deforming(RandomContact):
-    """A mesh that is another one at each row, of other faces."""
+    """Mesh with other vertices and faces at each row."""
 
     @cached_property
     def animated(self) -> EffectBlock:
@@ -97,7 +97,7 @@ def test_the_engine_without_its_library_does_so_too(seed: int) -> None:
 
 
 def test_cells_on_the_skin_of_a_finer_model_are_felt_so_too() -> None:
-    """The shipped temperature model, whose cells on limbs the pressure model samples."""
+    """Cells of the shipped temperature model on limbs are sampled by the pressure model."""
     model = load("hfx-temperature-1")
     scene = DistortedScene.turned(model, 1, 0.3)
     which = np.arange(5) == 2
@@ -125,7 +125,7 @@ def test_the_scenes_touch_and_cut() -> None:
 
 
 def _tangle() -> np.ndarray:
-    """Corners of a ball with dents that cuts through a second one, and a hollow."""
+    """Return corners of a dented ball crossing a second ball, with a hollow."""
     model = ball(1.0, 1)
     vertices = model.vertices * RNG.uniform(0.5, 1.3, (len(model), 1))
     corners = vertices[model.triangles].astype(float)
@@ -147,7 +147,7 @@ def test_inside_and_distance_of_meshes_are_libigls() -> None:
 
 
 def _tessellated(shape: Shape, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """The boundary of a convex shape as triangles: a fine ball, pushed out to it."""
+    """Return the boundary of a convex shape as triangles: a fine ball projected onto the shape."""
     model = ball(1.0, steps)
     points = model.vertices.astype(float).T
     if isinstance(shape, Cuboid):
@@ -178,8 +178,11 @@ def test_depth_in_a_sheared_shape_is_libigls_of_its_triangles(shape: Shape) -> N
 
 
 def test_depths_by_hand() -> None:
-    """An ellipsoid's on its long axis: b sqrt(1 - x^2 / (a^2 - b^2)) up to x = (a^2 - b^2) / a,
-    then a - x; planes of a cuboid and of caps; a cylinder's round side."""
+    """Depths of an ellipsoid on the long axis: b sqrt(1 - x^2 / (a^2 - b^2)) for x <= (a^2 - b^2) /
+    a, then a - x.
+
+    Further planes of a cuboid and of caps, and a cylinder's round side.
+    """
     points = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.9, 0.0, 0.0]]).T
     expected = [1.0, np.sqrt(1.0 - 0.25 / 3.0), 0.2]
     assert nearest(Sphere(), points, placed((2.0, 1.0, 1.0), 0.0))[2] == pytest.approx(expected)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preparation of a body model before evaluation, judged by the reference and one by one."""
+"""Preparation of a body model before evaluation, compared with the reference."""
 
 from __future__ import annotations
 
@@ -102,7 +102,9 @@ def _clusters_of(model: PerceptualModel, load: np.ndarray | None) -> list[list[i
     heaviest=st.sampled_from([None, 0, 1, 5, 50, 300]),
 )
 def test_clusters_are_halves_of_halves(seed, count, digits, heaviest):
-    """Includes many vertices that share a coordinate, and clusters of one to all of a part."""
+    """Includes many vertices with a common coordinate, and clusters from one vertex to a whole
+    part.
+    """
     rng = np.random.default_rng(seed)
     vertices = np.round(rng.normal(0.0, 1.0, (count, 3)), digits).astype(np.float32)
     vertices[rng.random((count, 3)) < 0.1] = -0.0
@@ -124,7 +126,7 @@ def test_clusters_of_a_shipped_model_are_halves_of_halves():
 
 
 def _clusters(model: PerceptualModel, seed: int) -> list[np.ndarray]:
-    """Some of its vertices, some in two clusters, not in order."""
+    """Return unordered clusters of some vertices; some vertices are in two clusters."""
     rng = np.random.default_rng(seed)
     sizes = rng.integers(1, 60, 12)
     return [rng.permutation(len(model))[:n].astype(np.int32) for n in sizes]
@@ -161,7 +163,9 @@ def _weights(bound, cluster):
 
 
 def _moved(bound, cluster):
-    """Mean weights of a cluster's bones; centre, homogeneous, and radius of its box, (B, 6)."""
+    """Return mean weights of a cluster's bones, and homogeneous centre and radius of the box, (B,
+    6).
+    """
     weights, rest = _weights(bound, cluster)
     low, high = rest.min(axis=0), rest.max(axis=0)
     box = [*(0.5 * (low + high)), 1.0, 0.5 * np.linalg.norm(high - low)]
@@ -236,7 +240,7 @@ def test_neighbours_learnt_later_have_arrays_of_their_own(name):
 
 
 def _samples(skin: SkinCoverage, cluster: int) -> Samples:
-    """Samples of the reference, of the cells of one cluster, in the order of their corners."""
+    """Return reference samples for the cells of one cluster, ordered by corners."""
     of_model = Skin.of(skin.model, skin.finer)
     fineness = Fineness(skin.tolerance.spacing_share, most_m=skin.tolerance.distance_m)
     blocks = list(cells_of(of_model, fineness).samples(skin.clusters[cluster].astype(np.int64)))
@@ -269,7 +273,7 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
     table, count = skin.table, len(skin.clusters)
     chosen = np.random.default_rng(5).permutation(count)[:3]
     table.need(chosen[:1])
-    table.need(chosen)  # the others, after it
+    table.need(chosen)  # the rest, in a second step
     for cluster in chosen.tolist():
         expected = _samples(skin, cluster)
         units = table.starts[cluster] + np.arange(table.unit_counts[cluster])
@@ -331,7 +335,7 @@ def _cell_mean(groups, posed):
 
 @pytest.mark.parametrize("modality", ["pressure", "temperature"])
 def test_cells_are_no_larger_than_their_groups_say(modality):
-    """Mean distances of posed skin from the vertex of its cell, as bones bend and stretch it."""
+    """Mean distances of posed skin from the cell's vertex, with bending and stretching bones."""
     model = load(f"hfx-{modality}-1")
     scene, block = moving_scene(model, 5, 0.4, 1.0)
     body, pose = scene.bodies[0], block.poses[0]

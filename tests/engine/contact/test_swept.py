@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts between two samples: none is missed, however fast, and each belongs to one sample."""
+"""Contacts between two samples: complete at any speed, and assigned to one sample each."""
 
 from __future__ import annotations
 
@@ -52,9 +52,10 @@ def _frame(rng: np.random.Generator) -> np.ndarray:
 def _pass(
     rng: np.random.Generator, target: np.ndarray, motion: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A wall of 1 mm that passes through ``target`` between the samples 1 and 2, of four.
+    """Return matrices of a wall of 1 mm and of a body; the wall passes ``target`` between samples 1
+    and 2 of four.
 
-    Matrices of the wall, and of the body, whose skin rests otherwise.
+    The body's skin is at rest otherwise.
     """
     frame = _frame(rng)
     wall, body = np.tile(np.eye(4), (2, 4, 1, 1))
@@ -63,7 +64,7 @@ def _pass(
     for k, time in enumerate(np.arange(4) - 1 - phase):
         way = frame[:, 2] * FAST * time
         size = (0.15, 0.15, 0.0005)
-        if motion == "turning":  # like a door, about an edge that is 0.5 m away
+        if motion == "turning":  # like a door with the hinge 0.5 m away
             turned = _turn(frame[:, 0], 1.2 * time)
             size = (0.15, 0.7, 0.0005)
             wall[k] = placed(1.0, target - 0.5 * frame[:, 1])
@@ -112,7 +113,7 @@ def test_the_vertex_test_of_the_paper_sees_moments_only() -> None:
 
 
 def test_a_slap_covers_all_at_once_and_a_blade_a_strip_at_a_time() -> None:
-    """The peak of what is inside at one moment, not all that was touched."""
+    """The peak of the area inside at one moment, not the total area touched."""
     body = sheet()
     inner = (np.abs(body.vertices[:, :2]) < 0.1).all(axis=1)
     slap = moved_along(placed((0.2, 0.2, 0.001), (0.0, 0.0, 0.5)), (0.0, 0.0, -1.0), 2)
@@ -125,7 +126,7 @@ def test_a_slap_covers_all_at_once_and_a_blade_a_strip_at_a_time() -> None:
 
 
 def test_falloff_counts_where_a_passage_is_deepest() -> None:
-    """A ball of linear falloff through the sheet: at 0.6 of its radius, strength 0.4."""
+    """A ball with linear falloff through the sheet: strength 0.4 at 0.6 of the radius."""
     body = sheet()
     start = placed(0.1, (0.06, 0.0, 2.0))
     falloff = Falloff(FalloffKind.LINEAR)
@@ -157,7 +158,7 @@ def test_slow_motion_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("way", [0.05, 0.6, 4.0])
 def test_time_may_be_split_anywhere(way: float) -> None:
-    """With the sample before as history, which is what the scene reader gives."""
+    """Each block has the sample before as history, as from the scene reader."""
     rng = np.random.default_rng(3)
     body = ball(0.1, 2)
     matrices = moved_along(
@@ -174,7 +175,7 @@ def test_time_may_be_split_anywhere(way: float) -> None:
 
 
 def test_what_begins_does_not_reach_back() -> None:
-    """An effect that was off before has not passed through anything."""
+    """An effect off at the sample before has no motion history."""
     matrices = moved_along(placed(0.1, (0.0, 0.0, 1.0)), (0.0, 0.0, -4.0), 3)
     off = np.array([0.0, 1.0, 0.0])
     on = np.array([1.0, 1.0, 0.0])
@@ -203,7 +204,7 @@ def test_a_volume_that_was_flat_before_is_not_followed() -> None:
 
 
 def test_how_a_contact_began() -> None:
-    """A ball of 3 cm falls on the sheet with 5 m/s and reaches it between two samples."""
+    """A ball of 3 cm falls on the sheet at 5 m/s and reaches the sheet between two samples."""
     body = sheet()
     matrices = moved_along(placed(0.03, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.15), 4)
     weights, runs, _ = evaluated(body, Sphere(), matrices, record=("impact", "depth", "surface"))
@@ -221,7 +222,7 @@ def test_how_a_contact_began() -> None:
 
 
 def test_depth_is_that_of_the_vertex_or_of_the_deepest_place_of_its_skin() -> None:
-    """A cuboid whose face is 5 mm beyond one row of vertices, and 20 mm before the next."""
+    """The face of a cuboid is 5 mm beyond a row of vertices, and 20 mm before the next row."""
     body = sheet()
     matrix = placed(0.5, (-0.5 + 0.005, 0.0, 0.0))
     _, runs, _ = evaluated(
@@ -239,7 +240,7 @@ def test_depth_is_that_of_the_vertex_or_of_the_deepest_place_of_its_skin() -> No
     (sample,) = list(runs[0])
     next_row = np.abs(body.vertices[sample.vertices, 0] - 0.025) < 1e-6
     assert next_row.sum() > 5
-    # A cell ends between a half and two thirds of the way to its neighbours.
+    # A cell ends between a half and two thirds of the distance to the neighbours.
     assert (sample.depth_m[next_row] < 0.0075).all() and (sample.depth_m[next_row] > 0.001).all()
 
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stated tolerance is kept: edges in mm, begins in ms, strengths in shares of full scale.
+"""The stated tolerance holds: edges in mm, onsets in ms, strengths in shares of full scale.
 
-A setting may misplace the edge of a contact by its distance: what it says must then lie between
-what is exact for the volume that much smaller and for the volume that much larger, up to the
-share that it may be wrong in strength.
+A setting may misplace the edge of a contact by its distance: the result must lie between exact
+results for a smaller and a larger volume, up to the setting's share of strength.
 """
 
 from __future__ import annotations
@@ -62,14 +61,12 @@ def scene() -> SceneDescription:
 
 @lru_cache(maxsize=8)
 def engine_of(tolerance: Tolerance) -> Engine:
-    """Engine for each setting, shared, as what it learns of the skin is the same for all
-    examples.
-    """
+    """Return the shared engine of a setting; prepared skin is equal for all examples."""
     return Engine(scene(), models=lambda _: MODEL, tolerance=tolerance)
 
 
 def felt(tolerance: Tolerance, volumes: list[list[Placed]], first: int = 0) -> list[SampleRun]:
-    """Samples of some volumes, each with its places over time; the body stands."""
+    """Return samples for volumes with matrices over time, on a standing body."""
     times = len(volumes[0])
     bones = np.tile(np.eye(4)[:3], (times, len(MODEL.bone_names), 1, 1))
     pose = PoseBlock(np.ones(times, bool), np.tile(np.eye(4), (times, 1, 1)), bones)
@@ -100,7 +97,9 @@ def weights_of(runs: list[SampleRun]) -> np.ndarray:
 
 
 def placed(kind: str, size_m: float, grown_m: float, place: np.ndarray) -> Placed:
-    """A shape of a size, all of its surface moved outwards by ``grown_m``, or nothing."""
+    """Return a shape of a size, with the surface offset outwards by ``grown_m``; tiny if shrunk
+    away.
+    """
     radius = max(size_m + grown_m, 1e-9)
     matrix = np.diag([radius, radius, radius, 1.0])
     shape: Shape = Sphere()
@@ -124,13 +123,13 @@ SCENES = st.fixed_dictionaries(
 
 
 def place_of(drawn: dict) -> np.ndarray:
-    """Place not farther from the skin than the size: most volumes touch it."""
+    """Return a position within the size from the skin, so most volumes touch."""
     vertex = MODEL.vertices[drawn["vertex"]].astype(float)
     return vertex + drawn["size_m"] * np.array(drawn["shift"])
 
 
 def here(drawn: dict, grown_m: float = 0.0) -> list[Placed]:
-    """A volume at one time, all of its surface moved outwards."""
+    """Return a volume at one time, with the surface offset outwards."""
     return [placed(drawn["kind"], drawn["size_m"], grown_m, place_of(drawn))]
 
 
@@ -146,7 +145,7 @@ def test_edges_are_within_the_stated_distance(name, scenes):
         mine = edges <= edge_m * (1.0 + 1e-9)
         exact = [here(item, grown) for grown in (-edge_m, edge_m) for item in scenes]
         smaller, larger = np.split(weights_of(felt(EXACT, exact)), 2)
-        slack = tolerance.amplitude + 0.02  # the exact one samples skin too
+        slack = tolerance.amplitude + 0.02  # the exact setting samples skin, too
         assert (actual[:, mine] >= smaller[:, mine] - slack).all()
         assert (actual[:, mine] <= larger[:, mine] + slack).all()
 
@@ -155,7 +154,7 @@ def test_edges_are_within_the_stated_distance(name, scenes):
 @settings(max_examples=3, deadline=None)
 @given(drawn=SCENES)
 def test_actuators_are_within_the_stated_share_of_full_scale(name, drawn):
-    """As played by devices that are shipped, with their own rendering."""
+    """Measured at shipped devices, with the devices' rendering."""
     tolerance = SETTINGS[name]
     edge_m = max(tolerance.edge_m(float(spacing)) for spacing in SPACING_M)
     lower, upper = (played(felt(EXACT, [here(drawn, grown)])) for grown in (-edge_m, edge_m))
@@ -212,5 +211,5 @@ def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radiu
     (run,) = runs
     begin_s = int(run.indices[0]) / RATE_HZ
     late = max(tolerance.time_s, 1.0 / RATE_HZ) + tolerance.edge_m(float(SPACING_M.max())) / speed
-    # What a sample says it says of the time until the next one.
+    # A sample is valid until the next sample.
     assert -1.0 / RATE_HZ - 1e-3 <= begin_s - inside <= late + 1e-3

@@ -29,7 +29,7 @@ def test_the_tolerance_is_kept_in_distorted_poses(model, seed, strength):
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_tolerance_is_kept_in_any_pose(seed):
-    """Presets and settings of one's own, in poses that a person may take, too."""
+    """Presets and random settings, in poses of real people among others."""
     assert Case.of(seed).excess <= ACCEPTED
 
 
@@ -51,7 +51,7 @@ def test_skin_that_a_pose_parts_gets_samples(case):
 
 @pytest.mark.parametrize("seed", [17, 46])
 def test_cells_are_not_judged_by_their_size_at_rest(seed):
-    """In these poses bones tear wide cells apart, in strength that is even over them at rest."""
+    """Bones tear wide cells apart in these poses; at rest the strength is even over each cell."""
     scene = DistortedScene.drawn(load("hfx-temperature-1"), seed, 1.0)
     exact = scene.felt(EXACT)
     assert np.abs(scene.felt(STANDARD) - exact)[1:].max() <= STANDARD.amplitude

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes that turn far between two samples: what they sweep is felt, little else looked at."""
+"""Fast rotating meshes: all swept skin has contacts, with little skin examined."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _turned(angle: float) -> np.ndarray:
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_all_that_a_blade_sweeps_is_felt(turn: float) -> None:
-    """It begins above the sheet's plane, so that nothing is felt before, and comes down to it."""
+    """The blade starts above the sheet's plane, without contacts, and comes down to the sheet."""
     skin, angle, at = sheet(STEPS), np.radians(turn), np.array([0.02, -0.01, 0.0])
     above = at + np.array([0.0, 0.0, 2 * THIN])
     matrices = np.stack([placed(1.0, above), placed(1.0, at, _turned(angle))])

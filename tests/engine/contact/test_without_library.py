@@ -17,7 +17,9 @@ from hfx_blender.engine.volume.analytic import Sphere
 
 
 def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
-    """Weights by effect and sample of a body that bends, stretches and turns among volumes."""
+    """Return weights by effect and sample, for a bending, stretching and turning body among
+    volumes.
+    """
     model = load(f"hfx-{modality}-1")
     scene, block = moving_scene(model, 3, 0.3, 0.4)
     actual = {}
@@ -40,7 +42,7 @@ def test_vertices_of_shipped_models_feel_the_same(modality: str) -> None:
 
 
 def test_what_flies_by_is_felt_in_between() -> None:
-    """A ball of 4 mm, a metre a sample, through a ball of skin: where it enters and leaves."""
+    """A ball of 4 mm at a metre per sample through a ball of skin: contacts at entry and exit."""
     matrices = moved_along(placed(0.002, (-1.5, 0.0, 0.0)), (3.0, 0.0, 0.0), 4)
     with by_reference():
         weights, _, engine = evaluated(ball(0.1, 2), Sphere(), matrices, tolerance=EXACT)
@@ -48,7 +50,7 @@ def test_what_flies_by_is_felt_in_between() -> None:
     assert not weights[[0, 1, 3]].any() and len(poles)
     places = ball(0.1, 2).vertices[poles]
     assert (np.abs(places[:, 1:]) < 0.03).all() and {*np.sign(places[:, 0])} == {-1.0, 1.0}
-    assert engine.counters.vertices_posed < 20  # cells beside the way are not looked at
+    assert engine.counters.vertices_posed < 20  # cells away from the path are skipped
 
 
 def test_a_report_says_so_once_and_only_then() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies of any points, one volume, the engine between them, and exact answers in fractions."""
+"""Bodies of arbitrary points, one volume, the engine's result, and exact answers in fractions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def body_of(
     bone_names: tuple[str, ...] = ("root",),
     weights: SkinWeights | None = None,
 ) -> PerceptualModel:
-    """A model of these vertices (V, 3), all moved by the first bone unless told otherwise."""
+    """Return a model of these vertices (V, 3), by default weighted to the first bone."""
     count = len(points)
     if weights is None:
         weights = SkinWeights(
@@ -78,7 +78,7 @@ def person(rng: np.random.Generator, count: int = 250) -> PerceptualModel:
 
 
 def still(times: int, bones: int = 1) -> PoseBlock:
-    """A body in its rest pose at the origin."""
+    """Return poses of a body at rest at the origin."""
     return PoseBlock(
         np.ones(times, bool),
         np.tile(np.eye(4), (times, 1, 1)),
@@ -89,7 +89,7 @@ def still(times: int, bones: int = 1) -> PoseBlock:
 def volume(
     matrices: np.ndarray, shape: Shape, levels: float = 1.0, values: float = 5.0
 ) -> EffectBlock:
-    """Block of a pressure volume at these places, (T, 4, 4)."""
+    """Return a block of a pressure volume with these matrices, (T, 4, 4)."""
     count = len(matrices)
     return EffectBlock(
         np.full(count, levels), np.full((count, 1), values), np.array(matrices), (shape,)
@@ -98,7 +98,7 @@ def volume(
 
 @dataclass
 class Felt:
-    """Results of the engine: weights of every vertex at every time, and its warnings."""
+    """Results of the engine: weights of every vertex at every time, and warnings."""
 
     weights: np.ndarray  # (effects, T, V)
     warnings: dict[str, int]
@@ -116,7 +116,7 @@ def feel(
     binding: SkinBinding | SurfaceBinding | None = None,
     **options: Any,
 ) -> Felt:
-    """Evaluate volumes against one body with the paper's test: a vertex is inside or not."""
+    """Evaluate volumes against one body by vertices only, as in the paper."""
     binding = binding or SkinBinding(model.bone_names)
     effects = effects if isinstance(effects, list) else [effects]
     times = len(effects[0].levels)
@@ -193,7 +193,7 @@ def exact_way(shape: Shape, point: Exact) -> Fraction:
 def exact_ways(
     shape: Shape, matrix: np.ndarray, to_world: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """:func:`exact_way` of rest-space points (V, 3) of a body that moves as a whole."""
+    """Return :func:`exact_way` of rest-space points (V, 3) of a rigid body."""
     into, placed = exact_inverse(matrix), exact(to_world[:3])
     return np.array(
         [

@@ -53,7 +53,7 @@ def test_a_body_of_200_000_vertices(rng):
 
 
 def bones_of(count: int, vertices: np.ndarray, rng: np.random.Generator) -> tuple:
-    """Weights by which four of ``count`` bones move every vertex."""
+    """Return weights of four random bones out of ``count`` for every vertex."""
     chosen = np.sort(
         np.stack([rng.choice(count, 4, replace=False) for _ in range(len(vertices))]), axis=1
     )
@@ -82,7 +82,7 @@ def test_a_body_of_a_thousand_bones(rng):
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), silent=st.floats(0.0, 1.0))
 def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
-    """A vertex that no bone moves stays in its rest pose, as in Blender; the others are right."""
+    """A vertex without weights stays in the rest pose, as in Blender; the rest is correct."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.5, 0.5, (60, 3))
     names, weights, _ = bones_of(5, points, rng)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts stay when everything is moved, mirrored, or cut into other blocks of time."""
+"""Contacts are invariant under motion, mirroring, and division into blocks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OTHER_SIDE = [0, 2, 1]  # bones
 
 
 def symmetric(seed: int) -> tuple[object, np.ndarray]:
-    """A body that is its own mirror image, and its mirror table."""
+    """Return a symmetric body and the mirror table."""
     rng = np.random.default_rng(seed)
     half = rng.uniform((0.02, -0.15, 0.0), (0.3, 0.15, 1.8), (150, 3))
     points = np.concatenate([half, half * (-1.0, 1.0, 1.0)])
@@ -48,7 +48,7 @@ def rigid(rng: np.random.Generator, reach_m: float = 1.0) -> np.ndarray:
 
 
 def animated(rng: np.random.Generator) -> tuple[np.ndarray, PoseBlock]:
-    """A volume that moves through a body whose bones bend, on its way through the world."""
+    """Return a volume passing through a body with bending bones, both moving through the world."""
     bones = np.tile(np.eye(4)[:3], (TIMES, len(BONES), 1, 1))
     bones += 0.1 * rng.normal(size=bones.shape)
     pose = PoseBlock(np.ones(TIMES, bool), np.stack([rigid(rng) for _ in range(TIMES)]), bones)
@@ -60,7 +60,7 @@ def animated(rng: np.random.Generator) -> tuple[np.ndarray, PoseBlock]:
 
 
 def assert_same(one: Felt, two: Felt, weights: np.ndarray, band: float) -> None:
-    """Alike up to rounding: a vertex may change sides only where falloff makes it faint."""
+    """Check equality up to rounding; with falloff, a vertex may change sides where faint."""
     assert one.warnings == two.warnings == {}
     assert one.weights.any()
     assert np.abs(one.weights - weights).max() < band
@@ -76,7 +76,7 @@ def test_contacts_stay_when_everything_is_moved(name, seed, reach):
     carry = rigid(rng, 10.0**reach)
     here = feel(model, volume(matrices, SHAPES[name]), pose, falloff=FALLOFF)
     there = feel(model, volume(carry @ matrices, SHAPES[name]), moved(pose, carry), falloff=FALLOFF)
-    # 1e6 m of float64 are known to 1e-10 m, which is that of a volume of 0.1 m by 1e-9.
+    # float64 at 1e6 m has steps of 1e-10 m, which is 1e-9 of a volume of 0.1 m.
     assert_same(here, there, there.weights, 1e-7)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes that are points, planes, needles, slivers, doubled, inside out, empty, or huge."""
+"""Meshes of points, planes, needles and slivers; doubled, inside out, empty, or huge."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_what_has_no_inside_is_refused_by_name(vertices, triangles, words):
 @pytest.mark.parametrize("flatness", [1e-2, 1e-5, 1e-8, 1e-11])
 @pytest.mark.parametrize("kind", ["needle", "sheet"])
 def test_needles_and_sheets_are_felt_as_thin_as_they_are(kind, flatness, rng):
-    """Points by their share of the thickness, so that half of them are inside."""
+    """Points are given as shares of the thickness; half of the points are inside."""
     stretch = np.array([1.0, flatness, flatness] if kind == "needle" else [1.0, 1.0, flatness])
     thin = mesh(CUBE.vertices * stretch, CUBE.faces)
     share = rng.uniform(-0.5, 1.5, (20_000, 3))
@@ -67,7 +67,7 @@ def test_needles_and_sheets_are_felt_as_thin_as_they_are(kind, flatness, rng):
 
 
 def test_slivers_do_not_leak(rng):
-    """A ball whose faces are cut into slivers 1e-9 thin, around a point near an edge of each."""
+    """Faces of a ball are cut into slivers of width 1e-9, around a point near an edge."""
     vertices, faces = BALL.vertices, BALL.faces
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     apex = (a + b) / 2 + 1e-9 * (c - (a + b) / 2)
@@ -117,7 +117,7 @@ def test_inside_is_the_exact_winding_number(name, rng):
 
 
 def torus(around: int, across: int) -> MeshVolume:
-    """A ring of radius 1 and thickness 0.3; its triangles are two for each pair of angles."""
+    """Return a ring of radius 1 and thickness 0.3, with two triangles per pair of angles."""
     u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
     a, b = 2 * np.pi * u / around, 2 * np.pi * v / across
     ring = 1.0 + 0.3 * np.cos(b)

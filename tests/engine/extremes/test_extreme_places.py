@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Far away, tiny, huge, stretched, sheared, mirrored: contacts are those of exact fractions."""
+"""Contacts agree with exact fractions: far away, tiny, huge, stretched, sheared, mirrored."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def affine(linear: np.ndarray, place: np.ndarray | tuple[float, ...] = (0.0, 0.0
 
 
 def assert_exact(name, matrix, to_world, model, least_judged=0.9):
-    """Contacts of a body placed by ``to_world`` are those of rational arithmetic.
+    """Check contacts of a body placed by ``to_world`` against rational arithmetic.
 
-    Not judged: vertices whose world coordinates, as float64, could round across the boundary.
+    Vertices with world coordinates within float64 rounding of the boundary are not judged.
     """
     shape = SHAPES[name]
     samples = feel(model, volume(matrix[None], shape), moved(still(1), to_world))
@@ -63,7 +63,7 @@ def test_contacts_at_any_distance_from_the_origin(name, distance_m, rng):
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 1e3, 1e6])
 @pytest.mark.parametrize("name", SHAPES)
 def test_objects_of_any_scale(name, scale, rng):
-    """The body and the volume are scaled alike, as when their parent is."""
+    """Body and volume have the same scale, as below a common parent."""
     model = person(rng)
     to_world = affine(scale * turn(rng), scale * rng.normal(size=3))
     around = to_world @ affine(turn(rng) * 0.5, (0.0, 0.0, 0.9))
@@ -74,7 +74,7 @@ def test_objects_of_any_scale(name, scale, rng):
 @pytest.mark.parametrize("scale", [1e-6, 1e-4, 1e4, 1e6])
 @pytest.mark.parametrize("name", SHAPES)
 def test_volumes_of_any_scale_on_a_person(name, scale, rng):
-    """A speck on one vertex is felt by that vertex; a world-sized volume by the whole body."""
+    """A speck on a vertex touches only that vertex; a world-sized volume touches the whole body."""
     model = person(rng)
     position = model.vertices[7].astype(np.float64) if scale < 1.0 else np.zeros(3)
     samples = assert_exact(name, affine(turn(rng) * scale, position), np.eye(4), model)
@@ -137,7 +137,7 @@ def test_a_flat_volume_is_silent_with_one_counted_warning(name, kind, rng):
 @pytest.mark.parametrize("kind", FLAT)
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_flat_body_is_felt_where_its_vertices_are(name, kind, rng):
-    """A body squashed into a plane still has places: nothing is undefined about it."""
+    """A body squashed into a plane has well-defined positions."""
     model = person(rng, 150)
     to_world = affine(turn(rng) @ FLAT[kind], (0.5, -0.25, 2.0))
     around = affine(turn(rng) * 0.7, to_world[:3, :3] @ (0.0, 0.0, 0.9) + to_world[:3, 3])
@@ -164,7 +164,7 @@ def test_any_of_it_together(name, distance, scale, stretch, shear, mirrored, see
     to_world = affine(unit * turn(rng), away)
     middle = to_world[:3, :3] @ model.vertices[0].astype(np.float64) + away
     around = affine(unit * 0.3 * turn(rng) @ linear @ turn(rng), middle)
-    # Where the body is smaller than the rounding of its own place, nothing can be told.
+    # For a body smaller than the rounding of the position, no vertex is judged.
     assert_exact(name, around, to_world, model, least_judged=0.0)
 
 

@@ -44,7 +44,7 @@ def placed() -> np.ndarray:
 
 
 def animated(where: str) -> tuple[object, object, np.ndarray]:
-    """Sound values, and the array of them that is to be broken."""
+    """Return valid values, and the array to be broken."""
     effect, pose = volume(placed(), SHAPES["sphere"]), still(TIMES, 2)
     owner = pose if where in ("to_world", "bones") else effect
     return effect, pose, getattr(owner, where)
@@ -63,7 +63,7 @@ ALL = ("positions", "velocities", "depth")
     falloff=st.sampled_from(FALLOFFS),
 )
 def test_one_value_that_is_no_number(where, record, value, row, place, falloff):
-    """Only its own time is touched; whatever it is, no NaN comes out and nothing warns twice."""
+    """Affects only the sample's own time: no NaN in the result, and one warning at most."""
     sound = feel(MODEL, *animated(where)[:2], falloff=falloff, record=record)
     effect, pose, array = animated(where)
     entries = array[row].size
@@ -137,7 +137,7 @@ def test_each_broken_volume_is_told_of_once(rng):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_surface_with_a_vertex_that_is_nowhere(value):
-    """A body that follows its avatar's mesh; one triangle of it has no area at all."""
+    """A body bound to an avatar's mesh, with a degenerate triangle."""
     corners = np.array([[0, 1, 2], [0, 2, 3], [3, 3, 3]], np.int32)
     anchors = SurfaceAnchors(corners, np.full((3, 3), 1 / 3), np.array([0.01, 0.0, 0.5]))
     surface = np.tile(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32), (4, 1, 1))

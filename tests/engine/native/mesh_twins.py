@@ -20,7 +20,7 @@ needs_library = pytest.mark.skipif(library() is None, reason="no library was bui
 
 @contextmanager
 def without_library() -> Iterator[None]:
-    """Mesh volumes that are made and first asked here do not know the library."""
+    """Disable the library for mesh volumes made and first used in the context."""
     modules = (mesh_distance, mesh_inside)
     patches = [mock.patch.object(module, "library", lambda: None) for module in modules]
     with patches[0], patches[1]:
@@ -28,7 +28,7 @@ def without_library() -> Iterator[None]:
 
 
 def twins(vertices: np.ndarray, triangles: np.ndarray) -> tuple[MeshVolume, MeshVolume]:
-    """Volume with the library and without; both have all that they look up."""
+    """Return the volume with and without the library, both with all lookup structures."""
     compiled = MeshVolume(vertices, triangles, "compiled")
     assert compiled.grid.compiled is not None and compiled.tree.compiled is not None
     with without_library():
@@ -48,7 +48,7 @@ def _joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarr
 
 
 def meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Plain ones, and all that is awkward: the same every time."""
+    """Return simple and difficult meshes, always the same."""
     rng = np.random.default_rng(11)
     ball, box = _parts(trimesh.creation.icosphere(3)), _parts(trimesh.creation.box())
     rough = ball[0] * rng.uniform(0.4, 1.6, (len(ball[0]), 1))
@@ -86,7 +86,7 @@ MESHES = meshes()
 
 
 def probes(vertices: np.ndarray, triangles: np.ndarray, count: int = 700) -> np.ndarray:
-    """Points (3, N): anywhere, on corners, edges and faces, above these, on the box, no numbers."""
+    """Return points (3, N): random, on and above the mesh, on the box, and NaN."""
     rng = np.random.default_rng(12)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     anywhere = low + (high - low) * (1.2 * rng.random((count, 3)) - 0.1)

@@ -34,7 +34,7 @@ def _skin(model, tolerance):
 
 
 def _boxes(skin, pose, rows):
-    """Boxes as they are found, and the hulls, over bones, of what each one does to its box."""
+    """Return cluster boxes, and the hulls of the boxes transformed by each bone."""
     known = BoneBoxes.of(
         BoundWeights.of(skin.skin.surface, skin.binding.bone_names), skin.skin.outlines
     )
@@ -92,7 +92,7 @@ def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_where_it_is(va
     for one, second in zip(actual[:2], expected[:2], strict=True):
         np.testing.assert_allclose(one[sure], second[sure], rtol=0, atol=1e-12)
         assert (np.isnan(one) == np.isnan(second)).all()
-    if np.isnan(value):  # at the other rows the cluster is where it is
+    if np.isnan(value):  # finite at the other rows
         assert np.isfinite(actual[3]).all()
         np.testing.assert_allclose(actual[3], expected[3], rtol=0, atol=1e-12)
 
@@ -194,7 +194,7 @@ def test_rows_without_boxes_or_a_pose_are_refused():
 
 
 def _check_bones(reached, skin, pose, target):
-    """Check that all bones that matter are known."""
+    """Check the completeness of the relevant bones."""
     still = np.tile(np.eye(4)[:3], (len(pose.bones), 1, 1, 1))
     posed = np.concatenate([pose.bones, still], axis=1)[target.rows][:, skin.used_bones.ids]
     to_shape = target.part("body_to_shape")[:, None]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The compiled library is built, found, told apart from what does not fit, and done without."""
+"""Compiled library: building, lookup, refusal of unsuitable files, running without."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _GLIBC = re.compile(rb"GLIBC_([\d.]+)")
 
 @pytest.fixture(scope="module")
 def zig() -> Path:
-    """The compiler, where it is installed or was fetched."""
+    """Return the compiler, installed or downloaded."""
     try:
         return native_build.compiler()
     except native_build.BuildError as error:
@@ -48,7 +48,7 @@ def built(zig: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
-    """Loads anew, as if ``library.py`` lay in ``tmp_path``, and tells state and library."""
+    """Return a function for a fresh load with ``library.py`` in ``tmp_path``: (state, library)."""
     monkeypatch.setattr(loading, "__file__", str(tmp_path / "library.py"))
     monkeypatch.delenv(loading.SWITCH, raising=False)
     return lambda: (loading.state(), loading.find_library()[0])
@@ -77,7 +77,7 @@ def test_every_function_that_python_calls_is_exported(built: Path) -> None:
     assert matches == called, "exported, but nobody calls it"
 
 
-# What does not fit is not loaded, whatever it is
+# Unsuitable files are not loaded
 
 
 @pytest.mark.parametrize("keep", [0, 3, 40, 0.3, 0.6, 0.99])
@@ -164,7 +164,7 @@ def test_starting_the_package_loads_nothing() -> None:
     subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)
 
 
-# Who is told
+# Reports of the state
 
 
 def test_measurements_and_reports_say_which_engine_it_was(
@@ -216,7 +216,7 @@ def test_nothing_of_the_builder_gets_into_a_library(built: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("name", sorted(native_build.TARGETS))
 def test_each_platform_gets_its_library(zig: Path, built: Path, tmp_path: Path, name: str) -> None:
-    """Compiled and linked against the system's C library alone, of the release that it names."""
+    """Linked against the system's C library only, of the release in the target's name."""
     target = native_build.TARGETS[name]
     library = built if target == TARGET else native_build.build(target, tmp_path, zig)
     content = library.read_bytes()
@@ -242,7 +242,7 @@ def test_a_source_that_calls_what_no_c_library_has_is_refused(zig: Path, tmp_pat
 
 
 def test_a_function_with_large_arrays_is_linked_on_windows(zig: Path, tmp_path: Path) -> None:
-    """There the compiler calls what touches the pages of the stack one after the other."""
+    """For large arrays on Windows, compilers insert a call to a stack probe."""
     root = _small(tmp_path / "project")
     source = root / native_build.NATIVE / "source" / "interface.c"
     more = """
@@ -270,7 +270,7 @@ def _copied(root: Path) -> Path:
 
 
 def _small(root: Path) -> Path:
-    """Library sources reduced to two, which are compiled at once."""
+    """Return library sources reduced to two quickly compiled files."""
     for path in sources.files(_copied(root) / native_build.NATIVE / "source"):
         if path.suffix == ".c" and path.name not in ("interface.c", "windows.c"):
             path.unlink()

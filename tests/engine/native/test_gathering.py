@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Weights of contacts that are gathered, and used again."""
+"""Gathered contact weights, and reuse of the memory."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ pytestmark = pytest.mark.skipif(not library.is_there(), reason="needs the compil
 
 
 class Table:
-    """Stands for a table of skin, of which gathering asks nothing."""
+    """Stand-in for a skin table; gathering uses no members."""
 
 
 @pytest.mark.parametrize("precision", [np.float32, np.float64])

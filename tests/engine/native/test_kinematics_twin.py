@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones posed by the library stand where numpy puts them, bit by bit."""
+"""Bones posed by the library equal numpy's result bit by bit."""
 
 from __future__ import annotations
 

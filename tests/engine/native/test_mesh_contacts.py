@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh volumes handed over to other processes, and caps over their holes."""
+"""Mesh volumes sent to other processes, and caps over holes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
 
 
 def test_a_cap_over_a_hole_is_surface_to_what_flies_through_it() -> None:
-    """A tunnel open at both ends is closed: what passes through both caps was inside."""
+    """A tunnel open at both ends is closed: an object passing both caps was inside."""
     turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     ring = np.stack([0.2 * np.cos(turns), 0.2 * np.sin(turns), np.full(24, -1.0)], axis=1)
     vertices = np.concatenate([ring, ring * [1, 1, -1]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inside a mesh, compiled: point by point what numpy says, and what the winding number says."""
+"""Points inside a mesh: the compiled test equals numpy and the winding number."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_any_number_of_points_however_they_lie_in_memory() -> None:
 
 
 def test_columns_of_hundreds_of_triangles_are_told_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One run a column: more pairs at once than the compiled test keeps."""
+    """One run per column: more pairs than the compiled test holds at once."""
     monkeypatch.setattr(mesh_inside, "CELLS_PER_AXIS", (1, 2))
     vertices, triangles = MESHES["overlaps"]
     compiled, plain = twins(vertices, triangles)
@@ -85,7 +85,7 @@ def test_bounds_of_a_triangle_stand_as_bytes() -> None:
     one = np.zeros(1, np.int64)
     column = np.array([2 * 4 + 1])  # x from 2, y from 1; four to a row, eight cells high
     (packed,) = bounds_in_columns(corners, one, column, np.array([5, 4, 8]), 0.0)
-    # Steps of 1/128: least y and 127 minus the most, the same of x, of z the most only; then
-    # (x + y) / 2, both, and (x - y) / 2 + 1 / 2, the least. What is outside is at the edge.
+    # Steps of 1/128: minimum of y and 127 minus the maximum, the same for x, only the maximum for
+    # z; then (x + y) / 2, both, and (x - y) / 2 + 1 / 2, the minimum. Outside values are clamped.
     expected = [64, 0, 32, 127 - 64, 127 - 64, 48, 0, 0]
     assert list(int(packed).to_bytes(8, "little")) == expected

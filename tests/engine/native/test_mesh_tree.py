@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances to a mesh, crossings of its surface, clearance: compiled, by numpy and by libigl."""
+"""Mesh distances, surface crossings and clearance: compiled code, numpy and libigl agree."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_trees_of_a_few_triangles(count: int) -> None:
     step=st.sampled_from([1e-6, 1e-2, 0.3, 3.0]),
 )
 def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> None:
-    """Walks, so that what is known of one place counts for the next."""
+    """Random walks, as the bound of a point starts from the point before."""
     rng = np.random.default_rng(seed)
     shape = MeshVolume(*MESHES["rough"], "rough")
     points = np.cumsum(step * rng.normal(size=(3, 400)), axis=1)
@@ -83,7 +83,7 @@ def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> No
 
 
 def _crossed(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Check times of crossings, first and last (2, N); which there are, (N,)."""
+    """Check times of first and last crossings, (2, N); return the mask of crossings, (N,)."""
     met = np.isfinite(expected)
     np.testing.assert_array_equal(np.isfinite(found), met)
     np.testing.assert_allclose(found[met], expected[met], rtol=1e-9, atol=1e-12)
@@ -130,10 +130,10 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
         compiled.compiled().clearances(examples),
         plain.surface_distance_m(examples, np.eye(3)),
     )
-    assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # that to a box is that of the box
+    assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # the distance to a box is exact
     inside = plain.contains(examples)
     assert (clear[inside] <= 0.0).all() and (clear[~inside] >= 0.0).all()
-    # Where it matters it is worth something.
+    # Inside the box, the bound is useful.
     size = np.ptp(vertices, axis=0).max()
     low, high = vertices.min(axis=0)[:, None], vertices.max(axis=0)[:, None]
     deep = (exact > 1e-3 * size) & (examples > low).all(axis=0) & (examples < high).all(axis=0)
@@ -156,7 +156,7 @@ def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
 
 
 def test_a_tree_of_a_million_triangles() -> None:
-    """A hilly square whose nearest place is known: straight below points above the hills' tops."""
+    """A hilly square with known nearest points: straight below points above the hilltops."""
     count = 708
     x, y = np.meshgrid(np.linspace(0, 1, count + 1), np.linspace(0, 1, count + 1), indexing="ij")
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays of the compiled library are of the declared types, and live as long as they are read.
+"""Arrays of the compiled library have the declared types, and outlive their use.
 
-Memory that is freed too early is reused only by chance, and hardly ever in one thread.
+Memory freed too early is reused only by chance, and hardly ever in a single thread.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def test_a_structure_keeps_what_it_was_made_of() -> None:
 
 @needs_library
 def test_a_placed_volume_lives_as_long_as_its_structure() -> None:
-    """Threads read it when nobody else holds it."""
+    """Threads use the structure after all other references are gone."""
     still, rows = np.eye(4)[None], np.arange(1)
     target = PlacedTarget((Sphere(),), None, still, still, rows, Falloff(), 0.0, 1e6)
     pointers, room = target.pointers, weakref.ref(target.room)
@@ -140,7 +140,7 @@ def test_declarations_are_read_as_they_stand_in_c(
     assert ctypes.sizeof(thing) == 5 * 8
     floats, halves = np.zeros(2, np.float32), np.zeros(2, np.float16)
     for kind, is_written in ((ids, False), (actual, True), (others, False)):
-        if is_written:  # what C would write must not be a copy
+        if is_written:  # an output of C must not be a copy
             with pytest.raises(TypeError):
                 kind.from_param(halves)
     assert _address(actual.from_param(floats)) == floats.ctypes.data

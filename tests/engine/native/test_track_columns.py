@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets as their changes, and which actuators they reach, compiled: what numpy finds."""
+"""Sets as changes, and actuators in reach of sets: the compiled code equals numpy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _IDS = st.lists(st.sets(st.integers(0, 30) | st.integers(65530, 65540), max_size
 
 
 def _sets(drawn: list[set[int]], seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Offsets, vertices and weights; now and then a set and its weights come again."""
+    """Return offsets, vertices and weights; some sets are repeated with equal weights."""
     random = np.random.default_rng(seed)
     vertices, weights = [], []
     for ids in drawn:
@@ -73,7 +73,7 @@ def test_changes_of_sets_are_the_same_bytes(drawn: list[set[int]], seed: int) ->
 
 
 def test_a_set_of_no_model_is_left_to_numpy() -> None:
-    """It would be looked up where there is nothing."""
+    """The lookup would be out of bounds."""
     offsets, vertices = np.array([0, 2]), np.array([-5, 3], np.int32)
     assert codec.native.changes(np.diff(offsets), vertices, np.ones(2, np.uint8)) is None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""By how much placements turn: compiled as in numpy, and as it was made."""
+"""Rotation angle between placements: compiled code, numpy and construction agree."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def test_a_stretched_and_mirrored_placement_turns_as_far_as_it_was_turned(
 ):
     rng = np.random.default_rng(seed)
     start, axes = _rotation(rng, rng.uniform(0.0, np.pi)), _rotation(rng, 1.0)
-    # Symmetric, so that it is all stretch; as much as 100 : 1.
+    # Symmetric, so pure stretch; up to 100 : 1.
     stretches = [axes @ np.diag(np.exp(rng.uniform(-2.3, 2.3, 3))) @ axes.T for _ in range(2)]
     before = _placement(size * handed[0] * start @ stretches[0])
     after = _placement(size * handed[1] * _rotation(rng, angle) @ start @ stretches[1])
     actual = turned_by(before[None], after[None])[0]
     expected = Motion.between(before[None], after[None]).angles[0]
-    # Half a turn is found by its sine alone, which is then next to nothing.
+    # Half a turn is determined by a sine near zero.
     assert actual == pytest.approx(angle, abs=1e-7)
     assert actual == pytest.approx(expected, abs=1e-7)
 
