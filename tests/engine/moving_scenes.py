@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies in distorted poses that move and turn, with volumes that fly, turn and change shape."""
+"""Bodies in distorted poses, moving and turning, with flying, turning and changing volumes."""
 
 from __future__ import annotations
 

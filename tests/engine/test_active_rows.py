@@ -113,9 +113,7 @@ def test_a_wind_without_a_direction_blows_up_and_is_told():
     counters = Counters()
     actual = with_directions([effect], block, counters).effects[0].parameters
     assert actual[:, 1:].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, 1]]
-    (messages,) = (
-        counters.warnings.items()
-    )  # not of the row before the block's own, nor where it is off
+    (messages,) = counters.warnings.items()  # neither before the block nor while off
     assert "'Draught'" in messages[0] and messages[1] == 1
     assert (parameters[0, 1:] == 0.0).all()
     same = AnimationBlock(np.arange(4), (EffectBlock(levels, actual),), (), 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions of the body, against anatomy and against devices that others have placed."""
+"""Regions of the body, against anatomy and third-party device layouts."""
 
 from __future__ import annotations
 

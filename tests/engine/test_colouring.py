@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of what is felt."""
+"""Colours of contacts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hfx_blender.engine.samples import Sample, Stream
 from hfx_tools.demo.avatar_colours import avatar_colours
 from hfx_tools.felt_shares import SKIN, felt_shares
 
-# Two avatar vertices, each on one of the two vertices of every model.
+# Two avatar vertices, each at one of the two vertices of every model.
 SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}
 COUNTS = dict.fromkeys(SPREADS, 2)
 
@@ -116,7 +116,7 @@ def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -
 
 
 def test_a_weak_effect_is_more_clear_but_of_the_same_colour() -> None:
-    """A quarter of the strength is half the opacity: the root of it."""
+    """A quarter of the strength has half the opacity, the square root."""
     quarter = FULL_COLOUR["pressure"] / 4
     shares = felt_shares([_sample("pressure", quarter)], SPREADS, COUNTS)
     assert colouring.overlay(shares)[0].tolist() == pytest.approx([*COLOURS["pressure"], 0.5])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine on made-up scenes: what it yields, what it warns of, what it never touches."""
+"""Engine on synthetic scenes: output, warnings, and unused data."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_levels_and_parameters_stay_in_their_ranges() -> None:
 
 
 def _moving() -> PoseBlock:
-    """A body that moves with 3 m/s along X without deforming."""
+    """Return poses of a rigid body moving at 3 m/s along X."""
     to_world = np.tile(np.eye(4), (TIMES, 1, 1))
     to_world[:, 0, 3] = 0.03 * np.arange(TIMES)
     bones = np.tile(np.eye(4)[:3], (TIMES, len(BONES), 1, 1))
@@ -197,7 +197,7 @@ def test_motion_of_painted_vertices_needs_poses() -> None:
 
 
 def test_velocities_are_central_where_both_neighbours_are_known() -> None:
-    """x = t^2 every 10 ms: 2 t in the middle, one-sided at the ends of what is known."""
+    """x = t^2 every 10 ms: 2 t in the middle, one-sided at both ends of the known rows."""
     effect, posed = _painted(), _moving()
     times = 0.01 * np.arange(TIMES)
     posed.to_world[:, 0, 3] = times**2
@@ -214,7 +214,7 @@ def test_velocities_are_central_where_both_neighbours_are_known() -> None:
 
 
 def test_a_sample_without_neighbours_has_no_velocity() -> None:
-    """After a gap, or beside a pose that is not a number."""
+    """After a gap, or next to a NaN pose."""
     effect, posed = _painted(), _moving()
     posed.to_world[3, 0, 3] = np.nan
     block = AnimationBlock(np.array([20, 21, 30, 31, 32]), (_animated(effect),), (posed,))

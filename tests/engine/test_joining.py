@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs that follow each other are one run: the same samples in their order."""
+"""Consecutive runs are joined into a single run with the same samples in order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ORDER = (ONE, TWO)
 
 
 def _run(stream: Stream, first: int, *, shared: bool = False, full: bool = False) -> SampleRun:
-    """Three samples of 2, 1 and 3 vertices; shared: the first two have one set."""
+    """Return three samples of 2, 1 and 3 vertices; shared: the first two have equal sets."""
     random = np.random.default_rng(first)
     sizes = [2, 3] if shared else [2, 1, 3]
     total = sum(sizes)

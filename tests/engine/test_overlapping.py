@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pipelining over two threads gives the same results as one thread."""
+"""Pipelining over two threads gives the same results as a single thread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _squares(numbers: Iterator[int]) -> Iterator[int]:
 def test_everything_comes_out_once_in_its_order() -> None:
     lists = list(overlapped(iter(range(100)), _squares))
     assert [item for examples in lists for item in examples] == [k * k for k in range(100)]
-    assert len(lists) > 100  # one after each, so that whoever watches goes on
+    assert len(lists) > 100  # one after each value, so a progress display goes on
 
 
 def test_nothing_in_gives_nothing() -> None:
@@ -30,7 +30,7 @@ def test_nothing_in_gives_nothing() -> None:
 
 
 def test_both_go_on_at_the_same_time() -> None:
-    """Each waits for the other: one after the other they would wait for ever."""
+    """Both sides wait for each other; sequential execution would block forever."""
     created, done = threading.Event(), threading.Event()
 
     def source() -> Iterator[int]:

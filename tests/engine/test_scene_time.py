@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times at which samples are taken."""
+"""Sample times."""
 
 from __future__ import annotations
 

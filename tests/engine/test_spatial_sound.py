@@ -80,8 +80,10 @@ def test_power_is_constant_along_a_circle(name: str, scheme: Scheme, radius_m: f
 
 
 def _powers_db(name: str, places: np.ndarray) -> np.ndarray:
-    """Power of still tones from 60 to 500 Hz, one a place, in each loudspeaker, (n, C), once their
-    reverberation is there; full is 0 dB."""
+    """Power of still tones from 60 to 500 Hz, one per position, in each loudspeaker, (n, C).
+
+    In dB of full scale, after the onset of the reverberation.
+    """
     hz = np.linspace(60, 500, len(places)).round()
     sources = [_source(np.tile(p, (160, 1)), 1.0, f) for p, f in zip(places, hz, strict=True)]
     sound = _sound(sources, LAYOUTS[name], 160 * 80)[-8000:]
@@ -158,7 +160,7 @@ def test_reverberators_of_different_channels_are_independent() -> None:
     unit = impulses / np.linalg.norm(impulses, axis=1, keepdims=True)
     alike = np.abs(unit @ unit.T - np.eye(8))
     assert alike.max() < 0.05
-    # Nor at any delay: white noise of n samples gives about 1 / sqrt(n).
+    # Uncorrelated at any delay: white noise of n samples gives about 1 / sqrt(n).
     both = np.fft.irfft(np.fft.rfft(unit[0], 1 << 18) * np.conj(np.fft.rfft(unit[1], 1 << 18)))
     assert np.abs(both).max() < 0.05
 
@@ -180,7 +182,7 @@ def test_blocks_do_not_change_the_sound_and_it_never_clicks() -> None:
     second = _sound(sources, LAYOUTS["5.0"], 60 * 80, 512)
     np.testing.assert_allclose(one, second, atol=1e-9)
     near = _sound([_source(np.tile([0.0, 0.0, 0.0], (60, 1)), 1.0)], LAYOUTS["stereo"], 60 * 80)
-    # All dry, from both: a sine of 1 / sqrt(2), whose steepest step is its slope.
+    # All dry, from both: a sine of 1 / sqrt(2), with the sine's slope as the steepest step.
     steepest = 2.0 * np.pi * 440.0 / RATE_HZ / np.sqrt(2.0)
     assert np.abs(np.diff(near[:-80], axis=0)).max() <= steepest
     assert np.abs(near).max() == pytest.approx(np.sqrt(0.5), rel=1e-3)

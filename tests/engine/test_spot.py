@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spots on the skin: their weights, their way along a path, what the engine makes of them."""
+"""Spots on the skin: weights, motion along a path, and the engine's samples."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_point_between_two_vertices_is_felt_half_at_each() -> None:
     samples = dict(zip(vertices.tolist(), weights.tolist(), strict=True))
     assert samples[MIDDLE] == pytest.approx(0.5, abs=1e-5)
     assert samples[MIDDLE + 1] == pytest.approx(0.5, abs=1e-5)
-    # The two others of its triangles are sqrt(3) / 2 of a side away: 1 - 0.866.
+    # The other two vertices of the triangle are sqrt(3) / 2 of a side away: 1 - 0.866.
     assert sorted(samples.values())[:2] == pytest.approx([1 - np.sqrt(0.75)] * 2, abs=1e-5)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joints in place of an avatar's surface: exact where it moves as a whole, close where it bends."""
+"""Joints in place of an avatar's surface: exact for rigid motion, close for bending."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REST = MODEL.vertices.astype(np.float64)
 
 
 def followed(places):
-    """Joints of a body whose mesh has a vertex at each of the model's, at places (T, V, 3)."""
+    """Return joints of a body with a mesh vertex at each model vertex, at positions (T, V, 3)."""
     corners = np.repeat(np.arange(len(MODEL), dtype=np.int32)[:, None], 3, axis=1)
     corners[:, 1] = (corners[:, 0] + 1) % len(MODEL)
     weights = np.tile([1.0, 0.0, 0.0], (len(MODEL), 1))

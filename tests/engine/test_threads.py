@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several threads find what one finds; scenes and blocks as bytes for other processes."""
+"""Several threads give the results of one; scenes and blocks as bytes for other processes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _block(start: int, *filters: Filter) -> AnimationBlock:
     count = stop - first
     bones = np.tile(np.eye(3, 4), (count, len(MODEL.bone_names), 1, 1))
     pose = PoseBlock(np.ones(count, bool), np.tile(np.eye(4), (count, 1, 1)), bones)
-    # A mesh that stays is read once, one that changes at every block.
+    # A constant mesh is read once, a changing mesh at every block.
     mesh = (
         TETRAHEDRON
         if start < SAMPLES // 2
@@ -138,7 +138,7 @@ def test_something_is_felt_all_the_time() -> None:
 @pytest.mark.parametrize("tolerance", [PAPER, STANDARD], ids=lambda each: each.name)
 @pytest.mark.parametrize("threads", [2, 4])
 def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> None:
-    """Impacts go on ringing in later blocks, whoever looks for contacts."""
+    """Impacts ring on in later blocks, for any thread of the contact search."""
     ringing = Filter(FilterKind.IMPACT), Filter(FilterKind.PROXIMITY)
     alone = _found(1, *ringing, tolerance=tolerance)
     assert _found(threads, *ringing, tolerance=tolerance) == alone
@@ -153,7 +153,7 @@ def test_without_the_library_there_are_no_threads() -> None:
 
 @needs_library
 def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() -> None:
-    """And counts only when it is given on itself."""
+    """Warnings count only when the block itself is passed on."""
     read: list[int] = []
 
     def noted() -> Iterator[AnimationBlock]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tolerances: presets as the product states them, and values as a user types them."""
+"""Tolerances: documented presets, and user input."""
 
 from __future__ import annotations
 

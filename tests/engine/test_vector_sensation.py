@@ -126,7 +126,7 @@ def test_the_curves_are_what_the_actuators_get() -> None:
 
 
 def test_other_effects_add_to_them_and_the_limits_come_last() -> None:
-    """The painted effect gives 2 m/s^2 of the same frequency to m0, which lies over it."""
+    """The painted effect adds 2 m/s^2 of the same frequency at m0, inside the painted area."""
     raster = _rendered([VECTOR, PAINT], _device())
     assert raster.values[:, 0] == pytest.approx([2.0, 2.0, 2.5, 2.0, 2.0, 3.5])
     limited = _rendered([VECTOR, PAINT], _device(highest=3.0))

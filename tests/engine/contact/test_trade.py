@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The stated tolerance holds: edges in mm, onsets in ms, strengths in shares of full scale.
 
-A setting may misplace the edge of a contact by its distance: the result must lie between exact
+A setting may misplace the edge of a contact by a distance: the result must lie between exact
 results for a smaller and a larger volume, up to the setting's share of strength.
 """
 

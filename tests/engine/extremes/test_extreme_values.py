@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers that are none, or too large to compute with: silent there, right everywhere else."""
+"""Non-finite and huge input values: silence at the affected places, correct results elsewhere."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh volumes twice: one with the compiled library, one without."""
+"""Mesh volumes in pairs, with and without the compiled library."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around skin and volumes as they must be, and what is told of those that meet."""
+"""Bounding boxes of skin and volumes, and the overlaps reported by the broad phase."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tiny body of dots, a track on it and devices for it, all made by hand."""
+"""Tiny body of dots, with a track and devices, all made by hand."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -62,7 +62,7 @@ def make_header(
     contact: Sequence[str] = (),
     bodies: Sequence[str] = ("body",),
 ) -> TrackHeader:
-    """A track with volumes (id: modality) that every body may feel."""
+    """Return a header with volumes (id: modality) for every body."""
     return TrackHeader(
         time=TimeBase(rate_hz, rate_hz, 0, 0, sample_count - 1),
         models=tuple(
@@ -127,7 +127,7 @@ def make_type(modality: str, interval_ms: float = 10.0) -> ActuatorType:
 
 
 def at(*vertices: int) -> VertexPlace:
-    """Place with these vertices on each of the models."""
+    """Return a place with these vertices on each model."""
     return VertexPlace(tuple(VertexSet(m.id, m.content_hash, vertices) for m in MODELS.values()))
 
 

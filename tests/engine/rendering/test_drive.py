@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measured actuators: the drive that an amplitude needs, and what is too faint to be felt."""
+"""Measured actuators: drive for an amplitude, and imperceptible amplitudes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.formats.sound import wav
 
-# Half drive yields a third of the output at 80 Hz, and two fifths of a larger one at 160 Hz.
+# Half drive yields a third of the output at 80 Hz, and two fifths of a larger output at 160 Hz.
 CURVES = (
     DriveCurve(80.0, ((0.0, 0.0), (0.5, 2.0), (1.0, 6.0))),
     DriveCurve(160.0, ((0.0, 0.0), (0.5, 8.0), (1.0, 20.0))),
@@ -33,7 +33,7 @@ CURVES = (
         (1.0, 80.0, 0.25),
         (2.0, 80.0, 0.5),
         (4.0, 80.0, 0.75),
-        (9.0, 80.0, 1.0),  # more than it can
+        (9.0, 80.0, 1.0),  # beyond the maximum
         (4.0, 160.0, 0.25),
         (4.0, 120.0, 0.5),  # half way between 0.75 and 0.25
         (4.0, 20.0, 0.75),  # beyond: the nearest
@@ -106,7 +106,7 @@ def test_channels_of_a_port_hold_the_drive():
     channels = Channels(device(drive=CURVES))  # amplitude 0..20, frequency 50..250
     assert channels.fractions(channels.values(np.array([4.0, 80.0]))).tolist() == [0.75, 0.15]
     assert channels.fractions(channels.values(np.array([4.0, 160.0])))[0] == 0.25
-    # A board that gets no frequency: that of silence, 100 Hz, a quarter of the way to 160 Hz.
+    # A board without frequencies plays at the neutral 100 Hz, a quarter of the way to 160 Hz.
     strengths = Channels(device(drive=CURVES), strengths_only=True)
     assert strengths.fractions(strengths.values(np.array([4.0, 160.0]))).tolist() == [0.625]
     plain = Channels(device())

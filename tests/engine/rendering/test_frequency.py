@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Overlapping 80 and 250 Hz: one frequency with hysteresis, or the sum of both waveforms."""
+"""Overlapping 80 and 250 Hz: a single frequency with hysteresis, or the sum of both waveforms."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOW, HIGH = 80.0, 250.0
 
 
 def chosen(*strengths: tuple[float, float]) -> list[float]:
-    """The frequency that one actuator plays while an 80 and a 250 Hz effect have strengths."""
+    """Return the frequencies of an actuator for strengths of an 80 and a 250 Hz effect."""
     amplitudes = np.array(strengths).T[..., None]
     hz = np.repeat([[LOW], [HIGH]], len(strengths), axis=1)
     return StrongestContributor(1).frequencies(["a", "b"], amplitudes, hz)[:, 0].tolist()
@@ -65,7 +65,7 @@ def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
     first = np.array([[[2.0, 1.0]], [[1.0, 2.0]]])
     equal = np.ones((2, 1, 2))
     assert contributor.frequencies(["a", "b"], first, hz).tolist() == [[LOW, HIGH]]
-    # The same effects in another order, with another one that does nothing there.
+    # The same effects in another order, with a silent effect in between.
     again = contributor.frequencies(
         ["b", "x", "a"], np.insert(equal, 1, 0.0, axis=0), hz[[1, 1, 0]]
     )
@@ -74,7 +74,7 @@ def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
 
 @given(st.integers(0, 2**32 - 1))
 def test_it_does_not_matter_how_time_is_cut_into_blocks(seed: int):
-    """Blocks in which no actuator changes its source take a vectorised path."""
+    """Blocks without changes of source take a vectorised path."""
     random = np.random.default_rng(seed)
     rows, width = 6, 5
     amplitudes = random.integers(0, 4, (2, rows, width)) * random.choice([1.0, 0.3], (2, 1, width))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An actuator that answers late is given its values earlier."""
+"""An actuator with latency gets values earlier."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_rows_move_as_they_are_and_the_end_is_neutral(count, latency_ms):
     actual = advanced(values, np.array([-1.0, -2.0]), RATE, latency_ms)
     rows = min(rows_of(RATE, latency_ms), count)
     assert actual[: count - rows].tolist() == values[rows:].tolist()
-    free = max(count - rows, rows)  # from here on there is neither an early row nor a late one
+    free = max(count - rows, rows)  # no early or late row from here on
     assert actual[free:].tolist() == [[-1.0, -2.0]] * (count - free)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layouts on flat and bent mounts: where they are in space, and unrolled again."""
+"""Layouts on flat and bent mounts: positions in space, and unrolled."""
 
 from __future__ import annotations
 
@@ -108,7 +108,8 @@ def test_a_layout_is_cut_open_in_its_widest_gap():
 
 def test_a_layout_that_goes_round_is_closed_and_one_on_a_side_is_open():
     mount = bent(0.05)
-    # Eight round, 39 mm apart; and five of these, of which the ends are 180 degrees apart.
+    # Eight actuators around, 39 mm apart; and a layout of five of these, with the ends 180 degrees
+    # apart.
     layout = np.array([[0.05 * pi * k / 4, 0.0] for k in range(8)])
     centres = place_on(mount, layout)
     spacing_m = float(np.linalg.norm(centres[1] - centres[0]))
@@ -161,7 +162,7 @@ SLEEVE_RADIUS_M = 0.04
 
 
 def sleeve(scheme: str, rows: int = 2) -> DeviceConfig:
-    """Rows of six round the left forearm, along its axis as its vertices have it."""
+    """Return rows of six actuators around the left forearm, along the arm's axis."""
     model = load_model("hfx-pressure-1")
     own = (model.part == PARTS.index("forearm")) & (model.side == SIDES.index("left"))
     skin = model.vertices[own].astype(np.float64)
@@ -218,7 +219,7 @@ def test_round_a_sleeve_nothing_jumps_and_each_neighbour_follows(scheme, rows):
 
 
 def test_along_a_row_a_bent_pad_plays_what_the_flat_one_plays():
-    """Shares are those of the millimetres, however the pad is bent."""
+    """Shares follow distances in millimetres along the pad, for any bend."""
     layout = np.array([[0.0, 0.0], [0.03, 0.0], [0.06, 0.0], [0.015, 0.03], [0.045, 0.03]])
     places = np.column_stack((np.linspace(0.0, 0.06, 50), np.linspace(0.0, 0.03, 50)))
     flat = PlanarPanning(layout, "log").gains(places)

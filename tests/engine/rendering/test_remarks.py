@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remarks on a device: settings that do not count, or not as configured, with their actuators."""
+"""Remarks on a device: unused or overridden settings, with the actuators' names."""
 
 from __future__ import annotations
 

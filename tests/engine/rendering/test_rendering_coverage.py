@@ -61,7 +61,7 @@ def test_samples_with_equal_first_and_last_sets_are_not_taken_for_one_set():
     assert actual.tolist() == [[0.5, 0], [0, 1], [0.75, 0]]
 
 
-MODEL = MODELS["dots-pressure"]  # x = -0.45 ... 0.45; even vertices forearm, odd ones torso
+MODEL = MODELS["dots-pressure"]  # x = -0.45 ... 0.45; even vertices forearm, odd torso
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ MODEL = MODELS["dots-pressure"]  # x = -0.45 ... 0.45; even vertices forearm, od
         (BodyPlace(("torso",), (0.0, 0.0, 0.0), 0.16), [3, 5]),
         (BodyPlace(("torso",), (0.0, 0.0, 0.0), 0.16, "left"), [5]),
         (BodyPlace(("torso",), (0.02, 0.0, 0.0), 0.0), [5]),  # between: the nearest at least
-        (BodyPlace(("forearm",), (0.07, 0.0, 0.0), 0.0), [6]),  # the nearest one of its part
+        (BodyPlace(("forearm",), (0.07, 0.0, 0.0), 0.0), [6]),  # nearest of the part
         (RoomPlace(("torso",)), [1, 3, 5, 7, 9]),
         (at(2, 7), [2, 7]),
         (VertexPlace((VertexSet("another", "0" * 64, (1,)),)), []),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts that last for an instant, from the engine to the rows of a device."""
+"""Momentary contacts, from the engine to the rows of a device."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BLOCK = 32
 
 
 def _blocks(passes: np.ndarray) -> list[AnimationBlock]:
-    """A wall of 1 mm that jumps through all dots before these samples, at 50 m/s."""
+    """Return blocks of a wall of 1 mm passing all dots before the given samples, at 50 m/s."""
     side = np.where(np.cumsum(np.isin(np.arange(SAMPLES), passes)) % 2, -1.0, 1.0)
     matrices = np.tile(np.diag([1.0, 1.0, 0.0005, 1.0]), (SAMPLES, 1, 1))
     matrices[:, 2, 3] = 0.25 * side

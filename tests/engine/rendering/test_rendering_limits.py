@@ -21,7 +21,7 @@ NAN, INF = float("nan"), float("inf")
         ([-1, 10], [0, 60]),
         ([1e308, 1e308], [15, 250]),
         ([NAN, 100], [0, 80]),  # silent, not full power
-        ([5, NAN], [0, 80]),  # a frequency that is no number silences too
+        ([5, NAN], [0, 80]),  # a NaN frequency silences, too
         ([INF, 100], [0, 80]),
         ([-INF, 100], [0, 80]),
         ([5, INF], [0, 80]),
@@ -46,7 +46,7 @@ def test_no_bit_pattern_gets_out_of_range(bits):
 
 
 def rows(*strengths):
-    """(T, 2): the second column numbers the rows, to tell which one was taken."""
+    """Return rows (T, 2); the second column numbers the rows."""
     return np.column_stack([strengths, np.arange(float(len(strengths)))])
 
 

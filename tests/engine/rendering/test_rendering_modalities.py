@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Combination of the effects of one modality, against arithmetic by hand."""
+"""Combination of effects of one modality, against arithmetic by hand."""
 
 import numpy as np
 import pytest
@@ -26,9 +26,19 @@ def strengths(modality, *effects):
         ([3.0, 4.0], [80.0, 80.9], 7.0, 80.0),  # within 1 Hz counts as equal
         ([3.0, 4.0], [80.0, 250.0], 5.0, 250.0),  # unequal: 3-4-5
         ([3.0, 4.0, 2.0], [80.0, 250.0, 80.5], np.hypot(5.0, 4.0), 80.0),
-        ([3.0, 3.0], [250.0, 80.0], np.hypot(3.0, 3.0), 80.0),  # a tie: the lower one
-        ([0.0, 4.0], [99.5, 100.0], 4.0, 100.0),  # a silent one lends nothing, not even its Hz
-        ([1.0, 1.0, 1.0], [10.0, 10.8, 11.6], np.hypot(2.0, 1.0), 10.0),  # no chain of near ones
+        ([3.0, 3.0], [250.0, 80.0], np.hypot(3.0, 3.0), 80.0),  # a tie: the lower frequency
+        (
+            [0.0, 4.0],
+            [99.5, 100.0],
+            4.0,
+            100.0,
+        ),  # without the silent effect's Hz
+        (
+            [1.0, 1.0, 1.0],
+            [10.0, 10.8, 11.6],
+            np.hypot(2.0, 1.0),
+            10.0,
+        ),  # no chains
         ([0.0, 0.0], [80.0, 90.0], 0.0, 0.0),
     ],
 )

@@ -174,7 +174,7 @@ def test_slow_actuators_hold_their_peak():
 
 
 def random_runs(header, random, low, high):
-    """Random runs, one for each effect, over some of the samples of a range."""
+    """Return random runs, one per effect, over some samples of a range."""
     runs = []
     for effect, parameters in [
         ("push", [4.0]),
@@ -196,7 +196,7 @@ def random_runs(header, random, low, high):
 
 
 def pieces(runs, cuts):
-    """Samples cut into blocks that end at ``cuts``."""
+    """Yield samples in blocks with the ends ``cuts``."""
     for low, high in zip([0, *cuts], cuts, strict=False):
         for run in runs:
             samples = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices that stand in the room reach what is in range and in their cone, wherever the room is."""
+"""Devices in the room reach points in range and inside the cone, at any position of the room."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def moved(x: float, turn_deg: float = 0.0) -> np.ndarray:
         ((0.0, 0.0, 1.0), True),
         ((0.0, 0.99, 1.0), True),  # 2.99 m away
         ((0.0, 1.01, 1.0), False),
-        ((1.15, 0.0, 1.0), True),  # 29.9 degrees off its aim
+        ((1.15, 0.0, 1.0), True),  # 29.9 degrees off the axis
         ((1.16, 0.0, 1.0), False),  # 30.1
         ((0.0, 0.0, 2.16), False),
-        ((0.0, -2.5, 1.0), False),  # behind it
-        ((0.0, -2.0, 1.0), True),  # in it
+        ((0.0, -2.5, 1.0), False),  # behind the fan
+        ((0.0, -2.0, 1.0), True),  # inside the fan
         ((np.nan, 0.0, 1.0), False),
     ],
 )
@@ -94,7 +94,7 @@ def test_a_track_with_a_play_space_that_is_none_is_refused(wrong: object) -> Non
 
 
 def fan_and_walker():
-    """Dots at y = 0, 10 cm apart, that stand for a body 2 m in front of a fan."""
+    """Return a fan, a header and a run: dots at y = 0, 10 cm apart, 2 m in front of the fan."""
     device = make_device({"fan": ("wind", FAN)})
     header = make_header({"wind": "wind"}, 4)
     run = make_run(header, "wind", {i: {4: 0.5, 7: 1.0} for i in range(4)}, [4.0, 0.0, 1.0, 0.0])

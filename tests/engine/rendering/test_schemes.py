@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering schemes of whole devices on the shipped body: who plays what, and how it glides."""
+"""Rendering schemes of whole devices on the shipped body: playing actuators, and transitions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def with_scheme(name: str, scheme: str, **options: object) -> DeviceConfig:
 
 
 def gains_of_single_vertices(device: DeviceConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Gains with each vertex of the model touched alone: (n, A) of those that drive anything."""
+    """Return (vertices, gains (n, A)) for single touched vertices with any gain."""
     model = load_model(MODEL)
     cells = cells_of(device, device.actuators, model)
     vertices = cells.reached
@@ -47,7 +47,7 @@ def test_every_scheme_plays_every_device_on_its_own_skin(name, scheme):
     parts = {part for a in device.actuators for part in a.place.parts}
     assert {PARTS[p] for p in model.part[vertices]} <= parts
     assert np.isfinite(gains).all() and gains.min() >= 0.0 and gains.max() <= 1.0 + 1e-6
-    # A pad is no strip: its rows are wider than any two may be apart that share a place.
+    # A pad is not a strip: the rows are farther apart than actuators sharing a point may be.
     is_strip = (name, scheme) != ("back_pad", "line")
     assert (gains.max(axis=0) > 0.0).all() or not is_strip, "an actuator is never played"
 

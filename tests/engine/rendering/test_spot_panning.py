@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A spot on devices that pan: the phantom sensation is where the spot is."""
+"""Spot on panning devices: the phantom sensation is at the spot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COUNT = 101
 
 
 def _rendered(path: np.ndarray, device_name: str, radius: float = 0.0) -> Raster:
-    """A spot that goes along a path at even speed within a second, at 100 Hz."""
+    """Render a spot moving along a path at constant speed within a second, at 100 Hz."""
     time = TimeBase(Fraction(100), Fraction(100), 0, 0, COUNT - 1)
     area = SpotArea("body", path)
     effect = EffectDescription("spot", "Spot", "vibration", "hfx-vibration-1", area)
@@ -90,7 +90,7 @@ def test_a_wide_disc_drives_more_tactors() -> None:
 
 
 def test_round_the_waist_the_belt_keeps_its_power() -> None:
-    """Constant power: the squares of the gains add up to one all the way round."""
+    """Constant power: the squared gains sum to 1 all the way round."""
     device = load_device("waist_belt")
     centres = np.array([actuator.place.centre_m for actuator in device.actuators])
     angle = np.linspace(0.0, 2.0 * np.pi, 60)

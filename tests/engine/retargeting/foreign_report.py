@@ -26,18 +26,16 @@ MODEL_ID = "hfx-pressure-1"
 
 @dataclass(frozen=True)
 class Followed:
-    """Fit of one foreign avatar; with the truth where it is known (millimetres, avatar's
-    own size).
-    """
+    """Fit of a third-party avatar; with the truth where known (millimetres, at avatar size)."""
 
     avatar: Foreign
     mapping: BoneMapping
     quality: FitQuality
-    refused: str  # why it is not taken, or nothing
+    refused: str  # reason of a refusal, or empty
     parts: dict[str, float]  # median error of each part
     p95: dict[str, float]
     landmarks: dict[str, float]
-    agreement: float  # share of vertices whose nearest true vertex is of the same part
+    agreement: float  # share of vertices with the same part as the nearest true vertex
     plausible: dict[str, float]  # mm on a body of 1.8 m: see _plausible
 
 
@@ -78,10 +76,10 @@ def follow(avatar: Foreign) -> Followed:
 
 
 def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
-    """Places of landmarks that any body has, in millimetres of a body 1.8 m tall.
+    """Return landmark errors measurable on any body, in millimetres of a body 1.8 m tall.
 
-    Heels above the lowest skin, the nose behind the foremost skin that follows the head,
-    fingertips short of the skin that is farthest out on their side.
+    Heels above the lowest skin, the nose behind the foremost skin of the head, fingertips short of
+    the outermost skin on the same side.
     """
     actual = landmarks(load_model(MODEL_ID))
     skin = bodies.points
@@ -98,7 +96,7 @@ def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
 
 
 def with_truth() -> dict[str, Followed]:
-    """Avatars of others whose correspondence can be derived."""
+    """Third-party avatars with derivable correspondence."""
     actual = {"SOMA": follow(foreign_avatars.soma())}
     rigs = ("mixamo", "game_engine", "cmu", "mixamo")
     for name, rig in zip(foreign_avatars.TOPOLOGIES, rigs, strict=True):
@@ -114,7 +112,7 @@ def without_truth() -> dict[str, Followed]:
 
 
 def lines() -> list[str]:
-    """The tables, as Markdown; those without data are left out."""
+    """Return the tables as Markdown, without tables for missing data."""
     known, others = with_truth(), without_truth()
     text = ["### Avatars that nobody here made, median error of each part (mm)", ""]
     text += [*table(known, "parts"), ""]

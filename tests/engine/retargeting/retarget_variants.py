@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Avatars with a known answer: generated variants of the base mesh and of the shipped avatar.
 
-What is true is known because every variant keeps the base mesh's vertices: a perceptual vertex
-lies at the same place of the same triangle of it, however that is shaped, posed or scaled.
+Every variant keeps the base mesh's vertices, which gives the truth: a perceptual vertex stays at
+the same point of the same triangle under any shape, pose or scale.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
 
 
 def folder() -> Path:
-    """Folder of the MakeHuman data; raises ``InputError`` where it is not installed."""
+    """Return the folder of the MakeHuman data; raises ``InputError`` if not installed."""
     named = os.environ.get("HFX_MAKEHUMAN_DATA")
     return source.locate(Path(named) if named else None)
 
@@ -140,7 +140,7 @@ class RigBone:
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """A target avatar, and where each vertex of the shipped avatar has its counterpart."""
+    """Target avatar, with a counterpart for each vertex of the shipped avatar."""
 
     target: TargetAvatar
     places: F64  # (A, 3) counterpart of each vertex of the shipped avatar, target's space
@@ -158,7 +158,7 @@ def source_vertices(avatar: Avatar) -> I64:
 
 
 def rigged(shape: str, rig: str) -> Variant:
-    """A shaped base mesh with one of MakeHuman's rigs and that rig's own weights."""
+    """Return a shaped base mesh with one of MakeHuman's rigs and the rig's weights."""
     data = shaped(shape)
     rig_file, weight_file = RIGS[rig]
     bones = json.loads((folder() / "rigs" / rig_file).read_bytes())
@@ -195,7 +195,7 @@ def _weights(
     index = {name: number for number, name in enumerate(names)}
     expected = np.full(count, -1)
     expected[used] = np.arange(len(used))
-    # Rigify's weights name the halves of limbs that only its generated rig has.
+    # Rigify's weights name halves of limbs, present only in the generated rig.
     whole = {name: name.removeprefix("DEF-").removesuffix(".001") for name in stored}
     whole |= {name: name for name in stored if name in index}
     rows = [
@@ -219,7 +219,7 @@ def _weights(
 
 
 def shuffled(variant: Variant, seed: int = 1) -> Variant:
-    """Variant with its vertices in another order, so that it is not recognised as the base mesh."""
+    """Return the variant with shuffled vertices, not recognisable as the base mesh."""
     target = variant.target
     order = np.random.default_rng(seed).permutation(len(target.vertices))
     rank = np.argsort(order)
@@ -284,14 +284,14 @@ def moved(variant: Variant, matrix: F64) -> Variant:
 
 
 def posed(variant: Variant, turns: Mapping[str, F64], stretches: Mapping[str, float]) -> Variant:
-    """A new rest pose: bones turned about their heads, and stretched with all that hangs on them.
+    """Return a new rest pose: bones turned about the heads, and stretched with all children.
 
     Parameters
     ----------
     turns : mapping of bone to (3, 3)
         Turns in the space of the avatar.
     stretches : mapping of bone to factor
-        Along the bone; what hangs on it moves along.
+        Factor along the bone; children move along.
     """
     target = variant.target
     index = {bone.name: number for number, bone in enumerate(target.bones)}
@@ -301,7 +301,7 @@ def posed(variant: Variant, turns: Mapping[str, F64], stretches: Mapping[str, fl
         if name not in matrices:
             bone = target.bones[index[name]]
             above = np.eye(4) if bone.parent is None else _unstretched(bone.parent)
-            if bone.parent in stretches:  # it starts where its parent now ends
+            if bone.parent in stretches:  # starts at the new end of the parent
                 parent = target.bones[index[bone.parent]]
                 axis = np.asarray(parent.tail) - np.asarray(parent.head)
                 along = axis / np.linalg.norm(axis)
@@ -372,7 +372,7 @@ def turn(axis: int, degrees: float) -> F64:
 
 
 def canonical() -> Variant:
-    """The shipped avatar itself, its own skeleton and weights."""
+    """Return the shipped avatar with the shipped skeleton and weights."""
     avatar = load_avatar()
     skeleton_ = avatar.skeleton
     names = skeleton_.bone_names

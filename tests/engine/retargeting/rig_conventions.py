@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bone names of public conventions, written by hand: canonical bone to name, and other bones."""
+"""Bone names of public conventions, written by hand: canonical bones, and additional bones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ LIMBS = "clavicle upperarm01 lowerarm01 wrist upperleg01 lowerleg01 foot toe2-1"
 
 
 def named(trunk: str, limbs: str, fingers: str, sides: tuple[str, str]) -> dict[str, str]:
-    """Canonical bone -> name. ``*`` in a limb or finger name stands for the side.
+    """Return canonical bone -> name. ``*`` in a limb or finger name stands for the side.
 
-    trunk: "canonical=name" pairs; limbs: one name for each of LIMBS ("-" for none);
-    fingers: one pattern for each finger, ``#`` stands for the joint, or "-".
+    trunk: "canonical=name" pairs; limbs: a name for each of LIMBS ("-" for none); fingers: a
+    pattern for each finger, ``#`` stands for the joint, or "-".
     """
     table = dict(pair.split("=") for pair in trunk.split(";"))
     for side, word in zip("LR", sides, strict=True):
@@ -54,7 +54,7 @@ def prefixed(prefix: str, table: dict[str, str]) -> dict[str, str]:
 
 
 def _unity_fingers(table: dict[str, str], thumb: str) -> dict[str, str]:
-    """Unity's and VRM's joints have words for numbers; VRM 1 renamed those of the thumb."""
+    """Rename joints to the words of Unity and VRM; VRM 1 has other words for the thumb."""
     names = dict(table)
     for side, word in zip("LR", ("left", "right"), strict=True):
         for number, finger in enumerate(("Thumb", "Index", "Middle", "Ring", "Little"), start=1):
@@ -484,7 +484,7 @@ CONVENTIONS: dict[str, tuple[str, dict[str, str], list[tuple[str, str | None]]]]
 def rig_of(
     table: dict[str, str], more: Iterable[tuple[str, str | None]] = (), scale: float = 1.0
 ) -> list[RigBone]:
-    """Bones at the canonical places, hung as the canonical ones are; further ones at a parent."""
+    """Return bones at canonical positions with canonical parents; further bones at a parent."""
     heads, parents, bones = canonical_heads(), canonical_parents(), {}
     for canonical in parents:
         if canonical not in table:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures of strangers' kinds made from the shipped avatar, with every place known.
+"""Figures in the manner of third-party avatars, made from the shipped avatar, with known positions.
 
 An engine's mannequin with twist bones, a crowd figure of a Biped in centimetres, half a body, and
-shoes with thick soles; with other proportions, rest poses, clothes, and rigs whose knees and elbows
-lie beside those of the skin. Each vertex of the shipped avatar keeps its counterpart, so the truth
-needs no other data.
+shoes with thick soles; with other proportions, rest poses, clothes, and rigs with knees and elbows
+displaced from the skin's. Each vertex of the shipped avatar keeps a counterpart, so the truth needs
+no further data.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CENTIMETRES = np.array([[100, 0, 0, 0], [0, 0, 100, 0], [0, -100, 0, 0], [0, 0, 
 
 @dataclass(frozen=True)
 class Figure:
-    """Recipe of one figure; lengths in metres of a body 1.8 m tall."""
+    """Recipe of a figure; lengths in metres of a body 1.8 m tall."""
 
     name: str
     rig: Mapping[str, str] = field(default_factory=lambda: MIXAMO)
@@ -53,7 +53,7 @@ class Figure:
     lumps_m: float = 0.006  # size of smooth differences of the shape
     knees_m: float = 0.0  # how far the rig's knees lie below the skin's
     elbows_m: float = 0.0
-    triangles: float = 0.4  # share that is left
+    triangles: float = 0.4  # share of triangles left
     hips_m: float = 0.0  # how far the rig's hips lie above the skin's
     is_blurred: bool = False  # skin weights of a broad brush
     is_bound_anew: bool = False  # skin weights made from the rig's own joints
@@ -269,7 +269,7 @@ def _with_joints_beside(person: Variant, figure: Figure) -> Variant:
 
 
 def _bound_anew(person: Variant) -> Variant:
-    """The skin of each limb passes from one bone to the next at the rig's joint."""
+    """Bind the skin again, with the weights changing at the rig's joints."""
     from foreign_avatars import sparse
 
     target = person.target
@@ -294,7 +294,7 @@ def _bound_anew(person: Variant) -> Variant:
 
 
 def _with_flat_twists(person: Variant) -> Variant:
-    """Limbs hang on each other as in an engine, their twist bones beside them."""
+    """Parent limbs to each other as in an engine, with separate twist bones."""
     parents = {"lowerarm": "upperarm", "hand": "lowerarm", "calf": "thigh", "foot": "calf"}
     bones = tuple(
         replace(b, parent=f"{parents[b.name[:-2]]}{b.name[-2:]}")

@@ -77,7 +77,7 @@ def test_look_alikes_are_not_joints(name: str) -> None:
 
 
 def _rigify_rig() -> list[RigBone]:
-    """A generated rig as Blender 4.5 makes it: split limbs hang on bones that do not deform."""
+    """Return a generated rig as in Blender 4.5: split limbs hang on non-deforming bones."""
     table = {
         bone: f"DEF-{name}"
         for bone, name in with_sides(
@@ -109,7 +109,7 @@ def _rigify_rig() -> list[RigBone]:
         if ".001" not in bone.name and "spine" not in bone.name and bone.parent:
             bones[bone.name] = replace(bone, parent=above)
         bones[bone.name[4:]] = replace(bone, name=bone.name[4:], parent=above)
-    for side in "LR":  # split in the middle: no counterpart of a bone that begins at 0.29
+    for side in "LR":  # split in the middle: unlike the canonical bone's start at 0.29
         upper, fore = (np.array(bones[f"DEF-{n}.{side}"].head) for n in ("upper_arm", "forearm"))
         middle = tuple((upper + fore) / 2)
         second = RigBone(f"DEF-upper_arm.{side}.001", f"DEF-upper_arm.{side}", middle, tuple(fore))
@@ -220,7 +220,7 @@ def test_a_misspelt_joint_is_the_only_child_of_the_one_above() -> None:
     }
     assert bone_mapping.map_bones(rig_of(table)).bones == table
     bones = [bone for bone in rig_of(table) if bone.name != "leftfoor"]
-    one_sided = bone_mapping.map_bones(bones)  # of which nothing can be told
+    one_sided = bone_mapping.map_bones(bones)  # unreliable
     assert {"foot.L", "foot.R"} <= one_sided.fallbacks.keys()
 
 
@@ -414,7 +414,7 @@ def _chain(count: int) -> list[RigBone]:
 
 
 def _quadruped() -> list[RigBone]:
-    """Four legs that all reach down, a spine that lies."""
+    """Return four legs reaching down from a horizontal spine."""
     bones = [
         RigBone("a", None, (0, 0.5, 1), (0, 0, 1)),
         RigBone("b", "a", (0, -0.5, 1), (0, -1, 1)),
@@ -443,7 +443,7 @@ def test_feet_without_toes_leave_a_nameless_rig_undecided() -> None:
 
 
 def test_nameless_hip_joints_are_not_taken_for_thighs() -> None:
-    """Legs of five bones that begin at the midline: a hip joint, not a mark at the toes."""
+    """Legs of five bones from the midline: a hip joint, not an extra bone at the toes."""
     bones, _ = _nameless(MIXAMO | {"pelvis.L": "HipL", "pelvis.R": "HipR"})
     with pytest.raises(InputError):
         bone_mapping.map_bones(bones)

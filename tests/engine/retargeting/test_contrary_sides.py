@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones whose names tell both sides, no side or the wrong side of the body are mapped by place."""
+"""Bones with names of both sides, no side or the wrong side are mapped by position."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def table_of(left: str, right: str) -> dict[str, str]:
 
 
 def turned(bones: list[RigBone]) -> list[RigBone]:
-    """Bones in a space that is turned, scaled and shifted at random, in another order."""
+    """Return bones turned, scaled and shifted at random, in another order."""
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     matrix = 100.0 * turn * np.linalg.det(turn)
     actual = [
@@ -67,7 +67,7 @@ def test_halves_with_sides_that_say_little(case: str) -> None:
 
 
 def test_limbs_whose_bones_hang_on_nothing() -> None:
-    """Bones without parents, as some exporters leave them."""
+    """Some exporters leave bones without parents."""
     table = table_of("J_Bip_L_{}.L", "J_Bip_L_{}.R")
     bones = [replace(bone, parent=None) for bone in turned(rig_of(table))]
     limbs = {bone: name for bone, name in table.items() if bone[:-2] in LIMBS}
@@ -104,13 +104,13 @@ def test_nothing_is_told_where_names_and_places_agree() -> None:
 
 
 def test_a_helper_with_both_sides_is_no_hand() -> None:
-    """A bone between both hands, as engines have, beside hands that tell their side."""
+    """A bone between both hands, as in engines, next to hands with a side in the name."""
     mapping = map_bones(rig_of(MIXAMO, [("hand_l_r", "LeftHand"), ("Foot_L_R", "Hips")]))
     assert mapping.bones == MIXAMO
 
 
 def test_crossed_limbs_keep_their_names() -> None:
-    """Hands on the other side's thigh, and ankles crossed."""
+    """Hands on the opposite thigh, and crossed ankles."""
     position = {
         "LeftHand": (-0.15, -0.1, 0.9), "RightHand": (0.15, -0.12, 0.9),
         "LeftFoot": (-0.05, 0.0, 0.08), "LeftToeBase": (-0.06, -0.12, 0.02),

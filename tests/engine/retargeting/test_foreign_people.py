@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models on avatars that nobody here made."""
+"""Perceptual models on third-party avatars."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_soma_is_mapped_whole(soma: Followed) -> None:
     for bone, name in zip(joints, names, strict=True):
         assert soma.mapping.bones[f"{bone}.L"] == f"Left{name}"
         assert soma.mapping.bones[f"{bone}.R"] == f"Right{name}"
-    # Its fingers have four bones, the first in the palm.
+    # SOMA's fingers have four bones, the first in the palm.
     assert soma.mapping.bones["metacarpal1.L"] == "LeftHandIndex1"
     assert soma.mapping.bones["finger2-1.L"] == "LeftHandIndex2"
     assert soma.mapping.bones["finger1-1.R"] == "RightHandThumb1"
@@ -74,7 +74,7 @@ def test_game_characters_keep_their_sides_or_are_warned_of(name: str) -> None:
     for bone in ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01"):
         assert {f"{bone}.L", f"{bone}.R"} <= actual.mapping.bones.keys()
     assert actual.quality.sides > 0.99 and actual.quality.feet_forward == 1.0
-    # They are stylised: what does not fit is named, part by part.
+    # The figures are stylised: misfits are named, part by part.
     assert actual.quality.warnings
     misplaced = [part for part in actual.quality.parts if part.in_place < 0.8]
     assert all(part.faults for part in misplaced)

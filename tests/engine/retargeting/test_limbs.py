@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joints of a rig hold the model along the limbs, where loose cloth would let it slide."""
+"""Joints of a rig hold the model along the limbs, against sliding on loose cloth."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MODEL_ID = "hfx-pressure-1"
 
 
 def in_trousers(variant: variants.Variant) -> variants.Variant:
-    """Avatar whose legs are wide trousers, wider downwards, with a fold at the shin."""
+    """Return the avatar in wide trousers, wider downwards, with a fold at the shin."""
     points = variant.target.vertices.copy()
     heads = {bone.name: np.asarray(bone.head) for bone in variant.target.bones}
     for side in "LR":
@@ -48,7 +48,7 @@ def test_trousers_do_not_pull_the_knees_down() -> None:
     rest = load_avatar().vertices
     for side in "LR":
         knee = heads[f"lowerleg01.{side}"]
-        # The kneecap of the canonical avatar: in front of the joint, whose rig this one has.
+        # The kneecap of the canonical avatar, in front of the joint; the rig is canonical as well.
         near = np.linalg.norm((rest - knee)[:, [0, 2]], axis=1) < 0.015
         cap = np.flatnonzero(near & (rest[:, 1] < knee[1]))
         assert abs(np.median(warped.vertices[cap, 2] - rest[cap, 2])) < 0.015, side
@@ -68,7 +68,7 @@ def test_a_model_that_lies_beside_a_joint_is_named() -> None:
 
 
 def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
-    """The trunk of the shipped avatar stays where it is; one leg may stay stretched."""
+    """The trunk of the shipped avatar keeps position and size; one leg may stay stretched."""
     legs = {"upperleg01.L": variants.turn(0, -85.0), "lowerleg01.L": variants.turn(0, 85.0)}
     both = legs | {"upperleg01.R": variants.turn(0, -70.0), "lowerleg01.R": variants.turn(0, 80.0)}
     for turns in (legs, both):

@@ -25,14 +25,14 @@ MODEL_ID = "hfx-pressure-1"
 
 
 def own_names(variant: Variant) -> Any:
-    """The mapping of a rig that has the canonical bone names."""
+    """Return the identity mapping of a rig with canonical bone names."""
     return SimpleNamespace(
         bones={bone.name: bone.name for bone in variant.target.bones}, fallbacks={}
     )
 
 
 def few_bones(variant: Variant) -> Any:
-    """The canonical rig known only by the joints that any game rig has."""
+    """Return a mapping of only the joints common to all game rigs."""
     stems = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
     stems += ("toe3-1", *(f"finger{f}-{k}" for f in range(1, 6) for k in range(1, 4)))
     stored = {f"{stem}.{side}" for stem in stems for side in "LR"}
@@ -44,7 +44,7 @@ def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
     """Median distance from the truth of each part's vertices."""
     model = load_model(MODEL_ID)
     fitted, quality = retarget.fit(model, warped)
-    # Limbs that are stretched unlike any person's leave their hinges in doubt.
+    # Limbs stretched beyond human proportions make the hinges uncertain.
     assert all("knee" in warning for warning in quality.warnings), quality.warnings
     error = np.linalg.norm(fitted.vertices - variant.truth(model), axis=1)
     error *= 1000.0 * variant.target.metres
@@ -112,7 +112,7 @@ def test_another_rest_pose_or_proportion_of_the_same_mesh_is_exact(
     variant = variants.posed(canonical(), turns, stretches)
     warped = variants.warp(load_avatar(), variant.target, own_names(variant))
     errors = errors_mm(variant, warped)
-    # What is left is the height of a vertex over its triangle, at most 2.3 mm.
+    # The remaining error is the height of a vertex over the triangle, at most 2.3 mm.
     assert max(errors.values()) < 1.5, errors
 
 
@@ -126,7 +126,7 @@ def test_an_unknown_mesh_in_another_rest_pose(pose: Any, stretches: Any) -> None
         variant = variants.decimated(variants.posed(canonical(), pose, stretches))
         warped = warped_by_few_bones(variant)
     errors = errors_mm(variant, warped)
-    # Nobody's limbs are stretched evenly: what people have in common pulls a little at them.
+    # Human limbs never stretch evenly: the shape prior has a small influence.
     assert max(errors.values()) < (5.0 if stretches else 2.0), errors
 
 
@@ -156,7 +156,7 @@ def test_left_fingers_stay_left_and_no_finger_takes_its_neighbours_skin() -> Non
 
     mine = main_bone(model.bone_names, model.weights)
     theirs = main_bone(fitted.bone_names, fitted.weights)
-    # Beyond the first joint; before it, fingers share the skin of their web.
+    # Beyond the first joint; up to the joint, fingers share the skin of the web.
     outer = np.array([name.startswith("finger") and name[8] != "1" for name in mine])
     assert np.count_nonzero(outer) > 5000
     pairs = {
@@ -234,7 +234,7 @@ def test_a_missing_limb_is_a_warning_that_names_it() -> None:
     warped = variants.warp(load_avatar(), target, few_bones(variant))
     _, quality = retarget.fit(load_model(MODEL_ID), warped)
     assert any("no skin of" in warning and "feet" in warning for warning in quality.warnings)
-    assert not any(warning.startswith("foot") for warning in quality.warnings)  # told once
+    assert not any(warning.startswith("foot") for warning in quality.warnings)  # told only once
     assert not any(warning.startswith("fingers") for warning in quality.warnings)
 
 

@@ -43,7 +43,7 @@ def test_every_adult_meets_the_goals(measured: dict[str, report.Measured], part:
 
 def test_the_base_mesh_with_any_rig_is_nearly_exact(measured: dict[str, report.Measured]) -> None:
     row = measured["woman, game_engine, same mesh"]
-    # What is left is the smoothing of the shipped avatar.
+    # The remaining error is the smoothing of the shipped avatar.
     assert max(row.parts.values()) < 2.5
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape space of people: its stored data, and that a known shape is recovered."""
+"""Shape space of people: stored data, and recovery of a known shape."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> Non
     np.testing.assert_allclose(flipped, fields.fields, atol=1e-12)
     energy = np.sum(fields.fields**2, axis=(1, 2))
     assert (np.diff(energy) < 0.02 * energy[:-1]).all()
-    # A standard deviation of what people differ in beside length and girth is centimetres.
+    # A standard deviation of shape, apart from length and girth, is centimetres.
     assert 0.002 < np.sqrt(energy[0] / len(vertices)) < 0.03
 
 
@@ -45,7 +45,7 @@ def test_an_avatar_of_another_mesh_has_no_fields() -> None:
 
 
 def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
-    """Also along the skin, where no distance tells where a vertex belongs."""
+    """Also along the skin, where distances do not determine a vertex's position."""
     avatar, fields = load_avatar(), shape_fields.load_shapes()
     rng = np.random.default_rng(1)
     target = variants.canonical().target
@@ -56,7 +56,7 @@ def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
     start = posed(avatar, moved)
     surface = TargetSurface(truth, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
-    limbs.rings.clear()  # no joint holds anything: this shape moves them
+    limbs.rings.clear()  # without joints as anchors, as this shape moves joints
     actual = finish(
         shape_fields.shape(fields, moved, start, target.triangles, bodies, surface, limbs)
     )

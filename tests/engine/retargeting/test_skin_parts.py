@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes of one avatar taken together: numbered one after the other, nothing lost."""
+"""Several meshes of an avatar combined: consecutive numbering, no loss."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_every_vertex_triangle_and_weight_is_found_again(
 
 
 def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
-    """The canonical avatar as a mesh of its own rig."""
+    """Return the canonical avatar as a mesh with a rig."""
     avatar = load_avatar()
     skeleton = avatar.skeleton
     heads = skeleton.rest[:, :3, 3]
@@ -107,7 +107,7 @@ def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
 
 
 def _part(target: TargetAvatar, wanted: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
-    """Triangles of which all corners are wanted, moved outwards."""
+    """Return triangles with all corners in the mask, moved outwards."""
     normals = vertex_normals(target.vertices, target.triangles)
     stored = wanted[target.triangles].all(axis=1)
     return replace(
@@ -171,7 +171,7 @@ def test_the_layer_that_is_felt_is_chosen() -> None:
 
 
 def _ball(target: TargetAvatar, middle: tuple[float, float, float], radius: float) -> TargetAvatar:
-    """A sphere that hangs on the head."""
+    """Return a sphere parented to the head."""
     from trimesh.creation import icosphere
 
     ball = icosphere(4, radius)

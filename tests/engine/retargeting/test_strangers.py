@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks of strangers' avatars: knees and elbows that their rigs place beside the skin's."""
+"""Landmarks of third-party avatars: rigs with knees and elbows displaced from the skin's."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ HINGES = tuple(f"{stem}.{side}" for stem in ("knee", "elbow") for side in "LR")
 
 
 def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
-    """Knees and elbows that are found, in metres of the shipped avatar's space."""
+    """Return detected knees and elbows, in metres of the shipped avatar's space."""
     target = made(figure).target
     avatar = load_avatar()
     bodies = skeletons_of(avatar, target, map_bones(target.bones))  # type: ignore[arg-type]
@@ -49,7 +49,7 @@ def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("beside_m", [0.04, -0.04])
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name)
 def test_a_joint_beside_the_knee_that_is_seen(figure: Figure, beside_m: float) -> None:
-    """The rig with its joints moved along the limb, and the same rig with them in place."""
+    """Compares a rig with joints moved along the limb, and the rig with correct joints."""
     unit = 0.01 if figure.rig is BIPED else 1.0
     truth = {bone.name: np.asarray(bone.head) for bone in made(figure).target.bones}
     bones = {"knee": "lowerleg01", "elbow": "lowerarm01"}
@@ -82,7 +82,7 @@ def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
 
 
 UNCERTAIN = {
-    # Weights that were made from joints 45 mm too low say nothing of the kneecap.
+    # Weights made from joints 45 mm too low give no information about the kneecap.
     "knee": (
         Figure("bound anew", ENGINE, knees_m=0.045, is_bound_anew=True),
         ("lowerleg01", (0.0, -0.06, 0.0)),

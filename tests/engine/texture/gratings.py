@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sinusoidal gratings for tests, whose signals arithmetic tells; strokes at uneven times."""
+"""Sinusoidal gratings with signals known by arithmetic; strokes at uneven times."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hfx_blender.engine.texture.stroke import Stroke
 def grating(
     wavelength_m: float, amplitude_m: float = 20e-6, texels: int = 64, phase: float = 0.0
 ) -> HeightField:
-    """Waves along x, one in a tile."""
+    """Return waves along x, one per tile."""
     x = (np.arange(texels) + 0.5) / texels
     wave = amplitude_m * np.sin(2.0 * np.pi * x + phase)
     return HeightField(np.tile(wave, (2, 1)), (wavelength_m / texels, wavelength_m / texels))

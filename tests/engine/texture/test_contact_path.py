@@ -170,7 +170,7 @@ def test_what_rests_on_a_deforming_mesh_has_no_way_and_what_moves_has_its_own() 
 
 
 def _tube(segments: int = 48, radius: float = 0.05) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A tube about z, its coordinates unrolled and cut at angle 0: one seam."""
+    """Return a tube about z, with unrolled coordinates cut at angle 0: one seam."""
     k = np.arange(segments)
     ring = np.stack([np.cos(2 * np.pi * k / segments), np.sin(2 * np.pi * k / segments)], 1)
     vertices = np.concatenate([np.c_[radius * ring, np.full(segments, z)] for z in (-0.05, 0.05)])
@@ -199,7 +199,7 @@ def test_across_a_seam_the_way_goes_on_on_the_other_side() -> None:
     angles = np.linspace(-1.0, 1.0, 80)
     points = 0.05 * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], 1)[:, None]
     paths = _follow(mesh, vertices, points)
-    # No step is longer than the chord that it covers, though coordinates jump by a whole turn.
+    # No step is longer than the covered chord, though coordinates jump by a whole turn.
     chord = 2.0 * 0.05 * np.sin(0.5 * (angles[1] - angles[0]))
     assert np.abs(np.diff(paths.coordinates_m[:, 0])).max() > 0.3
     assert paths.length_m[1:].max() <= chord * 1.01

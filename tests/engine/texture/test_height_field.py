@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Height fields: what is sampled is what was meant, with and without end."""
+"""Height fields: sampling with and without tiling."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def test_every_texel_that_a_fine_walk_meets_is_crossed(seed: int, tiles: bool) -
         met = set((walk[:, 1] * 7 + walk[:, 0]).tolist())
         crossed = set(actual.texel[actual.segment == k].tolist())
         assert met <= crossed
-        assert len(crossed - met) <= 1  # a corner that the walk steps over
+        assert len(crossed - met) <= 1  # a corner stepped over by the walk
         assert np.isclose(actual.share[actual.segment == k].min(), 0.0)
 
 
@@ -57,7 +57,7 @@ def test_a_texel_is_entered_on_a_line_between_texels(seed: int) -> None:
     places = (starts[actual.segment] + actual.share[:, None] * way) / texel
     to_line = np.abs(places - np.rint(places)).min(axis=1)
     np.testing.assert_allclose(to_line[actual.share > 0.0], 0.0, atol=1e-9)
-    # A little farther on, it is the texel that is named.
+    # A little farther on, the walk is inside the named texel.
     column, row = np.floor(places + 1e-9 * way / texel).astype(int).T % 64
     np.testing.assert_array_equal(actual.texel, row * 64 + column)
 
@@ -68,7 +68,7 @@ def test_the_strongest_on_the_way_is_the_strongest_of_all_that_are_crossed(seed:
     rng = np.random.default_rng(seed)
     map_ = _map(rng.integers(0, 4, (12, 9)) / 4.0, (1.1, 0.6))  # many are equally strong
     ends = rng.uniform(-20.0, 20.0, (2, 2, 6))
-    ends[1, :, 0] = ends[0, :, 0]  # one that goes nowhere
+    ends[1, :, 0] = ends[0, :, 0]  # a path of zero length
     level, texel = strongest_crossed(ends[0], ends[1], map_)
     actual = crossed_texels(ends[0].T, ends[1].T, (12, 9), map_.texel_m)
     for k in range(6):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The library of materials, and what their strokes can be told apart by."""
+"""Library of materials, and distinguishing features of the strokes."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_the_textile_renderers_output_goes_with_measured_roughness(tmp_path: Pat
     assert len(correlation["surfaces"]) == 36
     texture_chart.draw(correlation, tmp_path / "chart.svg")
     chart = (tmp_path / "chart.svg").read_text()
-    # A point for each surface, speed and parameter; one for each family, and three in legends.
+    # A point for each surface, speed and parameter; a point for each family, and three in legends.
     points = 6 * len(correlation["surfaces"]) + 6 * len(correlation["sets"])
     assert points <= chart.count("<use") <= points + 200
 

@@ -16,7 +16,7 @@ from hfx_blender.files.limits import TooLargeError
 
 
 def _slow_slope(heights: np.ndarray, texel: tuple[float, float], blur_m: float) -> np.ndarray:
-    """Blur and Sobel as they are written down, texel by texel, with wrap."""
+    """Blur and Sobel after the written definition, texel by texel, with wrap."""
     rows, columns = heights.shape
     reach = [int(4.0 * blur_m / t + 0.5) for t in texel]
     blurred = np.zeros_like(heights)
@@ -47,7 +47,7 @@ def test_the_slope_is_that_of_an_independent_computation(texel: tuple[float, flo
 
 def test_a_blur_that_is_far_wider_than_the_surface_leaves_nothing_of_it() -> None:
     heights = np.random.default_rng(0).normal(size=(20, 24)) * 1e-9
-    field = HeightField(heights, (1e-9, 1e-9), tiles=False)  # a scan whose unit is wrong
+    field = HeightField(heights, (1e-9, 1e-9), tiles=False)  # a scan in a wrong unit
     rough, blurred = (blurred_slope(field, blur) for blur in (0.0, 1e-3))
     assert blurred.shape == heights.shape and blurred.max() < 1e-3 * rough.max()
 
@@ -93,7 +93,7 @@ def test_the_blur_is_in_millimetres_not_in_texels() -> None:
     fine = HeightField(np.tile(wave, (8, 1)), (1e-4, 1e-4))
     slopes = [blurred_slope(field, 1e-3).max() for field in (coarse, fine)]
     assert slopes[0] == pytest.approx(slopes[1], rel=5e-3)
-    # 4 waves in 40 mm: a blur of 1 mm leaves exp(-2 pi^2 sigma^2 / L^2) of them.
+    # 4 waves in 40 mm: a blur of 1 mm leaves the share exp(-2 pi^2 sigma^2 / L^2).
     expected = 1e-5 * 2.0 * np.pi / 1e-2 * np.exp(-2.0 * np.pi**2 * 1e-2)
     assert slopes[1] == pytest.approx(expected, rel=5e-3)
 
@@ -120,7 +120,7 @@ def test_ranges_belong_to_the_device() -> None:
     np.testing.assert_allclose(haptic_map.amplitude_m_s2, 0.35 * 9.80665)
     np.testing.assert_allclose(haptic_map.frequency_hz, 150.0)
     assert DeviceRange().amplitude_m_s2(1.0) == pytest.approx(1.3 * 9.80665)
-    assert device.amplitude_m_s2(0.0) == 0.0  # silence, though the range begins above it
+    assert device.amplitude_m_s2(0.0) == 0.0  # silence, though the range begins above 0
 
 
 def test_noticeable_steps_are_those_of_the_paper() -> None:
@@ -139,7 +139,7 @@ def test_each_code_of_a_picture_is_a_height_of_its_own(full: int) -> None:
     codes = np.arange(full + 1)[None, :] * np.ones((3, 1))
     field = HeightField(codes / full * 1e-3, (1e-6, 1e-6), tiles=False)
     slope = blurred_slope(field, 0.0)[1, 2:-2]
-    # No banding: a ramp of one code a texel has one slope, not runs of flat and steep.
+    # No banding: a ramp of one code per texel has a constant slope, not runs of flat and steep.
     np.testing.assert_allclose(slope, 1e-3 / full / 1e-6, rtol=0.02 if full > 255 else 1e-4)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief estimated from pictures: its symmetries, its units, and that it beats simple filters."""
+"""Relief estimated from pictures: symmetries, units, and better results than simple filters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hfx_tools.bench.surfaces import relief as bench
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
-    """Lit bumps of 16 and 12 texels in two colours, 96 x 64, that tile."""
+    """Return lit bumps of 16 and 12 texels in two colours, 96 x 64, tiling."""
     y, x = np.mgrid[0:96, 0:64]
     light = 0.5 + 0.2 * np.cos(2 * np.pi * x / 16) * np.sin(2 * np.pi * y / 12)
     red = np.where(np.sin(2 * np.pi * (x + y) / 16) > 0, 1.0, 0.8)

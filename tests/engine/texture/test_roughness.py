@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Roughness of profiles whose values arithmetic tells."""
+"""Roughness of profiles with values known by arithmetic."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_profiles_have_the_roughness_that_arithmetic_tells(  # type: ignore[no-u
 
 
 def test_a_wave_of_twice_the_cutoff_keeps_what_the_filter_lets_through() -> None:
-    """Its mean line is the filter's, not that of each sampling length, which holds half a wave."""
+    """The mean line is the filter's, not the mean of each sampling length of half a wave."""
     roughness = roughness_of_profile(1e-6 * np.sin(2.0 * np.pi * X / 5e-3), SPACING)
     left = 1e-6 * (1.0 - 2.0**-0.25)  # ISO 16610-21
     assert roughness.ra_m == pytest.approx(2.0 / np.pi * left, rel=1e-3)

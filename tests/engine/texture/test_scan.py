@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scans: what is measured is what is there, holes and all."""
+"""Scans: measured heights are correct, including holes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_scattered_points_become_the_surface_that_they_were_taken_from(count: in
     rows, columns = field.heights_m.shape
     assert rows * columns == pytest.approx(count, rel=0.05)
     requests = np.random.default_rng(1).uniform(0.01, 0.09, (500, 2))
-    # The mean of the bump, pi 2e-4 / 0.1^2 mm, is taken away; even points have no other slope.
+    # The mean of the bump, pi 2e-4 / 0.1^2 mm, is subtracted; even points have no further slope.
     np.testing.assert_allclose(
         field.sample(requests), _bump(requests) - 1e-3 * np.pi * 2e-2, atol=3e-5
     )

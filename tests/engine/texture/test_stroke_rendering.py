@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strokes over gratings: what is rendered is what arithmetic tells."""
+"""Strokes over gratings: rendered values equal arithmetic."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ AMPLITUDE = 20e-6
 
 
 def _frequency_and_amplitude(wave: np.ndarray, rate: float, near: float) -> tuple[float, float]:
-    """Best sine by least squares, its frequency searched: an estimator of the test's own."""
+    """Return the best sine by least squares and a frequency search, an independent estimator."""
     times = np.arange(len(wave)) / rate
     best = (np.inf, 0.0, 0.0)
     for frequency in near * np.linspace(0.98, 1.02, 401):
@@ -57,7 +57,7 @@ def test_direct_synthesis_of_a_grating_is_a_sine(
 
 
 def _slow_level(field: HeightField, stroke: Stroke, begin: float, rate: float) -> float:
-    """Equations 1 to 5 as they are written down, one frequency after the other."""
+    """Equations 1 to 5 as written in the paper, frequency by frequency."""
     n = round(0.05 * rate)
     heights = []
     for k in range(n):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device that was calibrated plays surfaces with its own c_v; others with the common one."""
+"""A calibrated device plays surfaces with the device's c_v; other devices use the common c_v."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _run(model: PerceptualModel, amplitude: float) -> SampleRun:
 
 @pytest.fixture
 def calibrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """c_v is 10 per mm on any device and 5 on the one of these tests."""
+    """c_v is 10 per mm on any device, and 5 on the device of these tests."""
     monkeypatch.setattr(
         "hfx_blender.files.resources.surface_calibration", lambda: tmp_path / "c_v.json"
     )
@@ -90,7 +90,7 @@ def _strongest(header: TrackHeader, run: SampleRun) -> tuple[float, float]:
     exported.add([run])
     live = MomentRenderer(header, device).values([run])
     values = exported.raster().values
-    return float(values[0, 0]), float(live[0])  # of the first actuator, its strength
+    return float(values[0, 0]), float(live[0])  # strength of the first actuator
 
 
 @pytest.mark.usefixtures("calibrated")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces in the engine: fingers that move over an object feel its material."""
+"""Haptic surfaces in the engine: moving fingers feel an object's material."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_the_window_of_the_engine_is_that_of_the_textile_renderer(hand: Perceptu
 
 
 def paths_over_sheet(x_m):
-    """Paths of one contact that stands at these places of the sheet, one a sample."""
+    """Return paths of a single contact at these positions of the sheet, one per sample."""
     vertices, triangles = SHEET
     points = np.zeros((len(x_m), 3))
     points[:, 0] = x_m
@@ -204,7 +204,7 @@ def paths_over_sheet(x_m):
 def test_before_it_touched_nothing_changed_under_a_contact() -> None:
     field = grating(1e-3, texels=16)  # no step passes a texel
     texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE)
-    paths = paths_over_sheet([0.2e-3, 1.2e-3])  # 10 cm/s for one sample of a hundredth of a second
+    paths = paths_over_sheet([0.2e-3, 1.2e-3])  # 10 cm/s for 1/100 s
     drive, _ = ContactRenderer(texture, 0.01).render(paths)
     x = np.concatenate([np.full(80, 0.2e-3), 0.2e-3 + 1e-3 * (np.arange(20) + 0.5) / 20])
     heights = field.sample(np.stack([x, 0.0 * x], axis=1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Heights from normals, and scans that are seen from above."""
+"""Heights from normals, and scans seen from above."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sine that is like a window of a waveform, whatever its length holds of periods."""
+"""Best sine for a window of a waveform, for any number of periods in the window."""
 
 from __future__ import annotations
 

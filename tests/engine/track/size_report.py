@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Size of tracks of the shipped models, as a Markdown table.
 
-``docs/regenerate.py tracks`` puts it into ``docs/track-format.md``.
+``docs/regenerate.py tracks`` puts the table into ``docs/track-format.md``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def table() -> str:
 
 
 def _measured(model: PerceptualModel, with_falloff: bool) -> tuple[float, float]:
-    """Contacts a sample, and bytes for each of them."""
+    """Return contacts per sample, and bytes per contact."""
     points, triangles = model.vertices.astype(np.float64), model.triangles.astype(np.int64)
     thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
     spacing_m = np.sqrt(np.bincount(triangles.ravel(), thirds, minlength=len(points)))

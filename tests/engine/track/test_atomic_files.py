@@ -82,7 +82,7 @@ def test_a_folder_that_fails_to_sync_has_what_it_had(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number):
-    """The rename of one of three results fails: two of them replace earlier ones."""
+    """Renaming one of three results fails; two results replace earlier files."""
     stage, folder = tmp_path / "stage", tmp_path / "folder"
     stage.mkdir()
     folder.mkdir()
@@ -108,7 +108,7 @@ def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number):
 
 
 def test_nothing_of_the_user_is_written_or_removed_beside_the_file(tmp_path):
-    """Files named as unfinished ones were, or links of such names, are the user's."""
+    """Files or links with names of earlier unfinished files belong to the user."""
     (tmp_path / "thesis").write_bytes(b"precious")
     (tmp_path / "a.bin.tmp").symlink_to(tmp_path / "thesis")
     (tmp_path / "b.bin.tmp").write_bytes(b"precious")
@@ -162,7 +162,7 @@ def test_the_hidden_file_of_a_killed_process_goes_with_the_next(tmp_path):
     for name in (*names_left, temporary_name("other.bin")):
         (tmp_path / name).write_bytes(b"half")
     os.utime(tmp_path / names_left[0], (0, 0))  # of a process killed long ago
-    os.utime(tmp_path / names_left[1], (0, 0))  # of one that is writing still
+    os.utime(tmp_path / names_left[1], (0, 0))  # of a process still writing
     with open(tmp_path / names_left[1], "r+b") as held:
         take_lock(held.fileno(), LOCKED_BYTE)
         with atomic_file(path) as file:
@@ -229,7 +229,7 @@ def test_an_error_about_another_file_keeps_its_name(tmp_path):
     assert names(tmp_path) == []
 
 
-# The same for a whole track, whose container adds writes of its own at the end.
+# Cases for a whole track, with the container's writes at the end.
 
 HEADER = header(sample_count=600)
 
@@ -280,7 +280,7 @@ def test_a_disk_that_fills_up_at_any_point(tmp_path, budget):
 
 
 def synced(monkeypatch):
-    """Names of what is forced to the disk from now on, in that order."""
+    """Names of the files forced to the disk from now on, in order."""
     real, actual = os.fsync, []
 
     def fsync(descriptor):

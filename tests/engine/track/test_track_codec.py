@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A section that cannot be is refused, each fault by its own check."""
+"""Impossible sections are refused, each fault by a separate check."""
 
 import io
 import zipfile
@@ -67,7 +67,7 @@ def test_faulty_values(change, message):
 
 
 def test_ids_that_do_not_ascend():
-    """The second toggle of the second set comes again: its gap is 0."""
+    """The second toggle of the second set is repeated: a gap of 0."""
     content = bytearray(encode(GOOD))
     # head; step, is_new, level, parameter of 3 samples; counts of 2 sets; then the gaps' lowest
     # bytes: 1 8 | 0 4 5 (0 and 4 enter, 9 leaves).
@@ -77,7 +77,7 @@ def test_ids_that_do_not_ascend():
     with pytest.raises(ValueError, match="do not ascend"):
         decoded(bytes(content))
     content[gaps + 4] = 5
-    content[8] = 1 << 3  # a channel that there is not
+    content[8] = 1 << 3  # an unknown channel
     with pytest.raises(ValueError, match="channels"):
         decoded(bytes(content))
 
@@ -93,7 +93,7 @@ def test_ids_that_do_not_ascend():
     ],
 )
 def test_sections_in_a_chunk(tmp_path, order, message):
-    """Sections of streams 0 and 1 in another order, of others, and something left over."""
+    """Sections of streams 0 and 1 in another order, of other streams, and with trailing bytes."""
     track_header = header(128, 10, ("pressure", "pressure"))
     path = tmp_path / "a.hfxtrack"
     runs = [run(track_header, k, [2, 6], [[1], [2]], [[1.0], [0.5]]) for k in (0, 1)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whatever a file holds, reading it gives valid samples or one clear InputError."""
+"""Reading any damaged file gives valid samples or one clear InputError."""
 
 import io
 import json
@@ -38,7 +38,7 @@ def intact(request, tmp_path_factory):
 
 
 def read_whole(path):
-    """Read everything; what is read must be good enough to be recorded again."""
+    """Read everything; all valid data must be writable again."""
     with TrackReader(path) as reader:
         copy = TrackWriter(
             path.with_name("copy.hfxtrack"), reader.header, full_precision=reader.full_precision
@@ -62,7 +62,7 @@ def expect_input_error_or_valid(path):
 
 
 def rebuilt(intact, **replaced):
-    """The container with other entries (None: left out), its checksums made right again."""
+    """Return the container with replaced entries (None: left out) and correct checksums."""
     target = io.BytesIO()
     with zipfile.ZipFile(intact) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
@@ -88,7 +88,7 @@ fuzz = settings(
 @given(data=st.data())
 def test_flipped_bytes(tmp_path, intact, data):
     damaged = bytearray(intact.read_bytes())
-    # The container's own tables are the interesting part; they are at the end.
+    # The container's tables, at the end, matter most.
     offset = st.integers(0, len(damaged) - 1) | st.integers(len(damaged) - 400, len(damaged) - 1)
     for at in data.draw(st.lists(offset, min_size=1, max_size=4)):
         damaged[at] = data.draw(st.integers(0, 255))
@@ -139,7 +139,7 @@ def test_intact_file_is_valid(tmp_path, intact):
 
 
 def test_damage_elsewhere_does_not_matter(tmp_path, intact):
-    """Random access reads the chunk that it needs and no other."""
+    """Random access reads only the needed chunk."""
     path = tmp_path / "damaged.hfxtrack"
     path.write_bytes(rebuilt(intact, **{"000000": b"nonsense"}))
     late = float(HEADER.time.times_s(np.array([128]))[0])
@@ -234,7 +234,7 @@ def test_a_small_chunk_cannot_claim_endless_contacts(tmp_path):
     ids = b"\0" + b"\1" * (count - 1) + bytes(3 * count)
     weights = b"\xff" * count
     bomb = plain[:columns] + struct.pack("<I", count) + ids + weights
-    # The count's bytes are one column of one number, so its planes are the number itself.
+    # The count's bytes are a column of a single number, so the planes are the number's bytes.
     path.write_bytes(rebuilt(path, **{"000000": bomb}))
     with TrackReader(path) as reader, pytest.raises(InputError, match="contacts"):
         list(reader.runs())

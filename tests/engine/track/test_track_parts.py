@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A track from parts has the bytes of one recording; a part of a track is a track from time 0."""
+"""A track from parts equals a single recording; a part of a track is a track from time 0."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CHUNK = 128
 
 
 def _recording(track_header, seed: int):
-    """A run of each stream, at some of the samples, with sets that sometimes stay."""
+    """Return a run of each stream, at some samples, with sets repeated at times."""
     chance = np.random.default_rng(seed)
     runs = []
     for stream in range(len(track_header.streams)):
@@ -113,7 +113,7 @@ def test_chunks_hold_no_more_than_a_reader_holds(
             actual = rows(second.runs())
         assert actual == rows(track.runs())
         assert second.summary() == track.summary()
-        if second.samples_per_chunk < CHUNK:  # no smaller than it needs to be
+        if second.samples_per_chunk < CHUNK:  # only as small as necessary
             with limits.raised(times), pytest.raises(limits.TooLargeError):
                 rows(track.runs())
 
@@ -190,7 +190,7 @@ def test_an_excerpt_between_frames_begins_with_the_next_sample(tmp_path: Path) -
     path = _write(tmp_path / "whole", track_header, runs, True)
     with TrackReader(path) as track:
         excerpt = write_excerpt(track, {"e0"}, Clip("c", 10.3, 12.0), tmp_path / "part")
-        # Samples at frames 10.5 to 12: 7 of them, which take two frames.
+        # Samples at frames 10.5 to 12: 7 samples, which take two frames.
         assert excerpt.sample_count == 8
     with TrackReader(tmp_path / "part") as part:
         assert part.summary()[0].sample_count == 7
@@ -209,7 +209,7 @@ def test_clips_are_told_apart_by_name_or_by_effect() -> None:
     assert [(entry.name, entry.effect_ids) for entry in actual] == [
         ("hum", ("e2",)),
         ("hit", ("e0",)),
-        ("hit effect 1", ("e1",)),  # at the same time: files of its own all the same
-        ("Hit effect 0", ("e0",)),  # files of both names would be one on some systems
+        ("hit effect 1", ("e1",)),  # at the same time: separate files all the same
+        ("Hit effect 0", ("e0",)),  # file names equal on some systems
         ("hit effect 2", ("e2",)),
     ]

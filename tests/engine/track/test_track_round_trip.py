@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A track gives back what it was told to keep, whole or from any time, however it was fed."""
+"""A track returns the recorded samples, whole or from any time, for any division of the input."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +27,7 @@ def write(path, track_header, blocks, **options):
 
 @st.composite
 def stream_runs(draw, stream):
-    """A run of one stream: empty or not, sets that stay, change a little or altogether."""
+    """Draw a run of one stream: empty or not, with constant, slightly or entirely changed sets."""
     indices = sorted(
         draw(st.sets(st.integers(0, 699), max_size=8)) | draw(st.sets(st.integers(120, 135)))
     )
@@ -110,7 +110,7 @@ def test_bytes_do_not_depend_on_how_the_samples_were_fed(tmp_path, runs, data):
         blocks.append(data.draw(st.permutations(parts)))
     assert write(tmp_path / "split.hfxtrack", HEADER, blocks).read_bytes() == whole
 
-    # What a reader yields, run by run, makes the same file again.
+    # Runs from a reader make the same file again.
     with TrackReader(tmp_path / "whole.hfxtrack") as reader:
         again = write(
             tmp_path / "again.hfxtrack", reader.header, ([item] for item in reader.runs())

@@ -16,7 +16,7 @@ from hfx_blender.engine.track import TrackReader, TrackWriter
     ("with_falloff", "most_bytes"), [(False, 0.25), (True, 0.45)], ids=["hard", "falloff"]
 )
 def test_moving_contact_costs_under_a_byte_an_entry(tmp_path, with_falloff, most_bytes):
-    """The promise is 1 byte a (sample, vertex) entry; the figures here keep what is reached."""
+    """The promise is 1 byte per (sample, vertex) entry; the bounds here are today's sizes."""
     points = body_points()
     track_header = header(240, len(points), ("vibration",), header().bodies[:1])
     contacts = [walking_contact(points, k, with_falloff) for k in range(240)]

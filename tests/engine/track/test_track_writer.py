@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Input that the track writer refuses, and the fields of a header."""
+"""Invalid input of the track writer, and the fields of a header."""
 
 from dataclasses import replace
 from fractions import Fraction

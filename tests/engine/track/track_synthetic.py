@@ -16,7 +16,7 @@ BODIES = (TrackBody("b1", "Anna"), TrackBody("b2", "Bär\udc80"))  # names may b
 def header(
     sample_count=1000, vertex_count=2000, modalities=("vibration", "temperature"), bodies=BODIES
 ):
-    """Header with one volume effect for each modality, each on every body; 60 samples a second."""
+    """Return a header with a volume effect per modality on every body; 60 samples a second."""
     effects = tuple(
         TrackEffect(
             id=f"e{k}",
@@ -43,7 +43,7 @@ def header(
 
 
 def run(track_header, stream, indices, sets, weights, levels=None, parameters=None, **channels):
-    """A run from lists; ``sets`` and ``weights`` hold one array for each sample."""
+    """Return a run from lists; ``sets`` and ``weights`` hold one array for each sample."""
     indices = np.asarray(indices, np.int64)
     count = len(indices)
     columns = len(MODALITIES[track_header.streams[stream].modality].parameters)
@@ -139,10 +139,10 @@ def body_points(spacing_m=0.012):
 
 
 def walking_contact(points, index, with_falloff, spacing_m=0.012):
-    """Vertices and weights at a sample (60 a second) of a body that walks about in a sphere.
+    """Return vertices and weights at a sample (60 a second) of a body walking in a sphere.
 
-    It walks to and fro at up to 1 m/s, arms and legs swing. The weight is the covered
-    fraction of the cell, times a linear falloff to the sphere's centre if asked for.
+    The body walks to and fro at up to 1 m/s with swinging arms and legs. The weight is the covered
+    fraction of the cell, times a linear falloff to the sphere's centre if requested.
     """
     time_s = index / 60.0
     x, y, z = points.T

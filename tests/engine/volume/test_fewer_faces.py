@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fine mesh volumes are felt from fewer faces, within a bound that igl measures here."""
+"""Reduced faces for fine mesh volumes, within a bound measured by igl."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def dented(scale: float = 1.0, place: float = 0.0) -> MeshVolume:
 
 
 def surface_of(volume: MeshVolume) -> trimesh.Trimesh:
-    """The closed surface that is felt."""
+    """Return the closed surface of the contacts."""
     count = len(volume.corners)
     return trimesh.Trimesh(volume.corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
 
 
 def farthest(one: MeshVolume, other: MeshVolume) -> float:
-    """From many places on one surface to the other."""
+    """Return the largest distance from points on one surface to the other surface."""
     surface, target = surface_of(one), surface_of(other)
     places = np.concatenate(
         [surface.vertices, trimesh.sample.sample_surface(surface, 20_000, seed=1)[0]]
@@ -88,7 +88,7 @@ _simplify = fast_simplification.simplify
 
 
 def test_a_crumb_away_from_the_surface_is_not_felt(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Closed, of hardly any volume, and all of the mesh is near what else there is."""
+    """A closed crumb of tiny volume; the rest of the simplified mesh is near the original."""
     vertices, faces = arrays(trimesh.creation.icosphere(5))
     fine = MeshVolume(vertices, faces, "Ball")
     crumb, sides = arrays(trimesh.creation.box((0.001, 0.001, 0.001)), 0.6)
@@ -160,7 +160,7 @@ def felt_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[
 
 
 def chosen_surfaces(monkeypatch: pytest.MonkeyPatch) -> dict[int, MeshVolume]:
-    """Volumes that are felt in place of those with all faces, from now on."""
+    """Return a dict (by ``id``) filled with the reduced volumes of all calls from now on."""
     chosen: dict[int, MeshVolume] = {}
     within = MeshVolume.within
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times at which moving points are inside, against dense sampling of their paths."""
+"""Times of moving points inside, against dense sampling of the paths."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def passage(shape: Shape, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndar
 
 
 def _ways(seed: int, count: int = 1500) -> tuple[np.ndarray, np.ndarray]:
-    """Ways through and past the unit shapes, some along an axis, some that stand still."""
+    """Return paths through and past the unit shapes, some along an axis, some of zero length."""
     rng = np.random.default_rng(seed)
     starts, ends = rng.uniform(-1.7, 1.7, (2, 3, count))
     ends[2, :200] = starts[2, :200]
@@ -146,5 +146,5 @@ def test_the_nearest_place_of_the_surface_is_on_it_and_as_far_as_the_depth(name:
     back = np.linalg.inv(matrix[:3, :3])
     for sign, inside in ((-1.0, True), (1.0, False)):
         probe = back @ (places + sign * 1e-4 * normals - matrix[:3, 3:])
-        # Where two places are equally near, the slope of the depth is between them.
+        # For two equally near points, the slope of the depth is in between.
         assert (shape.contains(probe) == inside).mean() > 0.95

@@ -30,7 +30,7 @@ FLAT_FACES = {Cuboid: CAPS + WALLS, Cylinder: CAPS}  # three points of each
 
 
 def gauge(shape, x, y, z):
-    """Signed way past the boundary, 0 on it, of one point in shape space; plain Python."""
+    """Return the signed distance of a point past the boundary, in shape space; plain Python."""
     if isinstance(shape, Cuboid):
         return max(abs(x), abs(y), abs(z)) - 1.0
     if isinstance(shape, Sphere):
@@ -79,7 +79,7 @@ def slow_depth(shape, linear, point, rng):
             options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 800},
         )
         actual = min(actual, result.fun * best)
-    for face in FLAT_FACES.get(type(shape), ()):  # kinks of h, at which a simplex may stick
+    for face in FLAT_FACES.get(type(shape), ()):  # kinks of h, where a simplex may stick
         a, b, c = (linear @ corner for corner in np.array(face, np.float64))
         normal = np.cross((b - a) / np.linalg.norm(b - a), (c - a) / np.linalg.norm(c - a))
         actual = min(actual, abs(normal @ (linear @ point - a)) / np.linalg.norm(normal))
@@ -98,7 +98,7 @@ def test_inside_agrees_with_a_slow_formula_through_the_placing_matrix(name, kind
         assert usable
         inside = shape.contains(inverse[:3, :3] @ world + inverse[:3, 3:])
         way = np.array([gauge(shape, *point) for point in local.T.tolist()])
-        # A world coordinate is a multiple of 2^-53 of its size, however small the shape is.
+        # A world coordinate is a multiple of 2^-53 of the coordinate's size, for any size of shape.
         smallest = np.linalg.svd(matrix[:3, :3], compute_uv=False)[2]
         unsure = 1e-9 + 4e-16 * np.abs(world).max() / smallest
         sure = np.abs(way) > unsure
@@ -112,11 +112,15 @@ def test_depth_is_that_of_the_nearest_supporting_plane(name, kind, rng):
     shape = SHAPES[name]
     matrix = placing(kind, rng)
     local = points_in(shape.bounds, 200, rng)
-    local[:, 0], local[:2, 1], local[2, 2] = 0.0, 0.0, 0.0  # centre, on the axis, in its plane
+    local[:, 0], local[:2, 1], local[2, 2] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # centre, axis, middle plane
     local = local[:, shape.contains(local)][:, :6]
     expected = [slow_depth(shape, matrix[:3, :3], point, rng) for point in local.T]
     depths = shape.depth_m(local, matrix)
-    # The search may stop early, never too low; its noise is that of the axes' ratio.
+    # The search may stop early, never too low; noise grows with the ratio of the axes.
     noise, early = (1e-4, 1e-4) if kind == "mixed" else (1e-9, 1e-5)
     assert np.all(depths <= np.array(expected) * (1.0 + noise))
     np.testing.assert_allclose(depths, expected, rtol=early)
@@ -151,7 +155,7 @@ def diagonal(*scale):
     [
         (Cuboid(), diagonal(2, 3, 4), (0, 0, 0), 2.0),
         (Cuboid(), diagonal(2, 3, 4), (0.5, 0, -0.9), 0.4),
-        # A cuboid sheared by 45 degrees: its walls are 1/sqrt(2) from the centre.
+        # A cuboid sheared by 45 degrees has walls at 1/sqrt(2) from the centre.
         (Cuboid(), np.array([[1, 1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]),
          (0, 0, 0), math.sqrt(0.5)),
         (Sphere(), diagonal(2, 2, 2), (0.5, 0, 0), 1.0),
@@ -166,7 +170,7 @@ def diagonal(*scale):
         (Cylinder(), diagonal(2, 1, 9), (0.5, 0, 0), math.sqrt(6) / 3),
         (Capsule(2.0), diagonal(0.5, 0.5, 0.5), (0.5, 0, 1.9), 0.25),
         (Capsule(2.0), diagonal(0.5, 0.5, 0.5), (0, 0, 2.75), 0.125),
-        # Flattened along its axis: nearest is the cap above, not the side.
+        # Flattened along the axis: the cap above is nearest, not the side.
         (Capsule(1.0), diagonal(1, 1, 0.1), (0, 0, 0.5), 0.15),
     ],
 )  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Feet of normals against the roots of Eberly's polynomial, and where that is singular."""
+"""Feet of normals against the roots of Eberly's polynomial, including singular cases."""
 
 import itertools
 
@@ -67,7 +67,7 @@ def test_local_feet_are_all_local_minima(semi_axes, rng):
         np.testing.assert_allclose(
             np.linalg.norm(reach, axis=0)[actual], distances[actual], rtol=1e-9, atol=1e-12
         )
-        # Moving the foot along the sphere by a little never brings it nearer.
+        # A small move of the foot along the sphere never shortens the distance.
         for _ in range(40):
             moved = feet + 1e-4 * rng.normal(size=feet.shape)
             moved /= np.linalg.norm(moved, axis=0)
@@ -81,7 +81,7 @@ def test_points_on_axes_and_planes_of_symmetry():
     shares = (0.0, 1e-300, 1e-12, 0.3, 8 / 9, 0.95, 1.0)
     points = np.array([p for p in itertools.product(shares, repeat=3) if np.dot(p, p) <= 1.0]).T
     depths = ellipsoid.depth(points)
-    # Twin: the nearest of many points of the octant, which is at most a step's square too far.
+    # Twin: the nearest of many points of the octant, too far by at most a step squared.
     u, v = np.meshgrid(np.linspace(0, 1, 700), np.linspace(0, np.pi / 2, 700))
     surface = np.stack([np.sqrt(1 - u * u) * np.cos(v), np.sqrt(1 - u * u) * np.sin(v), u])
     surface = semi_axes[:, None] * surface.reshape(3, -1)

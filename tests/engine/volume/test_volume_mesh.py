@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh volumes against the exact winding number, and against what a mesh must not be."""
+"""Mesh volumes against the exact winding number, and refusal of invalid meshes."""
 
 import sys
 
@@ -25,7 +25,7 @@ def to_surface(vertices, triangles, points):
 
 
 def assert_agrees_with_winding_number(vertices, triangles, points, least_way):
-    """``points`` are (N, 3); those nearer to the surface than ``least_way`` are not judged."""
+    """Check inside tests of ``points`` (N, 3) farther from the surface than ``least_way``."""
     winding = igl.winding_number(vertices, triangles.astype(np.int64), points)
     sure = to_surface(vertices, triangles, points) > least_way
     inside = MeshVolume(vertices, triangles, "Oracle").contains(np.ascontiguousarray(points.T))
@@ -91,7 +91,7 @@ def test_inside_on_the_lattice_of_the_corners(corners, shift):
 
 
 def test_columns_alone_give_the_same_answer(rng, monkeypatch):
-    """Slow twin: one mixed run per column, a few pairs at a time."""
+    """Slow twin: a single mixed run per column, a few pairs at a time."""
     vertices, triangles = mesh("cuts through itself", rng)
     points = np.ascontiguousarray(probes(vertices, triangles, rng, 2000).T)
     fast = MeshVolume(vertices, triangles, "A").contains(points)
@@ -208,7 +208,7 @@ def test_points_that_are_no_numbers_are_outside(rng):
 
 
 def slow_distance(point, corners):
-    """Distance to triangles (F, 3, 3): to each plane where its foot is inside, and to each edge."""
+    """Distance to triangles (F, 3, 3): to planes with the foot inside, and to edges."""
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = ((a, b), (b, c), (c, a))
     normal = np.cross(b - a, c - a)
@@ -317,7 +317,7 @@ def test_an_open_mesh_says_how_open_it_is():
 
 
 def bowl():
-    """The lower half of an octahedron: its opening is 0.58 of its own area."""
+    """Return the lower half of an octahedron; the opening is 0.58 of the mesh's area."""
     vertices = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1.0]])
     return vertices, np.array([[1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]], np.int32)
 
@@ -412,7 +412,7 @@ def test_a_flat_mesh_is_refused(collapse):
 
 
 def test_a_one_sided_mesh_is_refused():
-    # The projective plane on six vertices: closed, but its faces cannot all face one way.
+    # The projective plane on six vertices: closed, but not orientable.
     faces = "012 023 034 045 051 124 235 341 452 513"
     triangles = np.array([[int(k) for k in face] for face in faces.split()], np.int32)
     vertices = np.random.default_rng(1).normal(size=(6, 3))

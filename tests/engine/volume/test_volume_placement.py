@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inverses of placing matrices in exact fractions, and boxes that hold what they should."""
+"""Inverses of placing matrices in exact fractions, and bounding boxes."""
 
 from fractions import Fraction
 
@@ -38,7 +38,7 @@ def test_inverse_is_the_exact_one(kind, rng):
     assert usable.all()
     for matrix, inverse in zip(matrices, inverses, strict=True):
         exact = exact_inverse(matrix)
-        # Row by row: shape coordinates are independent and each has its own unit.
+        # Row by row: shape coordinates are independent, with a unit each.
         error = np.abs(inverse - exact)
         scale = np.abs(exact[:3]).max(axis=1)
         assert np.all(error[:3] <= 1e-11 * scale[:, None])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing matrices and meshes that the tests of the volumes share."""
+"""Placing matrices and meshes shared by the tests of volumes."""
 
 import numpy as np
 import trimesh
@@ -13,7 +13,7 @@ def rotation(rng):
 
 
 def placing(kind, rng):
-    """A (4, 4) placing matrix of one of KINDS."""
+    """Return a (4, 4) placing matrix of one of KINDS."""
     turn = rotation(rng)
     linear = {
         "plain": turn * rng.uniform(0.1, 10.0),
@@ -77,6 +77,6 @@ MESHES = {
 
 
 def mesh(name, rng):
-    """Vertices (V, 3) float64 and triangles (F, 3) int32 of one of MESHES."""
+    """Return vertices (V, 3) float64 and triangles (F, 3) int32 of one of MESHES."""
     vertices, triangles = MESHES[name](rng)
     return np.array(vertices, np.float64), np.array(triangles, np.int32)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every scheme that there is, on any layout: no NaN, no jump, constant power where promised.
+"""Every scheme on any layout: no NaN, no jump, constant power where promised.
 
-The schemes are those that a device configuration may name, so a new one is tested without an edit;
-it only has to say below what it promises.
+The schemes come from the device configuration, so a new scheme is tested automatically; only the
+promise is listed below.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ KEEPS_POWER = {
     "vbap": True,
     "splat": False,
 }
-JUMPS = {"nearest"}  # half way between two, as its page says
+JUMPS = {"nearest"}  # half way between two actuators, as documented
 EVERY = [
     (name, law) for name in PANNING for law in (LAWS if KEEPS_POWER[name] == "law" else LAWS[:1])
 ]
@@ -111,7 +111,7 @@ shares = st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)).map(
 
 
 def shown(layout: PannedLayout, triangle: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Gains at places of a triangle, given by the shares (n, 3) of its corners."""
+    """Return the gains at points of a triangle, a function of corner shares (n, 3)."""
     fade = np.zeros(len(SKIN))
     fade[layout.vertices] = layout.fade
     corners = SKIN.triangles[triangle]
@@ -195,13 +195,13 @@ CROSS = np.array([[0.0, 0.0], [0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.0
 @pytest.mark.parametrize("count", [3, 5], ids=["line", "cross"])
 @pytest.mark.parametrize(("scheme", "law"), EVERY)
 def test_an_actuator_in_the_very_middle_plays_alone_where_it_is(scheme, law, count):
-    """Seen from the middle it has no direction."""
+    """From the middle, the actuator has no direction."""
     flat = CROSS[:count, ::-1]
     centres = np.column_stack((flat[:, 0], 0.0 * flat[:, 0] + 0.12, flat[:, 1] + 1.2))
     gains = layout_of(scheme, law, centres).at(centres)
     assert np.isfinite(gains).all()
     if (scheme, count) not in {("ring", 3), ("ring", 5), ("line", 5), ("splat", 3), ("splat", 5)}:
-        # On the skin actuators stand on vertices, of which two of the cross are not right here.
+        # On the skin, actuators stand on vertices; two vertices are slightly off the cross.
         assert gains == pytest.approx(np.eye(count), abs=0.06 if scheme == "surface" else 1e-6)
     elif KEEPS_POWER[scheme]:
         assert np.sum(gains**2, axis=1) == pytest.approx(1.0)

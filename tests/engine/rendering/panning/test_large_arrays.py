@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hundreds of actuators, of the thousand that a configuration may have: work is not squared.
+"""Hundreds of actuators, up to the thousand of a configuration: no quadratic work.
 
-Nothing is timed: what would take minutes is counted, and what would take gigabytes is measured.
+Instead of timing, calls are counted and memory is measured.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ def test_a_ring_without_wide_gaps_keeps_its_power():
 
 
 def test_a_gap_fades_from_a_quarter_of_it_to_its_middle():
-    """Shares of power go straight: 1 - x and x, of which half is left when they are 2 : 1 ..."""
+    """Power shares are linear: 1 - x and x; half of the power is left at a ratio of 2 : 1."""
     ring = RingPanning(np.radians([0.0, 180.0]))
     is_joined = np.eye(2, dtype=np.bool_)
     degrees = np.array([0.0, 30.0, 45.0, 67.5, 90.0, 135.0, 180.0])[:, None]

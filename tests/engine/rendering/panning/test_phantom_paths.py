@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Phantom sensations along random paths, as the 100 Hz raster of a device has them in 16 bits.
+"""Phantom sensations along random paths, in the 100 Hz raster of a device, to 16 bits.
 
-What is expected is worked out anew here: barycentric coordinates by Delaunay and a linear
+Expected gains are computed independently: barycentric coordinates by Delaunay and a linear
 solution, arcs by angles.
 """
 
@@ -48,7 +48,7 @@ def with_law(law: str) -> DeviceConfig:
 
 
 def raster_of(device: DeviceConfig, path: np.ndarray) -> np.ndarray:
-    """Gains (COUNT, A) of a spot that goes along a path at even speed."""
+    """Return gains (COUNT, A) of a spot moving along a path at constant speed."""
     time = TimeBase(Fraction(100), Fraction(100), 0, 0, COUNT - 1)
     effect = EffectDescription("spot", "Spot", "vibration", MODEL, SpotArea("body", path))
     scene = SceneDescription(time, (BodyDescription("body", "B", SkinBinding(())),), (effect,))
@@ -87,7 +87,7 @@ def tactors() -> np.ndarray:
 
 
 def pad_path(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A random path inside the pad's hull: in space, and its places on the pad."""
+    """Return a random path inside the pad's hull, in space and in pad coordinates."""
     rng = np.random.default_rng(seed)
     corners = rng.dirichlet(np.full(len(PAD.actuators), 0.3), 4) @ tactors()
     axes = np.array([PAD.mount.x_axis, PAD.mount.y_axis])

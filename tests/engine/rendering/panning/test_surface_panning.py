@@ -63,7 +63,7 @@ def test_neighbouring_vertices_have_neighbouring_gains(model):
     a, b = model.triangles[:, 0], model.triangles[:, 1]
     step = np.linalg.norm(model.vertices[a] - model.vertices[b], axis=1)
     slope = np.abs(dense[a] - dense[b]).max(axis=1) / step
-    assert slope.max() < 2.5 / 0.06  # 70 mm grid: 1 / height is 16 a metre; bent skin steepens it
+    assert slope.max() < 2.5 / 0.06  # 70 mm grid: 1 / height is 16 per metre, more on bent skin
 
 
 def fingertips(model) -> list[int]:
@@ -83,7 +83,7 @@ def fingertips(model) -> list[int]:
 
 
 def test_nothing_is_joined_through_the_air(model):
-    """Two fingertips side by side, a wrist beside a thigh, an arm beside the chest."""
+    """Pairs: neighbouring fingertips, wrist and thigh, arm and chest."""
     tips = fingertips(model)
     assert len(tips) == 4
     chest = vertex_near(model, "torso", "left", 0.15, 0.0, 1.3)
@@ -127,7 +127,7 @@ def test_two_actuators_on_one_vertex_share_it(model):
 
 
 def folded_sheet(model, angle: float):
-    """A sheet of skin on the torso, folded up along its middle; (21, 11) vertices 1 cm apart."""
+    """Return a sheet on the torso, folded along the middle; (21, 11) vertices 1 cm apart."""
     u, v = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(0.0, 0.1, 11), indexing="ij")
     u, v = u.ravel(), v.ravel()
     c, s = np.cos(angle), np.sin(angle)
