@@ -552,4 +552,6 @@ def test_a_stop_that_the_bhaptics_player_reads_is_closed_without_a_word(serve):
     output = bhaptics_at(server.port)
     output.stop()
     output.close()
+    # The server's library confirms the close before the test's handler gets the message.
+    server.wait(lambda: server.heard)
     assert server.heard[-1]["Submit"][0]["Type"] == "turnOff"
