@@ -42,7 +42,7 @@ def list_devices(folder: Path | None = None) -> list[str]:
 
 
 def _folders(folder: Path | None) -> tuple[Path, Path]:
-    """Folders to search: the given folder, by default the user's; then the shipped devices."""
+    """Folders of configurations in search order: ``folder`` (None: the user's), then shipped."""
     return folder or resources.user_devices(), resources.device_configs()
 
 
@@ -86,7 +86,9 @@ def named_in_blend(name: str) -> str:
 
 
 def is_file(name_or_path: str | Path) -> bool:
-    """Test that :func:`load_device` reads an argument as a file, not as a name."""
+    """Test for an argument that :func:`load_device` reads as a file, not as a name: a ``Path``, or
+    text with ``/``, ``\\`` or the suffix ``.json``. The file need not exist.
+    """
     text = str(name_or_path)
     return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
 
@@ -104,7 +106,9 @@ def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 
 
 def _paths(name_or_path: str | Path, folder: Path | None) -> list[Path]:
-    """Files of a name, by precedence; with ``_left`` or ``_right`` they need not exist."""
+    """Paths to try, first hit first, which need not exist: a file as given, or ``<name>.json`` in
+    each folder; empty for a name with characters outside :data:`ID`.
+    """
     text = str(name_or_path)
     if is_file(name_or_path):
         return [Path(text)]
@@ -113,7 +117,9 @@ def _paths(name_or_path: str | Path, folder: Path | None) -> list[Path]:
 
 
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
-    """File read by :func:`load_device` for the same arguments; None without a file."""
+    """File read by :func:`load_device` for the same arguments; None without a file. A missing file
+    with ``_left`` or ``_right`` is tried without this suffix, in each folder.
+    """
     for path in _paths(name_or_path, folder):
         stem, _, side = path.stem.rpartition("_")
         sided = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
@@ -190,7 +196,9 @@ def _placing_faults(
 
 
 def _mirrored(device: DeviceConfig) -> DeviceConfig:
-    """Device for the opposite side, with a new id and name."""
+    """Copy of a device with a side for the opposite side: the suffixes ``_left`` of the id and ``
+    (left)`` of the name are exchanged, and ``is_mirrored`` is inverted.
+    """
     side = _OTHER_SIDE[str(device.side)]
     return replace(
         device,

@@ -166,12 +166,12 @@ def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
 
 
 def _nothing_for(device: DeviceConfig, script: approval.DeviceScript, reason: str) -> str:
-    """Message about a device without a raster."""
+    """Join a message: the device plays nothing, as its script (path) ``reason``."""
     return f"device '{device.id}' plays nothing: its script {script.path} {reason}"
 
 
 def _when(header: TrackHeader, row: int) -> str:
-    """Time and frame of a row, to end a sentence with; the time is that of the script."""
+    """End of a sentence with the time and frame of a row; a row beyond the end is the last."""
     row = min(row, header.time.sample_count - 1)
     (time_s,) = header.time.times_s(np.array([row]))
     return f" at {time_s:.3f} s (frame {float(header.time.frame(row)):g})"
@@ -245,9 +245,9 @@ class _ScriptRun:
         self._worker.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
-        """Send the messages of a batch, once all batches before the last one are answered.
-
-        So the script always has work, and the pipe has a bounded length. Raises ``_FaultError``.
+        """Wait until all rows before the last batch are answered, then send a new batch.
+        So the script always has work, and the pipe has a bounded length. ``_FaultError`` as of
+        ``wait``.
         """
         self.wait(self._asked - self._last)
         if self._answered == self._asked:

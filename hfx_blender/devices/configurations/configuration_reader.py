@@ -25,7 +25,8 @@ from .device_shape import DEVICE, SCHEMA
 
 
 def device_from(document: Node) -> DeviceConfig:
-    """Convert a JSON document to a device.
+    """Convert a JSON document to a device; without scripts. A device for one side gets the side as
+    suffix of id and name.
 
     Raises InputError: with the first fault: file, place, found and allowed values.
     """
@@ -63,7 +64,7 @@ def device_from(document: Node) -> DeviceConfig:
 
 
 def _refuse_repeated_ids(actuators: Node) -> None:
-    """Raise ``InputError`` for an actuator id of an earlier actuator."""
+    """Raise ``InputError`` at the first actuator with the id of an earlier actuator."""
     seen: set[str] = set()
     for actuator in actuators.items():
         node = actuator["id"]
@@ -102,7 +103,9 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
 
 
 def _drive(node: Node) -> tuple[DriveCurve, ...]:
-    """Drive curves, by ascending frequency; each has to rise, so that it can be inverted."""
+    """Drive curves in the order of the file; InputError unless frequencies rise strictly, and drive
+    and output of each curve rise strictly from (0, 0), so that the curve can be inverted.
+    """
     curves = []
     for item in node.items():
         points = item.curve("points")
@@ -171,7 +174,9 @@ def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> S
 
 
 def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
-    """Frequency of substitutions: the first resonance, else the first neutral frequency."""
+    """Default frequency, Hz, for modalities played as vibration: the first resonance of the
+    vibration actuators in order, else the neutral frequency of the first.
+    """
     vibrating = [kind for kind in types if kind.modality == "vibration"]
     resonances = (kind.resonance_hz for kind in vibrating if kind.resonance_hz is not None)
     return next(resonances, vibrating[0].controls[1].neutral)

@@ -44,20 +44,24 @@ class DeviceFacts:
 
     @property
     def label(self) -> str:
-        """Title and modalities, for a list."""
+        """Title and modalities, as "Vest, vibration, heat"; only the title without modalities."""
         plays = () if self.device is None else self.device.modalities
         return f"{self.title}, {', '.join(plays)}" if plays else self.title
 
     @property
     def group(self) -> str:
-        """Region group of the first place; "" without places."""
+        """Body region group of the place with the most actuators, :data:`ROOM` in the room; ""
+        without places.
+        """
         first = self.places[0] if self.places else ""
         groups = {region.label: region.group for region in REGIONS} | {ROOM: ROOM}
         return groups.get(first, "")
 
     @property
     def summary(self) -> str:
-        """Modalities, number of actuators, and places; "" for an unreadable configuration."""
+        """Modalities, number of actuators, and at most three places; "" for an unreadable
+        configuration. As "Vibration, 6 actuators: left hand and 2 more".
+        """
         if self.device is None:
             return ""
         count = len(self.device.actuators)
@@ -99,9 +103,8 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
 
 
 def _place(actuator: Actuator) -> str:
-    """Label of the region of the vertex nearest to an actuator; :data:`ROOM` without a place.
-
-    Of a place with vertices the first vertex counts.
+    """Label of the body region at an actuator: of the vertex nearest to its centre on its parts, or
+    of the first vertex of its first vertex set; :data:`ROOM` for a place in the room.
     """
     position = actuator.place
     if isinstance(position, BodyPlace):

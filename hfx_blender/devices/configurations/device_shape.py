@@ -100,9 +100,10 @@ RENDERING: Final = tagged(
 
 
 def _range(modality: Modality, parameter: Parameter) -> Shape:
-    """Shape of an actuator's range of a parameter, within the range of the modality.
-
-    A strength has a range with silence, other parameters may also be fixed.
+    """JSON shape of an actuator's range of a parameter: unit, minimum, maximum, optional neutral,
+    within the range of the modality.
+    A strength that is silent at 0 has minimum and neutral 0; of other strengths both are at most
+    the device maximum. A parameter that is no strength may have a fixed value instead.
     """
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     unit = Text((parameter.unit,))
@@ -123,7 +124,9 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
 
 
 def _limits(modality: Modality, parameter: Parameter) -> Record:
-    """Shape of an actuator's optional limits of a parameter; a silent minimum can only be 0."""
+    """JSON shape of optional limits of a parameter: minimum and maximum within the modality's
+    range; the minimum of a strength that is silent at 0 can only be 0.
+    """
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     is_silent_at_0 = parameter.name == modality.strength and modality.is_silent_at_0
     least = Number(0, 0, note="0, at which the actuator is silent") if is_silent_at_0 else value
@@ -159,7 +162,9 @@ _NO_VIBRATION: Final[Mapping[str, Shape]] = {
 
 
 def _actuator_type(modality: Modality) -> Record:
-    """Shape of an actuator type, without its modality."""
+    """JSON shape of an actuator type of a modality, without the field ``modality``; only vibration
+    has waveform, resonance, drive curves and thresholds.
+    """
     is_vibration = modality.name == "vibration"
     return strict(
         {"parameters": strict({p.name: _range(modality, p) for p in modality.controls})},

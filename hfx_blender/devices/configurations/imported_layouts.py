@@ -196,9 +196,8 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
 
 
 def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
-    """Body parts of a node's bone and its side, left, right or None (middle and shoulders).
-
-    Raises InputError: the bone is unknown.
+    """Body parts of a node's ``target_bone``, and "left", "right" or None (middle and shoulders).
+    Raises InputError: the bone is unknown or no text.
     """
     bone = node.get("target_bone")
     if isinstance(bone, str):
@@ -213,14 +212,16 @@ def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
 
 
 def _position(node: Node) -> F64:
-    """Position (3,) in the axes of the perceptual models, metres: X left, Y back, Z up."""
+    """Convert x, y, z of Unity (X right, Y up, Z front) to (3,) metres, X left, Y back, Z up."""
     node.hold(_POSITION)
     x, y, z = (node.number(axis) for axis in "xyz")
     return np.array([-x, -z, y])
 
 
 def _nearest(skin: F64, position: F64, axes: Sequence[int]) -> list[float]:
-    """Vertex of ``skin`` (V, 3) that is nearest in some axes, metres, rounded to 0.1 mm."""
+    """Vertex of ``skin`` (V, 3) nearest to ``position`` (len(axes),) in these axes only; x, y, z in
+    metres, rounded to 0.1 mm.
+    """
     distance = np.linalg.norm(skin[:, axes] - position, axis=1)
     return [round(float(value), 4) for value in skin[np.argmin(distance)]]
 
@@ -268,9 +269,9 @@ def _of_unitouch(document: Node, device_id: str, model: PerceptualModel) -> dict
 
 
 def _front_mask(node: Node, places: F64) -> Bool:
-    """Mask (A,) of actuators at the front: by the views Front and Back, else by their depth.
-
-    Of several views with an actuator the first counts.
+    """Mask (A,) of actuators at the front: by the first of the views Front and Back with their
+    index, else by Z of ``places`` (A, 3), at or above the middle of its range.
+    Raises InputError: a view has an index of no actuator.
     """
     depth = places[:, 2]
     is_front = depth >= 0.5 * (depth.min() + depth.max())
@@ -289,7 +290,10 @@ def _front_mask(node: Node, places: F64) -> Bool:
 def _on_skin(
     places: F64, is_front: Bool, parts: tuple[str, ...], model: PerceptualModel
 ) -> list[list[float]]:
-    """Fit places to the extent of some parts; return the nearest skin (A, 3) at front or back."""
+    """Vertices (A, 3) of the perceptual model, metres, for ``places`` (A, 3) of a layout.
+    X and Y are scaled alike and centred, to fill 0.9 of the width or height of ``parts``; the
+    nearest vertex with its normal to the front or back is chosen, by X and Z alone.
+    """
     allowed = on_parts(parts, model)
     skin = model.vertices[allowed].astype(np.float64)
     faces_front = model.normals[allowed, 1] < 0.0

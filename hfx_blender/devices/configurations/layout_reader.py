@@ -23,7 +23,7 @@ from ...files.json_shapes import Node
 
 
 def scheme(node: Node) -> Scheme:
-    """Rendering scheme and options."""
+    """Read the rendering scheme by name, with its options; absent options have their defaults."""
     options = dict(node.get("options", {}))
     if "sigma_m" in options:
         options["sigma_m"] = float(options["sigma_m"])
@@ -31,7 +31,10 @@ def scheme(node: Node) -> Scheme:
 
 
 def mount(node: Node) -> Mount:
-    """Mount of a layout on the body; the axes are made orthogonal and of unit length."""
+    """Read the mount of a layout: origin and bend radius, metres, None for a flat layout; the y
+    axis is made orthogonal to x, and both of unit length. InputError for near-parallel or zero
+    axes.
+    """
     # Gram-Schmidt: the part of the y axis along the x axis is removed.
     x = _direction(node["x_axis"])
     y = np.array(node.numbers("y_axis"))
@@ -44,7 +47,7 @@ def mount(node: Node) -> Mount:
 
 
 def _direction(node: Node) -> F64:
-    """Unit vector (3,) of a node; fails for a vector near 0."""
+    """Unit vector (3,) of a node; InputError for a vector shorter than 0.1."""
     direction = np.array(node.value, np.float64)
     if np.linalg.norm(direction) < 0.1:
         node.fail("a direction: three numbers of which one is not near 0")
@@ -57,7 +60,9 @@ def _triple(node: Node, key: str) -> tuple[float, float, float]:
 
 
 def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
-    """Reject a bent mount whose circumference is shorter than the distance of pads along x."""
+    """Raise InputError for a bent mount whose circumference is less than the extent of all pads
+    along x; a flat mount passes.
+    """
     if mount.bend_radius_m is None:
         return
     places = [a["place"]["pad"]["at_mm"] for a in actuators.value if "pad" in a["place"]]
@@ -71,7 +76,10 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 
 def place(node: Node, mount: Mount | None) -> Place:
-    """Place of an actuator."""
+    """Read the place of an actuator: vertices, a place in the room, or a placement or pad on the
+    body.
+    Raises InputError: a model stands twice, an aim is near 0, or a pad has no ``mount``.
+    """
     ((kind, member),) = node.members().items()
     if kind == "vertices":
         return _vertex_place(member)
@@ -81,7 +89,9 @@ def place(node: Node, mount: Mount | None) -> Place:
 
 
 def _body_place(node: Node, mount: Mount | None) -> BodyPlace:
-    """Place on the body, given in metres, or in millimetres of the layout on its mount."""
+    """Read a place on the body: ``centre_m``, or ``at_mm`` of a pad, converted by the mount to
+    metres. InputError for a pad with ``mount`` None.
+    """
     if "centre_m" in node:
         centre = _triple(node, "centre_m")
     elif mount is None:
@@ -106,7 +116,9 @@ def _vertex_place(node: Node) -> VertexPlace:
 
 
 def _room_place(node: Node) -> RoomPlace:
-    """Place in the room; without a position all parts are reached equally."""
+    """Read a place in the room; ``reaches`` is by default all body parts. Without ``at_m`` all are
+    reached equally; else range is by default 100 m, cone 360 degrees, aim None or a unit vector.
+    """
     parts = tuple(node.get("reaches", PARTS))
     if "at_m" not in node:
         return RoomPlace(parts)

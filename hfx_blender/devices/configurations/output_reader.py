@@ -31,7 +31,10 @@ _PORTS: Final = {"osc": 9000, "buttplug": 12345, "bhaptics": 15881}
 
 
 def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
-    """Encoder and transport of a device; InputError for conditions between fields."""
+    """Read the encoder and transport of a device, with default hosts and ports.
+    Raises InputError: a host is not local, or the encoder does not fit number, silence or channels
+    of the actuators.
+    """
     readers: dict[str, Callable[[Node, tuple[Actuator, ...]], Encoder]] = {
         "hfx-wire": _wire,
         "bytes": _bytes,
@@ -58,7 +61,9 @@ def _transport(node: Node, encoder: str) -> Transport:
 
 
 def is_local(host: str) -> bool:
-    """Test that a host is "localhost", a loopback or private network address."""
+    """Test that a host is "localhost", or a loopback or private network address. False for other
+    names, and for multicast, unspecified and reserved addresses.
+    """
     if host == "localhost":
         return True
     try:

@@ -31,7 +31,9 @@ class StrokeDevice:
 
     @property
     def range(self) -> DeviceRange:
-        """Range for the files of a stroke; accelerations in units of standard gravity."""
+        """Range for the files of a stroke: amplitude from 0 to the highest, in units of standard
+        gravity; frequency, its neutral value, and the interval between values.
+        """
         strength, frequency = self._kind.controls
         return DeviceRange(
             (0.0, strength.highest / STANDARD_GRAVITY),
@@ -41,7 +43,9 @@ class StrokeDevice:
         )
 
     def played(self, stroke: StrokeSignal) -> StrokeSignal:
-        """Copy of a stroke with the device's gain, clipped to the limits of the actuator."""
+        """Copy of a stroke: amplitude times the device's gain, amplitude and frequency clipped to
+        the actuator's limits (NaN: neutral), and a waveform made of both.
+        """
         controls = self._kind.controls
         values = limited(
             np.stack([stroke.amplitude_m_s2 * self._gain, stroke.frequency_hz], axis=1),

@@ -51,7 +51,9 @@ class DelayQueue:
         self._frames.clear()
 
     def add(self, values: F64, now_s: float) -> None:
-        """Append a frame that arrived at ``now_s``; drop frames that are too old."""
+        """Append ``values`` (columns,) that arrived at ``now_s``, or replace the last frame if
+        younger than 1 ms; drop frames older than the largest offset and ``keep_s``.
+        """
         if self._frames and now_s - self._frames[-1][0] < LEAST_APART_S:
             # Replace the last frame, but keep its time, so that frames in quick succession become
             # due.
@@ -65,9 +67,10 @@ class DelayQueue:
         return self._frames[0][0] + offset_s if self._frames else math.inf
 
     def taken(self, now_s: float, offset_s: float) -> F64 | None:
-        """Remove all due frames; return the strongest value of each actuator, None without any.
-
-        The newest frame stays in the queue for the next update, unless it equals the result.
+        """Remove all frames that arrived by ``now_s - offset_s``; return (columns,), for each
+        actuator its values of the largest distance from silence, None without a due frame.
+        The newest due frame stays in the queue, unless it equals the result. Frames with tones, of
+        other lengths, return the newest alone.
         """
         due: list[tuple[float, F64]] = []
         while self._frames and self.due_s(offset_s) <= now_s:
@@ -84,7 +87,10 @@ class DelayQueue:
         return strongest
 
     def _strongest(self, frames: list[F64]) -> F64:
-        """Values (columns,), for each actuator from the frame with the largest strength."""
+        """Values (columns,): each actuator's columns are of the frame with the largest distance
+        from silence, the newest of equals, a non-finite strength first. Devices with long updates
+        take silence of the newest frame.
+        """
         newest = frames[-1]
         strengths = np.array([np.abs(values[self._firsts] - self._silent) for values in frames])
         # NaN counts as strongest and reaches the guard. Of equal strengths the newest counts.

@@ -145,13 +145,13 @@ class DeviceThread:
 
     @property
     def is_armed(self) -> bool:
-        """Test that the device plays values."""
+        """Test that the device plays values: from :meth:`arm` with an open output to a stop."""
         return self._is_armed
 
     # Called in the thread of the messages: only :meth:`wait_closed` waits for hardware.
 
     def question(self, asked_s: float) -> Question:
-        """Register a request of time ``asked_s``; for :meth:`feed`."""
+        """Number a request of time ``asked_s`` with the present generation; for :meth:`feed`."""
         with self._wake:
             self._asked += 1
             return Question(self.generation, asked_s, self._asked)
@@ -261,9 +261,10 @@ class DeviceThread:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop because Blender does not answer; a device that is still opening stays wanted.
-
-        Such a device is armed at the opening of the output, and silent until values come.
+        """Stop an armed device because Blender does not answer, and report "frozen" with
+        ``reason``.
+        Without effect on other devices: one still opening is armed afterwards, silent until values
+        come.
         """
         with self._wake:
             is_armed = self._is_armed
@@ -275,7 +276,7 @@ class DeviceThread:
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
-        """Stop and close the port, without waiting; may be called again."""
+        """Stop the device and let its thread close the port, without waiting; may be repeated."""
         with self._wake:
             if self.is_closed:
                 return
@@ -398,14 +399,17 @@ class DeviceThread:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due without new messages; 0 if due now."""
+        """Seconds until :meth:`turn` is due without new messages; 0 if due now, 1 if not armed."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
             return max(0.0, self._next_s() - self._clock.now())
 
     def _next_s(self) -> float:
-        """Time at which :meth:`turn` is due; -inf: at once."""
+        """Time at which :meth:`turn` is due, the earliest of the next update, the oldest queued
+        frame and the end of validity of the values; -inf: at once, after arming or for a cut to
+        silence.
+        """
         if self._begins or self._is_cut:
             return -math.inf
         due = self._due_s
@@ -541,7 +545,9 @@ class DeviceThread:
         return values
 
     def _report_levels(self, values: F64, now: float) -> None:
-        """Report changed levels of all actuators, 0..1 of their range, every 0.1 s at most."""
+        """Report the event "levels" if changed, and 0.1 s after the last report at the earliest:
+        distance of each strength from neutral, a share of its reach rounded to 0.01.
+        """
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []

@@ -115,7 +115,9 @@ def identities(
 
 
 def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
-    """Slot name of each actuator behind a network address; "none": without a channel."""
+    """Name of the physical channel of each actuator: Buttplug feature, bHaptics position and motor,
+    or OSC address of the strength with id "*"; "none" without a channel.
+    """
     if isinstance(how, ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
     if isinstance(how, BhapticsEncoder):
@@ -132,7 +134,9 @@ def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
 
 
 def _real_port(name: str) -> str:
-    """Path of a serial port with links resolved; of macOS's two names for a port ``/dev/cu.*``."""
+    """Path of a serial port with links resolved, ``/dev/tty.*`` of macOS as ``/dev/cu.*``; the name
+    in capitals on Windows.
+    """
     if os.name != "posix":
         return name.upper()
     return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(name))
@@ -164,7 +168,7 @@ class DutyBudgetStore:
         self._changed = threading.Event()
 
     def budget(self, identity: str) -> DutyBudget:
-        """Budget of a physical device by the name of its identity; read from the file at first."""
+        """Budget by the name of an :class:`Identity`; the first call reads the file."""
         with self._lock:
             return self._entry(identity).budget
 
@@ -207,7 +211,9 @@ class DutyBudgetStore:
                     self._release(name)
 
     def _release(self, name: str) -> None:
-        """Save a budget, and unlock the file after the last use."""
+        """End a use of the budget ``name``: save changes, and after the last use unlock its file
+        and forget a saved budget.
+        """
         entry = self._stored[name]
         self._save(name, entry)
         entry.users -= 1
@@ -248,7 +254,8 @@ class DutyBudgetStore:
 
 
 def _locked(folder: Path, identity: str) -> int | None:
-    """Lock the lock file of an identity until the returned descriptor is closed.
+    """Lock ``<hash of identity>.lock`` until the returned descriptor is closed; creates folder and
+    file.
 
     None if the folder is not writable or the file system has no locks.
 
@@ -273,7 +280,9 @@ def _locked(folder: Path, identity: str) -> int | None:
 
 
 def _state(budget: DutyBudget) -> tuple[Any, ...]:
-    """State of a budget, comparable: names, loads, cooling, idle, idle since, unknown times."""
+    """Copy of a budget as tuples, for comparison and saving: slot names, and for each slot load, is
+    cooling, is idle (no user), time of the last silence, seconds of unknown use.
+    """
     with budget.lock:
         return (
             tuple(budget.slots),
@@ -307,7 +316,9 @@ def _write(path: Path, identity: str, state: tuple[Any, ...], now_s: float) -> N
 
 
 def _read(path: Path, now_s: float) -> DutyBudget:
-    """Budget of a file; rested without a file, exhausted and cooling with a damaged file."""
+    """Read a budget; rested without a file, all slots exhausted and cooling with a damaged file.
+    Rest since the writing is counted; two seconds of unknown use for a file of a killed process.
+    """
     try:
         with open(path, "rb") as file:
             content = json.loads(file.read(_MOST_BYTES))
@@ -342,7 +353,7 @@ def _read(path: Path, now_s: float) -> DutyBudget:
 
 
 def _number(value: object) -> float:
-    """A finite number of at least 0; ValueError for anything else."""
+    """Convert a finite int or float of at least 0 to float; ValueError for bool and all else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("not a number")
     if not (math.isfinite(value) and value >= 0.0):

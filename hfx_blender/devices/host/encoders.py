@@ -141,7 +141,7 @@ class FrameEncoder:
         self._channels = Channels(device)
 
     def frame(self, columns: F64) -> bytes:
-        """Encode values (columns,) as a frame."""
+        """Encode values (columns,): header, numbers, checksum and footer, or a line of text."""
         return self._framed(self._channels.values(columns))
 
     @property

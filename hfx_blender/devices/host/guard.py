@@ -47,12 +47,16 @@ class Guard:
         self._time_on = TimeOn(self._kinds, uses)
 
     def reset(self) -> None:
-        """Start from silence, as after every stop; duty budgets keep their load."""
+        """Set the last strengths to silence and begin a use of the duty budgets, which keep their
+        load.
+        """
         self._given = self._silent[:, 0].copy()  # (A,) last strengths
         self._time_on.begin()
 
     def record_silence(self, played_s: float, now_s: float) -> None:
-        """Record silence from ``now_s`` on; the last values were played ``played_s`` longer."""
+        """Charge another ``played_s`` seconds of the last values as time on; rest begins at
+        ``now_s``.
+        """
         self._time_on.end(played_s, now_s)
 
     def record_rest(self, now_s: float) -> None:
@@ -86,13 +90,16 @@ class Guard:
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Convert any input to values (count,); all NaN for anything but a row of ``count`` numbers."""
+    """Convert any input to float64 (count,); all NaN unless it is a row of ``count`` numbers."""
     values = as_row(wanted)
     return values if values.shape == (count,) else np.full(count, np.nan)
 
 
 def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
-    """Strengths (A,): away from silence by at most ``rise``, towards silence at once."""
+    """Limit strengths ``wanted`` (A,) to at most ``rise`` (A,) farther from ``silent`` than
+    ``given``; towards silence without limit. After a change of sign the whole rise counts from
+    silence.
+    """
     before, after = given - silent, wanted - silent
     # A change of sign passes through silence, and the whole rise is counted from there.
     most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise

@@ -193,7 +193,9 @@ class Host:
             self.rendering.restart()
 
     def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
-        """Execute a message for a device; kinds without a device are ignored."""
+        """Execute STOP, ARM, PAUSE, SCENE (a pause), VALUES, HAPTICS, PULSE, SETTINGS or DISCONNECT
+        for a device; other kinds, and HAPTICS without a script, are ignored.
+        """
         kind = message.kind
         if kind is MessageKind.STOP:
             thread.stop(message.body.decode(errors="replace") or "stopped by you")
@@ -299,7 +301,7 @@ class Host:
         )
 
     def watch(self) -> None:
-        """Check all time limits, about every 20 ms, until the end of the process is requested."""
+        """Call :meth:`check_deadlines` about every 20 ms, until a signal or :attr:`end_reason`."""
         self._last_turn_s = self._clock.now()
         while not _signals:
             with self._wake:
@@ -311,7 +313,9 @@ class Host:
             self.check_deadlines()
 
     def check_deadlines(self) -> None:
-        """Stop devices whose time limits are exceeded: of Blender, the render worker, or a port."""
+        """Stop all devices after ``patience_s`` without a message, once, or after a standstill of
+        this process; playing devices if the render worker is late; a device whose send is stuck.
+        """
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
@@ -328,7 +332,7 @@ class Host:
                 thread.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
-        """Stop all devices if this process stood still: state and unread messages are old.
+        """Stop all devices if this process did not run for more than :data:`FREEZE_S`.
 
         Called by the main thread and by the reading thread, before any use of old data: both may
         run first after a sleep of the computer.
@@ -353,7 +357,9 @@ class Host:
 
 
 def _offset_s(request: dict[str, Any]) -> float:
-    """Delay of a request, seconds, clipped to 0..:data:`MAX_OFFSET_S`; 0 if no number."""
+    """Delay of values in seconds from ``offset_ms`` of a request, clipped to
+    0..:data:`MAX_OFFSET_S`; 0 if missing or no number.
+    """
     offset_ms = request.get("offset_ms", 0.0)
     if not isinstance(offset_ms, int | float) or isnan(offset_ms):
         return 0.0

@@ -87,7 +87,7 @@ class Oscillators:
         self._from, self._to, self._done = here, target, 0
 
     def block(self, count: int) -> F64:
-        """Next samples (count, C), -1..1."""
+        """Next ``count`` samples (count, C), -1..1, in the ramp and then at the last targets."""
         steps = self._done + np.arange(1, count + 1)
         self._done += count
         self._played += count
@@ -97,7 +97,9 @@ class Oscillators:
         return waves(self._kinds, amplitudes, hz, share, self._cycles_at(steps), self._rate_hz)
 
     def _cycles_at(self, steps: npt.NDArray[np.int64]) -> F64:
-        """Cycles (n, C) played at samples since the ramp began."""
+        """Phase (n, C) in cycles at ``steps`` (n,) samples after the start of the ramp: frequencies
+        change linearly on the ramp and stay afterwards.
+        """
         share = np.minimum(steps / self._steps, 1.0)[:, None]
         beyond_s = np.maximum(steps - self._steps, 0)[:, None] / self._rate_hz
         frequencies = self._from[1], self._to[1]
@@ -122,7 +124,9 @@ class SumOfTones:
         self._sounding: dict[int, Oscillators] = {}
 
     def aim(self, tones: Tones) -> None:
-        """Start ramps to new tones, amplitudes 0..1 of full scale; missing tones fade out."""
+        """Start 5 ms ramps to new tones, amplitudes (K, C) 0..1 of full scale; sounding tones whose
+        number is missing fade out, new numbers start from silence.
+        """
         nothing = np.zeros(self._channels)
         numbers = tones.numbers.tolist()
         for number, oscillators in self._sounding.items():

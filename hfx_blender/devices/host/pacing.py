@@ -101,9 +101,10 @@ class Ramp:
         return self._here.copy()
 
     def _share(self, since_s: float, intervals_s: F64) -> F64:
-        """Share of the ramp after ``since_s``, 0..1, for actuators with some update intervals.
-
-        The ramp is divided into whole intervals; the step that starts now counts as done.
+        """Share of the ramp ``since_s`` after its start, (0, 1], for each of ``intervals_s``,
+        seconds.
+        The ramp has a whole number of equal steps, at least 1; the step that starts now counts as
+        done.
         """
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
@@ -151,7 +152,10 @@ class Pace:
         self._next_s = [-np.inf] * len(self._slow)
 
     def paced(self, wanted: F64, now_s: float) -> F64:
-        """Values (columns,) to send at ``now_s`` in place of the values ``wanted``."""
+        """Values (columns,) to send at ``now_s`` for the values ``wanted``: unchanged for actuators
+        as fast as ``tick`` or silent, else the strongest since the last update, or the last values
+        if no update is due.
+        """
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start

@@ -61,7 +61,7 @@ def _linux_test(pid: int) -> Callable[[], bool]:
 
 
 def says_ending(stat: bytes) -> bool:
-    """Test the content of ``/proc/PID/stat`` (man proc) for a process that is exiting."""
+    """Test ``/proc/PID/stat`` (man proc) for a zombie, the exiting flag or a pending SIGKILL."""
     # The second field, the name in parentheses, may contain spaces and parentheses.
     fields = stat[stat.rindex(b")") + 2 :].split()
     state, flags, pending = fields[0], int(fields[6]), int(fields[28])

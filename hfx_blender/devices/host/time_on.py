@@ -75,7 +75,7 @@ class DutyBudget:
         self.players: dict[TimeOn, Slots] = {}
 
     def slots_of(self, names: Sequence[str]) -> I64:
-        """Slot numbers (A,) of some names; unknown names become new slots."""
+        """Slot numbers (A,) of ``names``; unknown names become slots with the load ``others``."""
         for name in names:
             self.slots.setdefault(name, len(self.slots))
         more = len(self.slots) - len(self.load)
@@ -232,16 +232,19 @@ class TimeOn:
         return is_blocked
 
     def _fill(self, budget: DutyBudget, slots: I64, is_on: Bool, length_s: float | F64) -> None:
-        """Charge ``length_s`` (A,) or scalar to the slots of actuators in the mask ``is_on``."""
+        """Raise in place the load of slots (A,) of actuators in the mask ``is_on`` by ``length_s``,
+        (A,) or scalar, divided by ``maximum_on_s``; at most 10.
+        """
         load = budget.load
         # add.at, as several actuators may share a slot.
         np.add.at(load, slots, np.where(is_on, length_s * self._fills_per_s, 0.0))
         np.minimum(load, _LARGEST_LOAD, out=load)
 
     def _empty(self, budget: DutyBudget, slots: I64, length_s: F64, rests: Bool) -> None:
-        """Lower the load of ``slots`` by a rest of ``length_s`` (A,); 0, negative or NaN: no rest.
-
-        ``slots`` belong to the actuators in the mask ``rests`` (A,), in order.
+        """Lower the load in place by ``length_s`` (A,) of rest divided by ``rest_s``; none for 0,
+        negative or NaN.
+        ``slots`` belong to the actuators in the mask ``rests`` (A,), in order. Load 0 ends their
+        cooling.
         """
         length_s = np.where(length_s[rests] > 0.0, length_s[rests], 0.0)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -78,7 +78,7 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
 
 
 def frame_of(values: F64, tones: Tones) -> F64:
-    """Frame of values (columns,) and tones; layout in the module's docstring."""
+    """Row of ``values`` (columns,), then for each tone number, W amplitudes and W frequencies."""
     rows = np.column_stack((tones.numbers, tones.amplitudes, tones.frequencies_hz))
     return np.concatenate([values, rows.ravel()])
 
@@ -103,7 +103,7 @@ class Sounding:
         return len(self.columns)
 
     def reset(self) -> None:
-        """Start from silence: no tones."""
+        """Set no tones as start, target and last tones of the ramp."""
         self._from = self._to = self._here = Tones.none(len(self))
 
     def fault_of(self, frame: F64) -> str:
@@ -223,7 +223,7 @@ def _between(start: Tones, end: Tones, share: float) -> Tones:
 
 
 def _in_order(tones: Tones, numbers: Sequence[int]) -> tuple[F64, F64]:
-    """Amplitudes and frequencies in a given order of numbers; 0 for missing tones."""
+    """Amplitudes and frequencies (K, W) of K tone ``numbers``; 0 for numbers not in ``tones``."""
     shape = len(numbers), tones.amplitudes.shape[1]
     amplitudes, hz = np.zeros(shape), np.zeros(shape)
     for k, number in enumerate(tones.numbers.tolist()):

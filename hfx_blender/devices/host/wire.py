@@ -74,7 +74,7 @@ def encode_cobs(content: bytes) -> bytes:
 
 
 def decode_cobs(content: bytes) -> bytes | None:
-    """Decode content of :func:`encode_cobs`; None for invalid or empty content."""
+    """Decode COBS without the final zero; None if empty, with a zero byte or a cut-off block."""
     decoded = bytearray()
     at = 0
     while at < len(content):
@@ -147,7 +147,9 @@ class Receiver:
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
-        """Append received bytes; return the completed frames."""
+        """Append received bytes; return intact frames in order. Text before a zero of more than
+        :data:`MAX_FRAME` bytes, and damaged frames, are dropped.
+        """
         frames = []
         for byte in content:
             if byte == 0:

@@ -45,7 +45,9 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """Instructions to approve a device's script, to end a sentence with."""
+    """End of a sentence: read and approve a script, by the command with the quoted device or in
+    Blender.
+    """
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
@@ -66,12 +68,12 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
 
 
 def may_run(script: Path, mark: str) -> bool:
-    """Test that a script of this fingerprint may run."""
+    """Test that a script is shipped, or the fingerprint ``mark`` is in the list of approvals."""
     return is_shipped(script) or mark in approved()
 
 
 def is_shipped(script: Path) -> bool:
-    """Test for a shipped script, which needs no approval."""
+    """Test that a script lies in the folder of shipped configurations, links resolved."""
     return script.resolve().parent == resources.device_configs().resolve()
 
 
@@ -184,7 +186,7 @@ class Approval:
 
 
 def _stamp() -> tuple[int, ...] | None:
-    """State of the list's file, which differs after a change; None without a file."""
+    """Inode, size and time of the list of approvals, for detecting changes; None without a file."""
     try:
         state = resources.approved_scripts().stat()
     except OSError:
@@ -193,7 +195,9 @@ def _stamp() -> tuple[int, ...] | None:
 
 
 def _read() -> dict[str, str]:
-    """Paths by fingerprint; empty without a file, ``InputError`` for an unreadable file."""
+    """Paths of scripts by fingerprint from the list of approvals; empty without a file.
+    Raises InputError: the list is unreadable, no JSON object, or has an invalid entry.
+    """
     path = resources.approved_scripts()
     try:
         with open(path, "rb") as file:

@@ -39,7 +39,9 @@ class DeviceState:
         return self.state == "armed"
 
     def update(self, event: Event) -> None:
-        """Apply an event; "gone" concerns all devices, the rest the device of its number."""
+        """Apply an event of this device's number, or "gone": lost, without levels. "levels" and
+        "log" leave the state; "closed" does not replace "lost".
+        """
         if event.event == "gone":  # the output process, and all devices with it
             self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
@@ -158,7 +160,9 @@ class LiveClient:
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """Send values (columns,) of a device, in place of unsent values."""
+        """Send values (columns,) to a device, in place of unsent values; ignored for an unknown
+        name.
+        """
         self._feed(name, MessageKind.VALUES, encode_values(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
@@ -233,7 +237,7 @@ class LiveClient:
         self._command(MessageKind.ARM, name)
 
     def stop(self, name: str) -> None:
-        """Silence a device."""
+        """Discard a device's unsent values and send a stop; ignored for an unknown name."""
         if name in self.devices:
             self.pipe.void(self.devices[name].number)
         self._command(MessageKind.STOP, name)

@@ -59,7 +59,9 @@ class Found:
 
 
 def answers(host: str, port: int) -> bool:
-    """Test that a program accepts connections at a local address, without sending data."""
+    """Test that a program accepts a TCP connection within 0.15 s, without sending data; False for
+    an address that is not local.
+    """
     if not is_local(host):
         return False
     with suppress(OSError), socket.create_connection((host, port), ANSWER_S):
@@ -115,10 +117,8 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
 
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
-    """Devices behind a program at an address.
-
-    Devices with Buttplug need a fitting device of the server, and are listed for each; connects
-    to the server.
+    """Matches of ``devices`` configured for a program at an address: one each; for Buttplug one for
+    each fitting device of the server, none if it is no Buttplug server. Connects to the server.
     """
     from ..transports.buttplug import devices_at
 

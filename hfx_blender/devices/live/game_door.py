@@ -112,7 +112,9 @@ class GameDoor:
         """Do nothing: values need no scene."""
 
     def show(self, client: LiveClient, time_s: float) -> None:
-        """Send received values to the devices, and neutral values after the dead-man time."""
+        """Send values of up to 256 received datagrams, and neutral values to each device without a
+        valid datagram for the dead-man time; ``time_s`` is not used.
+        """
         for _ in range(_MOST_AT_ONCE):
             try:
                 datagram = self.socket.recv(_MOST_BYTES)

@@ -233,7 +233,9 @@ class HostPipe:
             self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
 
     def take(self, _worker: Worker, received: Message) -> None:
-        """Append an event of the output process; "silent" confirms a stop instead."""
+        """Append a received event for :meth:`events`. "silent" only confirms a stop; "ready" starts
+        the time limit of a stop requested before; other messages are ignored.
+        """
         event = event_of(received.body)
         if event is None:
             return

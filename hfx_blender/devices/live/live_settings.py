@@ -138,13 +138,13 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
 
 
 def latencies_ms(device: DeviceConfig) -> set[float]:
-    """Latencies of a device's actuators, ms, from :data:`LEAST_LATENCY_MS` on."""
+    """Different latencies of a device's actuators, ms, without those below 5 ms."""
     latencies = {actuator.type.latency_ms for actuator in device.actuators}
     return {ms for ms in latencies if ms >= LEAST_LATENCY_MS}
 
 
 def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
-    """Values (columns,) with equal vibration of all vibration actuators, silence of the rest."""
+    """Values (columns,): both arguments for each vibration actuator, neutral for the rest."""
     values = device.neutral
     for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
         if actuator.type.modality == "vibration":

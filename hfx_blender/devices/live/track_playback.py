@@ -107,7 +107,7 @@ class PlayedTrack:
         client.show(self.frame(time_s, later_s=later_s))
 
     def time_s(self, frame: float, fps: float) -> float:
-        """Time on the track's clock of a frame of a scene with a frame rate."""
+        """Seconds since the scene start of the track at ``frame``; ``fps`` frames a second."""
         return (frame - self.time.scene_start) / fps
 
     def frame(
@@ -215,7 +215,9 @@ def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
 
 
 def _wait_alive(client: LiveClient, step_s: float) -> None:
-    """Send a sign of life, process events, and sleep for ``step_s``."""
+    """Send a sign of life, process events, and sleep for ``step_s``; DeviceError if no device
+    plays.
+    """
     client.heartbeat()
     client.events()
     _require_playing(client)
@@ -229,7 +231,9 @@ def _require_playing(client: LiveClient) -> None:
 
 
 def _unstopped(client: LiveClient, states: list[DeviceState]) -> list[DeviceState]:
-    """Close the ports of devices; return the devices that have not confirmed the stop."""
+    """Close the ports of devices within 4 s; return those whose state is not "closed": an
+    unconfirmed stop. A port still open then becomes "lost".
+    """
     for state in states:
         client.close_port(state.name)
     deadline = time.monotonic() + _CLOSE_S

@@ -71,7 +71,9 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}))
 
     def stop(self) -> None:
-        """Switch off all actuators of this device."""
+        """Send "turnOff" for all positions, ahead of a limit of unsent bytes; a lost connection is
+        ignored.
+        """
         self._was_on = set()
         with suppress(OutputLostError):
             frames = [self._off(position) for position in self._positions]

@@ -162,7 +162,7 @@ class Server:
         self._ping_s = _seconds(info.get("MaxPingTime"))
 
     def message(self, kind: str, **content: Any) -> dict[str, Any]:
-        """Message with a new number."""
+        """Message ``{kind: {"Id": number, **content}}`` with the next number, 1 after 2^32 - 1."""
         with self._ids:
             number = self._id = self._id % 0xFFFFFFFF + 1
         return {kind: {"Id": number, **content}}
@@ -182,7 +182,9 @@ class Server:
             )
 
     def _answer(self, value: Callable[[], Any], otherwise: str) -> Any:
-        """Wait until ``value()`` is not None, and return the value; OutputLostError if too late."""
+        """Wait up to 3 s until ``value()`` is not None, and return the value.
+        Raises OutputLostError: with text ``otherwise`` after 3 s, or at once by :meth:`check`.
+        """
         until = time.monotonic() + ANSWER_S
         with self._received:
             while value() is None:
@@ -234,7 +236,9 @@ class Server:
 
 
 def _shared(host: str, port: int) -> Server:
-    """Existing connection to a server unless lost, or a new one; :func:`_leave` ends the use."""
+    """Existing connection to a server with another user counted, or a new one if none or lost.
+    Raises OutputLostError: no Buttplug server of version 4 answers. :func:`_leave` ends the use.
+    """
     key = server_key(host, port)
     with _users:
         existing = _servers.get(key)
@@ -263,7 +267,9 @@ def _leave(server: Server) -> None:
 
 
 def devices_at(host: str, port: int) -> list[ServedDevice]:
-    """Devices of the server at an address; errors as of :class:`Server`."""
+    """Devices of the Buttplug server at an address, by index; connects for this call, or uses an
+    open connection. OutputLostError if no program answers, or not as a server of version 4.
+    """
     server = _shared(host, port)
     try:
         return server.devices or []
@@ -318,9 +324,9 @@ class ButtplugOutput:
         return self._device.label
 
     def send(self, values: F64) -> None:
-        """Send commands for changed values (columns,), at the device's own rate.
-
-        Values between two commands are dropped; silence is never dropped.
+        """Send the changed levels of values (columns,), unless bytes are unsent or the last command
+        was less than ``command_interval_s`` ago; silence of all outputs passes the second test.
+        Raises OutputLostError: the server is lost, or the device is disconnected.
         """
         self._check()
         now = time.monotonic()
@@ -345,7 +351,7 @@ class ButtplugOutput:
             self._socket.send(json.dumps(commands))
 
     def stop(self) -> None:
-        """Send a stop of this device ahead of unsent commands."""
+        """Send a stop of this device despite unsent bytes; forget the sent levels; never raises."""
         self._given = [None] * len(self._given)
         with suppress(OutputLostError):
             command = self._server.message("StopCmd", DeviceIndex=self._device.index)
@@ -372,7 +378,10 @@ class ButtplugOutput:
             release(self._reserved)
 
     def _choose(self, device_id: str, key: tuple[str, int], unit: str) -> None:
-        """Choose and reserve a device of the server that fits the configuration."""
+        """Choose and reserve a fitting device: by ``unit``, else as the last time, else the first
+        free.
+        Raises OutputLostError: no device fits, or the device is in use. Sets levels and interval.
+        """
         served = self._server.devices or []
         fitting = [x for x in served if x.fits(self._how)]
         name = unit or had_before.get((key, device_id), "")

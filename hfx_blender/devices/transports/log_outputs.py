@@ -80,7 +80,7 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Test that all lines of a file are a simulator's; the last line may be cut off."""
+    """Test for one or more complete lines, all of a simulator; the last may be cut off."""
     *lines, rest = content.split(b"\n")
     return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
 
@@ -142,8 +142,7 @@ class CsvLog:
 
 class LogFile:
     """Unbuffered writer of a log; :meth:`close` removes a new file after a failed write.
-
-    Parameters and errors as of :func:`open_log`.
+    Raises OutputLostError: the file may not be overwritten, as of :func:`open_log`, or not written.
     """
 
     def __init__(self, path: Path, is_ours: Callable[[bytes], bool] | None = None) -> None:

@@ -24,7 +24,7 @@ _BUNDLE: Final = osc_types.write_string("#bundle") + osc_types.write_date(osc_ty
 # python-osc's builders decode each encoded message again: 40 actuators at 1 kHz would need a whole
 # processor core. The functions for single OSC types need a tenth.
 def message(address: str, value: float) -> bytes:
-    """OSC message with one float32 argument."""
+    """Encode an OSC message with the float32 argument ``value``."""
     types = osc_types.write_string(",f")
     return osc_types.write_string(address) + types + osc_types.write_float(value)
 

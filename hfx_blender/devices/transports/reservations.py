@@ -48,14 +48,13 @@ def release(keys: Keys) -> None:
 
 
 def server_key(host: str, port: int) -> tuple[str, int]:
-    """Key of a server, equal for all spellings of the address."""
+    """Normalised host and port of a server, for :func:`reserve`."""
     return computer(host), port
 
 
 def computer(host: str) -> str:
-    """Normalise the address of a computer; "this computer" for all addresses of this computer.
-
-    Names except localhost are not resolved.
+    """Normalise a host: "this computer" for localhost and all addresses of this computer, else the
+    IP address (IPv4 for mapped IPv6), or the name in lower case, not resolved.
     """
     name = host.strip().rstrip(".").lower()
     try:

@@ -27,7 +27,7 @@ _PORT: Final = re.compile(
 
 
 def is_port_name(name: str) -> bool:
-    """Test that a text is the name of a serial port."""
+    """Test that a text is COM1 to COM999 or a path as /dev/ttyACM0; the port need not exist."""
     return _PORT.fullmatch(name) is not None
 
 

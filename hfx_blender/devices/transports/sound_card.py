@@ -120,7 +120,9 @@ class SoundCard:
         )
 
     def _of_values(self, values: F64) -> Tones:
-        """Tone of values (columns,), amplitudes as shares of full scale."""
+        """One tone :data:`LONE` (1, C) of values (columns,): amplitudes after the drive curves, as
+        shares of full scale, and frequencies of at most 1000 Hz.
+        """
         hz = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
         strengths = values[self._amplitude_columns]
         amplitudes = driven(self._curves, strengths, hz, self._full_scale)
@@ -154,7 +156,9 @@ class SoundCard:
             self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
-        """Fill PortAudio's buffer; called in its thread."""
+        """Fill PortAudio's buffer ``outdata`` (frames, channels) in its thread; fades out after
+        0.25 s without values.
+        """
         outdata[:] = 0.0
         with self._lock:
             # Dead-man switch: this thread goes on when the device thread hangs.

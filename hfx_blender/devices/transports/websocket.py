@@ -151,7 +151,9 @@ class WebSocket:
             self._socket.close()
 
     def _shake_hands(self) -> None:
-        """Do the opening handshake on the blocking socket; raises OSError or OutputLostError."""
+        """Do the opening handshake on the blocking socket within 3 s.
+        Raises OSError: no answer. Raises OutputLostError: the answer is no websocket handshake.
+        """
         until = time.monotonic() + OPEN_S
         self._protocol.send_request(self._protocol.connect())
         self._socket.sendall(b"".join(self._protocol.data_to_send()))

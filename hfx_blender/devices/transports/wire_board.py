@@ -100,7 +100,9 @@ class WireBoard:
         self._request_again()
 
     def _request_again(self) -> None:
-        """Send the configuration every 0.1 s; OutputLostError after the time limit."""
+        """Send the configuration if the last is 0.1 s old; OutputLostError after the time limit of
+        :meth:`_begin`.
+        """
         now = time.monotonic()
         if now > self._patience_ends_s:
             sent = f" It sends {shown(self._noise)}." if self._noise else ""
@@ -113,7 +115,9 @@ class WireBoard:
             self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
 
     def _listen(self) -> None:
-        """Process received frames; OutputLostError if the board has stopped by itself."""
+        """Process received frames: READY, and STOPPED of a ready board, which raises
+        OutputLostError. Other bytes are kept for a message, 100 at most.
+        """
         content = self._port.read()
         frames = self._receiver.take(content)
         text = content.decode("ascii", "backslashreplace")

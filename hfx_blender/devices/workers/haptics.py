@@ -69,7 +69,9 @@ class Haptics:
         return self.device.neutral
 
     def strongest(self, modality: str) -> Effect | None:
-        """Effect of a modality with the largest product of level and first parameter, or None."""
+        """Effect of a modality with the largest product of level and size of the first parameter;
+        the first of equals, None without any.
+        """
         effects = [effect for effect in self.felt if effect.modality == modality]
         return max(effects, key=_strength, default=None)
 

@@ -96,16 +96,16 @@ def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
 
 
 def _felt_count(runs: Iterable[SampleRun]) -> int:
-    """Number of runs with a sample."""
+    """Number of runs that contain a sample, as runs may be empty."""
     return sum(len(run) > 0 for run in runs)
 
 
 def _add_runs(
     runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
 ) -> list[Any]:
-    """Add the runs with a sample to ``arrays``, joined; return the drives for the JSON part.
-
-    Missing parameters and a missing focus are NaN.
+    """Add the K runs with a sample to ``arrays`` in place, rows in order and vertices concatenated.
+    Missing parameters and focus are NaN. Returns ``[run number, device id, actuators, values]`` of
+    each run with a drive.
     """
     present = [run for run in runs if len(run)]
     parameters = np.full((len(present), _PARAMETERS), np.nan)
@@ -137,7 +137,7 @@ def _add_runs(
 
 
 def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
-    """Concatenated parts; an empty array of a type without any."""
+    """Concatenate ``parts``; an empty array of type ``dtype`` without parts."""
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
@@ -168,7 +168,9 @@ def _runs(
     streams: Sequence[Stream],
     arrays: Mapping[str, Array],
 ) -> list[SampleRun]:
-    """Runs of one sample from the arrays of :func:`_add_runs`; the arrays are views."""
+    """Runs of one sample at ``time_s`` from the return value and arrays (as views) of
+    :func:`_add_runs`; ``streams``: of the scene's header, by index.
+    """
     counts = arrays["counts"]
     ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}

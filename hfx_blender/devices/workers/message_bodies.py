@@ -75,6 +75,6 @@ def decode_arrays(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
 
 
 def _dtype(array: Array) -> str:
-    """Little-endian type in which an array is encoded."""
+    """Little-endian type of an array if float32, float64, int32 or int64, else "<f8"."""
     dtype = array.dtype.newbyteorder("<").str
     return dtype if dtype in _DTYPES else "<f8"

@@ -91,7 +91,7 @@ class RenderProcess:
                 self.describe(self._known)
 
     def is_overdue(self, now_s: float) -> bool:
-        """Test for a late answer; if late, kill the worker."""
+        """Test that a scene or moment exceeds its time limit at ``now_s``; then kill the worker."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
         if is_late:
@@ -107,7 +107,9 @@ class RenderProcess:
             worker.kill()
 
     def _ask_next(self) -> None:
-        """Send the unsent scene, else the unsent moment, to an idle worker."""
+        """Send the unsent scene, else the unsent moment, and set its time limit; nothing if the
+        worker is missing or busy.
+        """
         if self._worker is None or self._deadline_s is not None:
             return
         kind, limit_s = MessageKind.MOMENT, MOMENT_S

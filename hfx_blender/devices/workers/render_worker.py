@@ -106,7 +106,7 @@ class Renderers:
 
 
 def _fault(number: int, error: Exception) -> bytes:
-    """FAULT message of a device, with a shortened reason."""
+    """FAULT message of a device: text of ``error``, 500 characters at most; logs the traceback."""
     _log.info("device %d", number, exc_info=error)
     return message(MessageKind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
 

@@ -99,7 +99,9 @@ class ScriptProcess:
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
-        """Test for a late answer or a late start; counts as a fault, once."""
+        """Test for a start or answer that is late at ``now_s``; True once, recorded as a fault
+        time.
+        """
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
             if is_late:

@@ -115,7 +115,9 @@ def _limit_resources() -> None:
 
 
 def _described(error: BaseException) -> str:
-    """Describe the handled error in a line: type, text, file and line of the script."""
+    """Describe the handled error in a line: type, text, and file and line of the innermost frame
+    unless in this module.
+    """
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:
