@@ -17,11 +17,10 @@ from ..text import printable, printable_lines
 
 
 class Console:
-    """Text for people on a terminal, plain lines elsewhere, one JSON value with ``--json``.
+    """Output of one command: text for a terminal or file, or one JSON value with ``--json``.
 
-    Progress and messages go to standard error, results to standard output. What steers a
-    terminal is escaped. Where nobody reads, the work goes on; what could not be written because
-    of a fault, such as a full disk, :attr:`fault` tells.
+    Results go to standard output, messages and progress to standard error, with control characters
+    escaped. A closed pipe is ignored; any other write error of results is stored in ``fault``.
     """
 
     def __init__(
@@ -32,32 +31,32 @@ class Console:
         self._err = err or sys.stderr
         self._live = self._err.isatty() and not as_json
         self._shown = 0
-        self.fault: OSError | None = None  # why results could not be written
+        self.fault: OSError | None = None  # first error of writing results
 
     def say(self, text: str = "", *, several_lines: bool = False) -> None:
-        """Write a line for people, or several; silent with ``--json``."""
+        """Write one line, or several, to standard output; nothing with ``--json``."""
         self._clear()
         if not self.as_json:
             self._write(self._out, _shown(text, several_lines) + "\n")
 
     def warn(self, text: str, *, several_lines: bool = False) -> None:
-        """Write a line about something that is wrong, on standard error."""
+        """Write one line, or several, to standard error."""
         self._clear()
         self._write(self._err, _shown(text, several_lines) + "\n")
 
     def result(self, value: Any) -> None:
-        """The machine-readable result, with ``--json`` only."""
+        """Write the machine-readable result; nothing without ``--json``."""
         if self.as_json:
             self._write(self._out, json.dumps(value, indent=1, sort_keys=True) + "\n")
 
     def progress(self, title: str) -> Progress:
-        """Progress of a piece of work, with the time that is left; seen on a terminal only."""
+        """Make a progress bar with the remaining time; visible on a terminal only."""
         return Progress(self, title)
 
     def show(self, line: str) -> None:
-        """Overwrite the progress line."""
+        """Overwrite the progress line, cut to the width of the terminal."""
         if self._live:
-            # A line that wraps could not be overwritten.
+            # A carriage return cannot overwrite a wrapped line.
             line = printable(line)[: shutil.get_terminal_size().columns - 1]
             self._write(self._err, "\r" + line.ljust(self._shown))
             self._shown = len(line)
@@ -78,7 +77,7 @@ class Console:
 
 
 def is_unread(error: OSError) -> bool:
-    """Test a write error for a reader that has gone (``hfx info x | head``)."""
+    """Test a write error for a closed pipe (``hfx info x | head``)."""
     return error.errno in (errno.EPIPE, errno.EINVAL)  # the latter on Windows
 
 
@@ -87,7 +86,7 @@ def _shown(text: str, several_lines: bool) -> str:
 
 
 def _write_nowhere(stream: TextIO) -> None:
-    """Redirect a stream to the null device, with everything that it still holds."""
+    """Redirect a stream and its buffered content to the null device."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -95,9 +94,9 @@ def _write_nowhere(stream: TextIO) -> None:
 
 
 class Progress:
-    """Progress of one piece of work; call it with the share that is done, 0..1.
+    """Progress of one task; call with the finished share, 0..1.
 
-    There a signal to end the process ends the work, by a TerminatedError.
+    Each call raises TerminatedError after a signal to end the process.
     """
 
     _WIDTH = 24

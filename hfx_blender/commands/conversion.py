@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Converting files: tracks and rasters to device files, vibration from format to format."""
+"""Converts tracks and rasters to device files, and vibration between formats."""
 
 from __future__ import annotations
 
@@ -44,40 +44,40 @@ def convert(
     tolerance: float = DEFAULT_TOLERANCE,
     strict: bool = False,
 ) -> Written:
-    """Write ``source`` in another format.
+    """Write ``source`` in another format; returns the final files, notes and omitted content.
 
-    A format with one file an actuator puts the actuator's name into the file's name, unless the
-    source holds a single signal.
+    A format with one file per actuator appends the actuator's name to the file name, unless the
+    source holds a single signal. Nothing is written that ``validate`` would reject.
 
     Parameters
     ----------
     source : Path
         A track, a raster (``.raster.npz``, ``.csv``), or a file with vibration envelopes.
     target : Path
-        Its suffix names the format, unless ``to`` does.
+        The suffix selects the format, unless ``to`` is given.
     to : str, optional
         One of ``TARGETS``.
     device : str, optional
-        Name or file; tracks and rasters need it for device formats, and envelopes for those
-        that are of a whole device (csv, npz, wav, tact). With it envelopes become what that
-        device plays in any format; HJIF then has its units and places on the body.
+        Name or file. Required for device formats of tracks and rasters, and for envelopes in
+        formats of a whole device (csv, npz, wav, tact). With a device, envelopes become its output
+        in any format; HJIF then has its units and places on the body.
     body : str, optional
-        Name or id of who wears it; tracks with several bodies need it.
+        Name or id of the wearer; required for tracks with several bodies.
     tolerance : float
+        Largest error of simplified curves, share of full scale.
     strict : bool
-        Something left out is an error, and nothing is written.
+        Treat omitted content as an error.
 
     Raises
     ------
     UsageError
         The formats cannot be converted into each other, or an option is missing.
     InputError
-        The source cannot be read, asks for too much (``files/limits.py``), or the target cannot
-        hold what is asked: nothing is written that ``validate`` would not pass.
+        The source cannot be read, exceeds a limit of :mod:`.limits`, or does not fit the target.
     OutputError
         A file cannot be written.
     ScriptError
-        The device's script may not run, or has failed.
+        The device's script is not approved, or has failed.
     """
     refuse_device(target)  # with --to, a suffix may be added to it
     if to is not None:
@@ -110,32 +110,31 @@ def _of_track(
     body: str | None,
     tolerance: float,
 ) -> Written:
-    """Write what is felt in a track, or what a device plays of it."""
+    """Convert the samples of a track, or render them for a device."""
     with TrackReader(source) as track:
         if target.write_track:
             devices = (load_device(device),) if device else ()
-            if target.id == "hjif":  # it unfolds what is felt at each time
+            if target.id == "hjif":  # it stores every sample
                 _refuse_long(track, None)
-            made: Written = target.function("write_track")(track, devices, stem, tolerance)
-            return made
-        found = _device(device, target)
-        _refuse_long(track, found)
-        named = (each.id for each in track.header.bodies if body in (each.id, each.name))
-        given = renderers_of_track(track, (found,), [next(named, body)])
-        rendered = finish(rendering(track, given)).complete()
+            return target.function("write_track")(track, devices, stem, tolerance)  # type: ignore[no-any-return]
+        config = _device(device, target)
+        _refuse_long(track, config)
+        ids = (each.id for each in track.header.bodies if body in (each.id, each.name))
+        renderers = renderers_of_track(track, (config,), [next(ids, body)])
+        rendered = finish(rendering(track, renderers)).complete()
         ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))
         if target.write_played:
             written = target.function("write_played")(track.header, rendered.played, stem, None)
         else:
-            written = write(target.id, raster, found, stem, tolerance)
+            written = write(target.id, raster, config, stem, tolerance)
     return written + Written(left_out=rendered.warnings, notes=rendered.notes)
 
 
 def _of_file(
     source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: float
 ) -> Written:
-    """Write what a raster or envelopes play."""
+    """Convert a raster or vibration envelopes."""
     info = format_of(source)
     if not info.read_raster and not info.decode:
         raise UsageError(
@@ -145,23 +144,23 @@ def _of_file(
     if not target.write_raster and not target.write_signals:
         raise UsageError(f"{source}: only a track can be converted to {target.id}")
     needs_device = bool(info.read_raster) or not target.write_signals
-    found = _device(device, target) if needs_device or device is not None else None
+    config = _device(device, target) if needs_device or device is not None else None
     if info.read_raster:
-        assert found is not None
-        return write(target.id, _raster(source, info, found), found, stem, tolerance)
+        assert config is not None
+        return write(target.id, _raster(source, info, config), config, stem, tolerance)
     signals, frequencies = read_signals(source)
     if not signals:
         raise InputError(f"{source}: holds no vibration.")
-    told = Written(
-        left_out=tuple(note for each in signals for note in each.left_out),
-        notes=tuple(note for each in signals for note in each.notes),
+    remarks = Written(
+        left_out=tuple(note for signal in signals for note in signal.left_out),
+        notes=tuple(note for signal in signals for note in signal.notes),
     )
-    if all(each.is_silent for each in signals):
-        told += Written(notes=("all of it is silent",))
-        signals = [replace(each, is_kept=True) for each in signals]
-    if found is not None:
-        return _played(source, signals, target, found, stem, tolerance) + told
-    return _as_envelopes(source, signals, frequencies, target, stem, tolerance) + told
+    if all(signal.is_silent for signal in signals):
+        remarks += Written(notes=("all of it is silent",))
+        signals = [replace(signal, is_kept=True) for signal in signals]
+    if config is not None:
+        return _played(source, signals, target, config, stem, tolerance) + remarks
+    return _as_envelopes(source, signals, frequencies, target, stem, tolerance) + remarks
 
 
 def _played(
@@ -172,7 +171,7 @@ def _played(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write what a device plays of envelopes."""
+    """Render envelopes for a device, and write the result."""
     _refuse_unfolding(signals, device, target, source)
     raster, left_out, notes = raster_of(signals, device, str(source))
     if device.script is not None:
@@ -192,7 +191,7 @@ def _as_envelopes(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write envelopes as they are; a single one gets exactly the name that was asked for."""
+    """Write envelopes without a device; a single signal gets exactly the requested file name."""
     credits, held = signals[0].credits, target.credits
     if target.id == "hjif" and not is_date(credits.created):
         held -= {"created"}
@@ -206,8 +205,8 @@ def _as_envelopes(
 def _lost_credits(
     credits: Credits, target: FormatInfo, held: frozenset[str], source: Path
 ) -> tuple[str, ...]:
-    """Statements of a file about itself that another one has no place for."""
-    if credits.description == source.name.partition(".")[0]:  # said by its name, too
+    """Notes on metadata of the source without a place in the target."""
+    if credits.description == source.name.partition(".")[0]:  # repeats the file name
         credits = replace(credits, description="")
     return credits.lost(held, target.title)
 
@@ -215,7 +214,7 @@ def _lost_credits(
 def _ignored_options(
     source: Path, target: FormatInfo, device: str | None, body: str | None
 ) -> tuple[str, ...]:
-    """Options that say nothing of this conversion."""
+    """Notes on options without effect on this conversion."""
     is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(target.write_track)
     notes = []
     if body is not None and not is_track:
@@ -227,18 +226,18 @@ def _ignored_options(
     return tuple(notes)
 
 
-def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
-    """Refuse to give a file its name that our own validation would not pass.
+def _refuse_invalid(source: Path, path: Path, final: Path) -> None:
+    """Raise InputError for a written file that our own validation rejects.
 
-    Tables and sound are as large as their time: beyond ``_READ_AGAIN`` bytes the rules of their
-    rows, kept before they are written, must do, and that they are no larger than what is read.
+    Tables and sound files above ``_READ_AGAIN`` bytes are not read again: their rows were checked
+    before writing.
     """
-    size = made.stat().st_size
-    if not made.name.endswith(wav.SUFFIX):  # of which only the head is read
+    size = path.stat().st_size
+    if not path.name.endswith(wav.SUFFIX):  # readers load the header only
         limits.MEMORY.check(size, str(final), "it would have")
-    if size > _READ_AGAIN and made.name.endswith(_BY_ROWS):
+    if size > _READ_AGAIN and path.name.endswith(_BY_ROWS):
         return
-    fault = fault_of(made)
+    fault = fault_of(path)
     if fault:
         raise InputError(
             f"{source}: cannot be converted to {final.name}, which would not be valid: {fault}."
@@ -248,28 +247,28 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
 def _refuse_unfolding(
     signals: Sequence[Signal], device: DeviceConfig, target: FormatInfo, source: Path
 ) -> None:
-    """Refuse a small file of envelopes that would become a huge table or sound."""
-    lasts_s = max(each.duration_s for each in signals)
+    """Raise TooLargeError for a small file of envelopes that expands to a huge table or sound."""
+    duration_s = max(signal.duration_s for signal in signals)
     columns = len(device.controls)
     is_sound = target.id == "wav"
     per_s = 2.0 * wav.RATE_HZ * len(device.actuators) if is_sound else 8.0 * RATE_HZ * columns
-    limits.check_unfolded(lasts_s * per_s, source.stat().st_size, str(source))
+    limits.check_unfolded(duration_s * per_s, source.stat().st_size, str(source))
 
 
 def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
-    """Reject a track whose time base asks for too many values, before any is made."""
+    """Raise TooLargeError for a track with too many values, before any allocation."""
     time, name = track.header.time, str(track.path)
     limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
-    # A time beside what each actuator is given; what HJIF has of one effect at a time.
+    # One time plus the device's columns; for HJIF, six values of one effect at a time.
     columns = 6 if device is None else len(device.controls)
     rows_bytes = 8.0 * time.sample_count * (columns + 1)
-    whom = "" if device is None else f" for '{device.id}'"
-    asks = f"'sample_count' is {time.sample_count:,}: values{whom} would take"
-    limits.MEMORY.check(rows_bytes, name, asks)
+    recipient = "" if device is None else f" for '{device.id}'"
+    clause = f"'sample_count' is {time.sample_count:,}: values{recipient} would take"
+    limits.MEMORY.check(rows_bytes, name, clause)
 
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
-    """Rename files so that the only signal's name is left out."""
+    """Rename files: leave out the name of the only signal."""
     long = part_path(stem, signal, "").name
     files = tuple(
         path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
@@ -287,22 +286,24 @@ def _device(device: str | None, target: FormatInfo) -> DeviceConfig:
 
 
 def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
-    """A raster of a file, checked to be that device's; a table knows no device."""
+    """Read a raster and check that its columns and device match; csv files name no device."""
     raster: Raster = info.function("read_raster")(source)
-    wanted = columns_of(device)
-    if raster.columns != wanted:
+    expected = columns_of(device)
+    if raster.columns != expected:
         raise InputError(
             f"{source}: its columns are not those of the device '{device.id}'"
-            f"{_first_difference(raster.columns, wanted)}."
+            f"{_first_difference(raster.columns, expected)}."
         )
     if info.id != "csv" and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
 
 
-def _first_difference(found: Sequence[Column], wanted: Sequence[Column]) -> str:
-    for number, (one, other) in enumerate(zip(found, wanted, strict=False), start=1):
-        if one != other:
-            names = [csv_raster.column_name(each) for each in (one, other)]
+def _first_difference(columns: Sequence[Column], expected: Sequence[Column]) -> str:
+    for number, (column, expected_column) in enumerate(
+        zip(columns, expected, strict=False), start=1
+    ):
+        if column != expected_column:
+            names = [csv_raster.column_name(item) for item in (column, expected_column)]
             return f": column {number} is '{names[0]}', expected is '{names[1]}'"
-    return f": it has {len(found)}, expected are {len(wanted)}"
+    return f": it has {len(columns)}, expected are {len(expected)}"

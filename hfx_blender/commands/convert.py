@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx convert``: one file's content in another format, where that means something."""
+"""``hfx convert``: converts one file to another format."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def add_parser(commands: Any) -> None:
         description=(
             "Convert a track or a raster (npz, csv) to what a device plays or to hjif, a track to "
             "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF, or with "
-            "--device to what that plays (wav, csv, npz, tact). What the other format cannot hold "
-            "is told."
+            "--device to the output of a device (wav, csv, npz, tact). Content that the target "
+            "format cannot hold is listed."
         ),
     )
     parser.add_argument("source", type=Path, metavar="A")
@@ -34,7 +34,7 @@ def add_parser(commands: Any) -> None:
         "--to", metavar="FORMAT", help="the format, if the suffix does not determine it"
     )
     parser.add_argument(
-        "--device", action="append", metavar="NAME", help="device that plays it, by name or file"
+        "--device", action="append", metavar="NAME", help="device for the output, by name or file"
     )
     parser.add_argument(
         "--body", metavar="NAME", help="body that wears the device, if the track has several"
@@ -47,7 +47,7 @@ def add_parser(commands: Any) -> None:
         help="largest error of simplified curves, per cent of full scale (default: 1)",
     )
     parser.add_argument(
-        "--strict", action="store_true", help="something that is left out is an error: exit code 3"
+        "--strict", action="store_true", help="treat omitted content as an error: exit code 3"
     )
     add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
@@ -55,7 +55,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Convert, and report what was left out."""
+    """Convert the file; print its results, notes and omitted content."""
     from ..errors import UsageError
     from .conversion import convert
 
@@ -76,8 +76,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         console.say(f"{path}  {path.stat().st_size} bytes")
     for note in written.notes:
         console.say(f"note: {note}")
-    for each in written.left_out:
-        console.warn(f"hfx: left out: {each}")
+    for omission in written.left_out:
+        console.warn(f"hfx: left out: {omission}")
     console.result(
         {
             "files": [str(path) for path in written.files],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx device``: lists devices and checks configurations."""
+"""``hfx device``: lists, checks, imports and approves devices and their scripts."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ def add_parser(commands: Any) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="list devices for --device")
     finding = actions.add_parser(
-        "find", help="devices that can be connected now, and which of several of one server"
+        "find", help="list devices that can be connected now, with their units on a server"
     )
-    check = actions.add_parser("check", help="faults of a configuration file")
+    check = actions.add_parser("check", help="list faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
     imported = actions.add_parser(
         "import", help="make a device of a node map of VRChat haptics or a Unitouch layout (JSON)"
     )
     imported.add_argument("file", type=Path, metavar="FILE")
     imported.add_argument("--name", help="name of the device (default: that of the file)")
-    scripts = actions.add_parser("scripts", help="device scripts of your own, and approved ones")
+    scripts = actions.add_parser("scripts", help="list your device scripts and approved scripts")
     approve = actions.add_parser("approve", help="approve a device's script in its present state")
     approve.add_argument(
-        "name", metavar="DEVICE", help="its name, or the file of its configuration"
+        "name", metavar="DEVICE", help="name of the device, or its configuration file"
     )
     approve.add_argument(
         "--hash", help="hash of the version that you have read; other versions are refused"
@@ -60,20 +60,22 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 
     names = list_devices()
     width = max(map(len, names))
-    found: dict[str, Any] = {}
+    facts_of: dict[str, Any] = {}
     for name in names:
         try:
             facts = describe_device(load_device(name))
-        except InputError as error:  # one of the user's own
-            found[name] = {"device": name, "fault": str(error)}
+        except InputError as error:  # a faulty configuration of the user
+            facts_of[name] = {"device": name, "fault": str(error)}
             console.warn(f"hfx: {error}")
             continue
-        found[name] = facts
-        instead = "".join(f", {a} as {b}" for a, b in facts["instead"].items())
+        facts_of[name] = facts
+        instead = "".join(
+            f", {modality} as {substitute}" for modality, substitute in facts["instead"].items()
+        )
         plays = ", ".join(facts["plays"])
         unit = "actuator " if facts["actuators"] == 1 else "actuators"
         console.say(f"{name:<{width}} {facts['actuators']:>4} {unit}  {plays}{instead}")
-    console.result(found)
+    console.result(facts_of)
     return 0
 
 
@@ -81,16 +83,16 @@ def _find(_options: argparse.Namespace, console: Console) -> int:
     from ..devices.live.discovery import found_at
     from ..files import resources
 
-    ports, found, faults = found_at(resources.user_devices())
+    ports, devices, faults = found_at(resources.user_devices())
     for fault in faults:
         console.warn(f"hfx: {fault}")
-    for each in found:
-        where = f" --port {each.port}" if each.port else ""
-        where += f" --unit '{each.unit}'" if each.unit and not each.port else ""
-        console.say(f"--device {each.device}{where}: {each.description}")
-    if not found:
+    for device in devices:
+        where = f" --port {device.port}" if device.port else ""
+        where += f" --unit '{device.unit}'" if device.unit and not device.port else ""
+        console.say(f"--device {device.device}{where}: {device.description}")
+    if not devices:
         console.say("no known device; serial ports: " + (", ".join(ports) or "none"))
-    console.result({"devices": [asdict(each) for each in found], "ports": ports})
+    console.result({"devices": [asdict(device) for device in devices], "ports": ports})
     return 0
 
 
@@ -118,9 +120,9 @@ def _import(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configurations.imported_layouts import import_layout
 
     name = options.name or options.file.stem.lower().replace(" ", "_")
-    made = import_layout(options.file, name)
-    console.say(f"{made}: device '{name}'")
-    console.result({"file": str(made), "device": name})
+    path = import_layout(options.file, name)
+    console.say(f"{path}: device '{name}'")
+    console.result({"file": str(path), "device": name})
     return 0
 
 
@@ -130,32 +132,29 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
     fault = approval.fault_of_list()
     if fault:
         console.warn(f"hfx: {fault}")
-    approved = approval.approved()
-    found = [
-        {"script": path, "hash": mark, "is_approved": True}
-        for mark, path in sorted(approved.items(), key=lambda each: each[1])
-    ]
-    now = {each.fingerprint: each for each in _own_scripts(console)}
+    approved = sorted(approval.approved().items(), key=lambda entry: entry[1])
+    entries = [{"script": path, "hash": mark, "is_approved": True} for mark, path in approved]
+    now = {script.fingerprint: script for script in _own_scripts(console)}
     for mark, script in now.items():
         if not script.is_approved:
-            found.append({"script": str(script.path), "hash": mark, "is_approved": False})
-    for each in found:
-        state = "approved" if each["is_approved"] else "not approved"
-        if each["is_approved"] and each["hash"] not in now:
+            entries.append({"script": str(script.path), "hash": mark, "is_approved": False})
+    for entry in entries:
+        state = "approved" if entry["is_approved"] else "not approved"
+        if entry["is_approved"] and entry["hash"] not in now:
             state += " (changed since, gone, or in another folder)"
-        console.say(f"{each['hash']}  {each['script']}: {state}")
-    if not found:
+        console.say(f"{entry['hash']}  {entry['script']}: {state}")
+    if not entries:
         console.say("no device scripts of your own")
-    console.result({"scripts": found, "fault": fault or None})
+    console.result({"scripts": entries, "fault": fault or None})
     return InputError.exit_code if fault else 0
 
 
 def _own_scripts(console: Console) -> list[DeviceScript]:
-    """Scripts beside configurations in the user's own folder."""
+    """Scripts in the user's device folder that belong to a configuration, sorted by path."""
     from ..devices.live import approval
     from ..files import resources
 
-    found = []
+    scripts = []
     for path in sorted(resources.user_devices().glob("*.py")):
         try:
             script = approval.script_of(path.with_suffix(".json"))
@@ -163,11 +162,12 @@ def _own_scripts(console: Console) -> list[DeviceScript]:
             console.warn(f"hfx: {error}")
             continue
         if script is not None:
-            found.append(script)
-    return found
+            scripts.append(script)
+    return scripts
 
 
 def _script_of(name: str) -> DeviceScript:
+    """Script of a device; InputError for an unknown device or one without a script."""
     from ..devices.configuration import find_file
     from ..devices.live import approval
 
@@ -175,29 +175,29 @@ def _script_of(name: str) -> DeviceScript:
         raise InputError(
             f"Device '{name[:100]}' is unknown; 'hfx device list' shows the known ones."
         )
-    found = approval.script_of(name)
-    if found is None:
+    script = approval.script_of(name)
+    if script is None:
         raise InputError(f"Device '{name[:100]}' has no script.")
-    return found
+    return script
 
 
 def _approve(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live import approval
 
-    found = _script_of(options.name)
-    console.say(f"{found.path}")
-    console.say(f"hash {found.fingerprint} (of script, configuration and interface)")
-    if approval.is_shipped(found.path):
+    script = _script_of(options.name)
+    console.say(f"{script.path}")
+    console.say(f"hash {script.fingerprint} (of script, configuration and interface)")
+    if approval.is_shipped(script.path):
         console.say("is shipped: it needs no approval")
     else:
-        if options.hash is not None and options.hash.lower() != found.fingerprint:
+        if options.hash is not None and options.hash.lower() != script.fingerprint:
             raise InputError(
-                f"{found.path}: its hash is {found.fingerprint}, not {options.hash[:64]}; "
+                f"{script.path}: its hash is {script.fingerprint}, not {options.hash[:64]}; "
                 "read it again."
             )
-        approval.approve(found)
+        approval.approve(script)
         console.say("approved: it runs with all of your rights until a byte of it changes")
-    console.result({"script": str(found.path), "hash": found.fingerprint, "is_approved": True})
+    console.result({"script": str(script.path), "hash": script.fingerprint, "is_approved": True})
     return 0
 
 
@@ -214,10 +214,10 @@ def _revoke(options: argparse.Namespace, console: Console) -> int:
     if marks:
         approval.revoke_fingerprint(marks[0])
     else:
-        found = _script_of(options.name)
-        if approval.is_shipped(found.path):
-            raise InputError(f"{found.path}: is shipped; its approval cannot be withdrawn.")
-        approval.revoke(found)
+        script = _script_of(options.name)
+        if approval.is_shipped(script.path):
+            raise InputError(f"{script.path}: is shipped; its approval cannot be withdrawn.")
+        approval.revoke(script)
     console.say(f"{options.name}: approval withdrawn")
     console.result({"withdrawn": options.name})
     return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx export``: haptic tracks and device files from .blend scenes."""
+"""``hfx export``: exports haptic tracks and device files from .blend scenes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .arguments import expanded
 from .console import Console
 
 SOME_FAILED = 5
-_OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result
+_OF_A_PIECE = ("piece", "samples", "files")  # fields of a piece's record in the result
 
 
 def add_parser(commands: Any) -> None:
@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Export each scene; one that fails does not stop the others."""
+    """Export each scene; a failed scene does not stop the others. Returns the exit code."""
     from ..export.batch import batch
     from ..files.staging import staging
 
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if in_process:
         blender_session.start()
     outcomes: list[Outcome] = []
-    tell = _Teller(console, outcomes, _given_paths(options))
+    reporter = _Reporter(console, outcomes, _given_paths(options))
     with staging(_stage_folder(options), "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
@@ -58,10 +58,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 workers,
                 resume=options.resume,
                 progress=console.progress(title),
-                tell=tell.brief if len(units) > 1 else tell.fully,
+                tell=reporter.brief if len(units) > 1 else reporter.fully,
             )
         except KeyboardInterrupt:
-            tell.interrupted(len(units))
+            reporter.interrupted(len(units))
             raise
         finally:
             workers.close()
@@ -75,21 +75,24 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
-    """Exit code for the results of scenes; ``is_named``: their formats and devices were."""
+    """Exit code for the results of scenes; ``is_named``: formats and devices were given
+    as options.
+    """
     failed = [result for result in results if "error" in result]
     if not failed:
-        if any(each.get("silent_devices") for each in results):
+        if any(result.get("silent_devices") for result in results):
             return SOME_FAILED
-        # A named result that could not be written is no success, though all else is complete.
-        return SOME_FAILED if is_named and any(each.get("left_out") for each in results) else 0
+        # A requested device file that could not be written is a failure of a complete export.
+        return SOME_FAILED if is_named and any(result.get("left_out") for result in results) else 0
     codes = {int(result["exit_code"]) for result in failed}
     return codes.pop() if len(failed) == len(results) and len(codes) == 1 else SOME_FAILED
 
 
 def _stage_folder(options: argparse.Namespace) -> Path:
-    """Folder in which the one for unfinished files is made.
+    """Parent of the folder for unfinished files.
 
-    That of a job of a farm, which may be killed, goes away with the pieces.
+    For jobs of a render farm, which may be killed, the folder of pieces: its removal after the
+    merge removes unfinished files, too.
     """
     output: Path = options.output
     if len(options.scenes) != 1:
@@ -99,17 +102,17 @@ def _stage_folder(options: argparse.Namespace) -> Path:
 
 
 def _in_process(options: argparse.Namespace) -> bool:
-    """Test that this process does the work itself: one scene gains nothing from another process."""
+    """Test that this process exports; a single scene gains nothing from a worker process."""
     if blender_session.inside_blender():
         return True
-    asked = options.jobs > 1 or options.time_limit is not None
-    return len(options.scenes) <= 1 and not asked
+    needs_workers = options.jobs > 1 or options.time_limit is not None
+    return len(options.scenes) <= 1 and not needs_workers
 
 
 def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
     workers = 1 if _in_process(options) else options.jobs
     cores_of_each = max((options.cores or cores()) // workers, 1)
-    asked = ExportOptions(
+    settings = ExportOptions(
         formats=None if options.formats is None else tuple(options.formats),
         devices=None if options.device is None else tuple(options.device),
         frames=options.frames,
@@ -129,7 +132,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
             folder=os.path.abspath(options.output),
             stem=export_options.open_stem() if path is None else path.stem,
             stage=str(stage),
-            options=asked,
+            options=settings,
             part_frames=options.split,
             cores=cores_of_each,
             piece=options.piece,
@@ -139,25 +142,25 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
 
 
 def _given_paths(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """Paths in full, and as the user gave them; files before their folders."""
-    found = [(os.path.abspath(path), str(path)) for path in options.scenes]
+    """Pairs of absolute paths and paths as given by the user; files come before their folders."""
+    pairs = [(os.path.abspath(path), str(path)) for path in options.scenes]
     folder, given = os.path.abspath(options.output), options.output
-    if folder != os.path.dirname(folder):  # not the root, which begins every path
-        found.append(
+    if folder != os.path.dirname(folder):  # except the root, a prefix of every path
+        pairs.append(
             (os.path.join(folder, ""), os.path.join("" if str(given) == "." else given, ""))
         )
-        found.append((folder, str(given)))
-    return found
+        pairs.append((folder, str(given)))
+    return pairs
 
 
-class _Teller:
-    """Reporter of scenes' outcomes, as soon as they are known."""
+class _Reporter:
+    """Prints the outcomes of scenes in order of completion, and collects them."""
 
     def __init__(
         self, console: Console, outcomes: list[Outcome], given: list[tuple[str, str]]
     ) -> None:
         self._console = console
-        self._given = given  # paths: in full, and as the user gave them
+        self._given = given  # of _given_paths
         self._outcomes = outcomes
 
     def fully(self, unit: Unit, outcome: Outcome) -> None:
@@ -167,7 +170,7 @@ class _Teller:
             self._console.say(self._as_given(outcome["text"]), several_lines=True)
 
     def brief(self, unit: Unit, outcome: Outcome) -> None:
-        """Report one of many scenes."""
+        """Report one of many scenes in one line."""
         self._note(unit, outcome)
         if "report" in outcome and "unchanged" not in outcome:
             report = outcome["report"]
@@ -178,7 +181,9 @@ class _Teller:
             self._console.say(f"{unit.title}: {outcome['text']}")
 
     def _as_given(self, text: str) -> str:
-        """Show paths as the user gave them: a unit has them in full, for other processes."""
+        """Replace absolute paths by the user's own: units have absolute ones for other
+        processes.
+        """
         for full, given in self._given:
             text = text.replace(full, given)
         return text
@@ -202,7 +207,7 @@ class _Teller:
             self._console.say(f"{unit.title}: {self._as_given(remark)}")
 
     def interrupted(self, count: int) -> None:
-        """Report the rest of a batch, if any."""
+        """Report the number of finished scenes of an interrupted batch; nothing for none."""
         complete = sum("error" not in outcome for outcome in self._outcomes)
         if complete:
             self._console.warn(
@@ -211,7 +216,7 @@ class _Teller:
 
 
 def _result(outcome: Outcome) -> dict[str, Any]:
-    """The machine-readable result of one scene."""
+    """Machine-readable result of one scene."""
     if "error" in outcome:
         return {k: v for k, v in outcome.items() if k in ("input", "error", "exit_code")}
     more: dict[str, Any] = {"unchanged": True} if "unchanged" in outcome else {}
@@ -232,6 +237,7 @@ def _write_report(path: Path, folder: Path, results: list[dict[str, Any]]) -> No
         "failed": failed,
         "scenes": results,
     }
-    made = (folder / each["name"] for each in chain(*(r.get("files", ()) for r in results)))
-    with inputs_kept(made), atomic_file(path) as file:
+    files = chain(*(result.get("files", ()) for result in results))
+    # A report in place of a result would destroy the result.
+    with inputs_kept(folder / entry["name"] for entry in files), atomic_file(path) as file:
         file.write((json.dumps(summary, indent=1) + "\n").encode())

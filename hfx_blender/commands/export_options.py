@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options of ``hfx export``: their arguments, and those with which nothing could be exported."""
+"""Options of ``hfx export``, and their checks before any scene is opened."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..text import name_key
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add all arguments of the command."""
+    """Add all arguments of ``hfx export``."""
     in_blender = blender_session.inside_blender()
     parser.add_argument(
         "scenes",
@@ -83,8 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(COARSEST + 1),
         default=DETAIL,
         metavar="N",
-        help="level of detail of bodies in game clips: 0 is all vertices, each level has about a "
-        f"quarter of those before it (default: {DETAIL})",
+        help="level of detail of bodies in game clips: 0 has all vertices, each further level "
+        f"about a quarter of the vertices before (default: {DETAIL})",
     )
     work = parser.add_argument_group("many scenes, long scenes")
     work.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
@@ -98,21 +98,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     work.add_argument(
         "--resume",
         action="store_true",
-        help="skip scenes that are completely exported already, if neither the scene nor "
-        "what it links, an option or a version has changed",
+        help="skip scenes with complete results, if the scene, its linked files, the options and "
+        "the versions are unchanged",
     )
     work.add_argument(
         "--time-limit",
         type=_seconds,
         metavar="SECONDS",
-        help="stop a scene, or a part of it, that takes longer",
+        help="stop scenes, and parts of scenes, after this time",
     )
     work.add_argument(
         "--split",
         type=int,
         metavar="FRAMES",
-        help="record scenes in parts of this many frames (default: the last long scenes, in as "
-        "many parts as there are workers); the results are the same",
+        help="record scenes in parts of this many frames (default: the last long scenes, in one "
+        "part per worker); the results are the same",
     )
     work.add_argument(
         "--piece",
@@ -130,14 +130,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _names_of_formats(of_devices: bool) -> str:
-    """Formats of an export that devices are needed for, or the others."""
+    """Ids of export formats for devices, or of the other formats, joined by commas."""
     infos = (FORMATS[id] for id in EXPORTED)
     names = [i.id for i in infos if of_devices == (i.is_of_device or bool(i.write_played))]
     return ", ".join(names)
 
 
 def check(options: argparse.Namespace) -> None:
-    """Reject options with which no scene could be exported, before any is opened."""
+    """Raise UsageError for options that no scene could be exported with."""
     from ..devices.configuration import load_device
     from ..engine.areas.on_demand import ON_DEMAND
 
@@ -166,7 +166,7 @@ def check(options: argparse.Namespace) -> None:
 
 
 def _refuse_same_names(stems: Sequence[str]) -> None:
-    """Refuse scenes whose results a file system may take for the same files."""
+    """Raise UsageError for scenes whose results may have equal file names on some file system."""
     groups: dict[str, list[str]] = {}
     for stem in stems:
         groups.setdefault(name_key(stem), []).append(stem)
@@ -184,13 +184,7 @@ def _refuse_same_names(stems: Sequence[str]) -> None:
 
 
 def _refuse_result(options: argparse.Namespace) -> None:
-    """Refuse a report of the command that has the name of a result of a scene.
-
-    Raises
-    ------
-    UsageError
-        It has, whichever of the formats is written.
-    """
+    """Raise UsageError for a ``--report`` with the name of a possible result of a scene."""
     from ..export.report import REPORT_SUFFIX
 
     folder = Path(os.path.realpath(options.output))
@@ -208,19 +202,19 @@ def _refuse_result(options: argparse.Namespace) -> None:
 
 
 def open_stem() -> str:
-    """Stem of the results of the open file."""
+    """File stem for the results of the open file; ``untitled`` for an unsaved file."""
     import bpy
 
     return Path(bpy.data.filepath).stem or "untitled"
 
 
 def _names(text: str) -> list[str]:
-    """Names with commas between them."""
+    """Split names at commas."""
     return text.split(",")
 
 
 def frames(text: str) -> tuple[int, int]:
-    """First and last frame of A:B, for argparse."""
+    """Parse A:B, first and last frame, for argparse."""
     try:
         first, last = (int(part) for part in text.split(":"))
     except ValueError:

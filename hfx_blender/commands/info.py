@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info``: content of a .blend, a track, a model, a device, a file of any format."""
+"""``hfx info``: shows the content of a scene, track, model, device, or a file of any
+known format.
+"""
 
 from __future__ import annotations
 
@@ -28,22 +30,22 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Print the facts, as text or as JSON."""
+    """Print the facts of a file, as text or JSON."""
     from ..formats.files import facts_of, is_known
 
-    tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
+    readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     refuse_no_file(path)
     if own := kind_of(path):
-        tellers[path.suffix] = own.facts
+        readers[path.suffix] = own.facts
     elif is_known(path):
-        tellers[path.suffix] = facts_of
-    if path.suffix not in tellers:
+        readers[path.suffix] = facts_of
+    if path.suffix not in readers:
         raise InputError(
-            f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(tellers)} and "
+            f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(readers)} and "
             "the formats of hfx export."
         )
-    facts = tellers[path.suffix](path)
+    facts = readers[path.suffix](path)
     console.say(_as_text(facts), several_lines=True)
     console.result(facts)
     return 0
@@ -82,7 +84,7 @@ def _blend(path: Path) -> dict[str, Any]:
 
 
 def _where(effect: Any) -> dict[str, Any]:
-    """Facts about the place of an effect."""
+    """Facts about the area of an effect."""
     from ..authoring.effects.effects import area
     from ..authoring.paths import paths
 
@@ -159,7 +161,7 @@ def _device(path: Path) -> dict[str, Any]:
 
 
 def describe_device(device: Any) -> dict[str, Any]:
-    """A device configuration in short."""
+    """Summary of a device configuration: id, name, actuator count, modalities and substitutions."""
     return {
         "device": device.id,
         "name": device.name,
@@ -170,7 +172,7 @@ def describe_device(device: Any) -> dict[str, Any]:
 
 
 def _as_text(value: Any) -> str:
-    """Nested facts as indented lines."""
+    """Format nested facts as indented lines."""
     return "\n".join(map(printable, _lines(value, 0)))
 
 

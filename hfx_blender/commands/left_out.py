@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands that an installation by pip has and the extension's zip has not.
+"""Commands of ``hfx_tools``, missing in the extension's zip.
 
-The one place that knows the package ``hfx_tools``, by its name only: an installed extension has
-no such package.
+Only this module names the package ``hfx_tools``: an installed extension has none.
 """
 
 from __future__ import annotations
@@ -35,13 +34,7 @@ def module(name: str) -> ModuleType | None:
 
 
 def refuse(arguments: Sequence[str]) -> None:
-    """Say where a command is that is left out.
-
-    Raises
-    ------
-    UsageError
-        The arguments begin with one, and it is not there.
-    """
+    """Raise UsageError for a command that this installation lacks, with the way to get it."""
     left_out = [names for names in _COMMANDS if tuple(arguments[: len(names)]) == names]
     if "--back-end=diffusers" in "=".join(arguments):
         left_out.append(("--back-end", "diffusers"))
@@ -53,13 +46,12 @@ def refuse(arguments: Sequence[str]) -> None:
 
 
 def _load_tools() -> bool:
-    """Import the package ``hfx_tools``; return whether it lies beside this package."""
+    """Import the package ``hfx_tools``; False where it is missing next to this package."""
     if PACKAGE in sys.modules:
         return True
-    # Beside this package only: elsewhere a package of that name is a stranger's. Beside an
-    # extension, whose name is longer, it is one, too.
-    beside = [str(Path(__file__).resolve().parents[2])]
-    spec = PathFinder.find_spec(PACKAGE, beside)
+    # Search only the folder of this package: a package of that name elsewhere, or next to an
+    # extension (``bl_ext...hfx_blender``), is another program's.
+    spec = PathFinder.find_spec(PACKAGE, [str(Path(__file__).resolve().parents[2])])
     if __package__.count(".") > 1 or spec is None or spec.loader is None:
         return False
     sys.modules[PACKAGE] = importlib.util.module_from_spec(spec)

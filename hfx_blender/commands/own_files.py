@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of this program for ``hfx info`` and ``hfx validate``: reports, effects, paths.
+"""Facts about this program's own files for ``hfx info`` and ``hfx validate``: reports, effects,
+paths.
 
-Files that other programs read are in :mod:`hfx_blender.formats.files`.
+Other formats are in :mod:`hfx_blender.formats.files`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _REPORT: Final = Record(
 
 @dataclass(frozen=True)
 class OwnFile:
-    """Kind of file; ``facts`` raises ``InputError`` for the first fault of a file."""
+    """Kind of file; ``facts`` reads a file and raises ``InputError`` for its first fault."""
 
     name: str
     title: str
@@ -45,7 +46,7 @@ class OwnFile:
 
 
 def kind_of(path: Path) -> OwnFile | None:
-    """Kind of a file, by its name; None if it is none of these."""
+    """Kind of a file by its name; None for other files."""
     name = path.name.lower()
     return next((kind for suffix, kind in _KINDS.items() if name.endswith(suffix)), None)
 
@@ -60,12 +61,12 @@ def _effect(path: Path) -> dict[str, Any]:
         "description": sensation.description,
         "effects": [
             {
-                "effect": each.name,
-                "modality": each.modality,
-                "where": effect_file.where_of(each),
-                "clips": len(each.clips),
+                "effect": effect.name,
+                "modality": effect.modality,
+                "where": effect_file.where_of(effect),
+                "clips": len(effect.clips),
             }
-            for each in sensation.effects
+            for effect in sensation.effects
         ],
     }
 
@@ -86,21 +87,18 @@ def _path(path: Path) -> dict[str, Any]:
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:
-    """Content of a report, and whether the files that it names are still beside it.
+    """Content of an export's report, with the state of its listed files.
 
-    Raises
-    ------
-    InputError
-        It is none.
+    A state is "there", "missing" or "of another size". Raises InputError for an invalid report.
     """
     document = read(path, _MOST_BYTES)
     refuse_another(document.value, document.file, "report")
     report = document.hold(_REPORT)
-    files = [_file(each, path.parent) for each in report["files"].items()]
+    files = [_file(file, path.parent) for file in report["files"].items()]
     return {
         "file": str(path),
         "scene": report.get("scene"),
-        "complete": "yes" if all(each["state"] == "there" for each in files) else "no",
+        "complete": "yes" if all(file["state"] == "there" for file in files) else "no",
         "files": files,
         **{key: report.get(key, []) for key in _LISTS},
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx play``: plays a track or a game clip on devices, as it is felt in Blender."""
+"""``hfx play``: plays a track or a game clip on devices in real time."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def add_parser(commands: Any) -> None:
         "--to",
         choices=tuple(_KINDS),
         default="device",
-        help="the device itself, or what stands for it (default: device)",
+        help="the device itself, or a substitute (default: device)",
     )
     parser.add_argument(
         "--port",
@@ -56,14 +56,16 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--unit",
         metavar="NAME",
-        help="which of several devices of one server, as 'hfx device find' names it, or '#' and "
-        "its number there (default: likewise, else the first that no other device has)",
+        help="unit among several devices of one server: a name from 'hfx device find', or '#' and "
+        "a number (default: as last connected, else the first free unit)",
     )
-    parser.add_argument("--host", help="host of a network device (default: likewise)")
+    parser.add_argument("--host", help="host of a network device (default: as last connected)")
     parser.add_argument(
         "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
     )
-    parser.add_argument("--body", metavar="NAME", help="who wears the devices (default: the first)")
+    parser.add_argument(
+        "--body", metavar="NAME", help="body that wears the devices (default: the first)"
+    )
     parser.add_argument(
         "--from", dest="begin", type=float, metavar="S", help="begin at this time, seconds"
     )
@@ -73,15 +75,15 @@ def add_parser(commands: Any) -> None:
         type=int,
         const=0,
         metavar="PORT",
-        help="do not play the clip, but the values that a game on this computer sends of it "
-        "(docs/players.md), until Ctrl-C",
+        help="play values that a game on this computer sends, instead of the clip, until Ctrl-C "
+        "(docs/players.md)",
     )
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Play, and report devices that failed."""
+    """Play the file to its end; DeviceError for devices that failed."""
     from ..devices.configuration import is_file
     from ..devices.live import live_settings
     from ..devices.live.client import LiveClient
@@ -138,12 +140,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
-    """Refuse ``--to log`` without a file, and options of a single device beside several devices.
-
-    Raises
-    ------
-    UsageError
-        Names the option.
+    """Raise UsageError for ``--to log`` without a file, and for one-device options with several
+    devices.
     """
     of_one = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
@@ -153,7 +151,7 @@ def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
 
 
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
-    """The fault of a file of ``--path`` that cannot be written, which is none of a device."""
+    """OutputError for an unwritable file of ``--path``; None if the log is not the cause."""
     fault = f"{path} cannot be written"
     for state in client.devices.values():
         if path is not None and state.state == "lost" and state.text.startswith(fault):
@@ -162,19 +160,19 @@ def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
 
 
 def _write_note(text: str, console: Console) -> None:
-    """Write what a game has to know before the end, which the result is too late for."""
+    """Write a note before playback; with ``--json`` to standard error."""
     if text:
         (console.warn if console.as_json else console.say)(text)
 
 
 def _no_progress(share: float) -> None:
-    """Show no progress: nobody knows when a game ends."""
+    """Show no progress: the end of a game is unknown."""
 
 
 def _listening(
     options: argparse.Namespace, targets: Targets, stack: ExitStack
 ) -> tuple[ValueSource, str]:
-    """The door for a game's values, and how a game finds it."""
+    """Open a port for a game's values; returns the source and a note with its address and token."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
     from ..formats.clip.container import SUFFIX
 
@@ -196,8 +194,8 @@ def _listening(
 def _opened(
     options: argparse.Namespace, names: list[str], stack: ExitStack
 ) -> tuple[ValueSource, Targets]:
-    """The file, and the devices with the scripts that they need for it: a clip's values are those
-    that scripts gave.
+    """Open the file, and the devices with their scripts (None for clips: values are rendered
+    already).
     """
     from ..devices.configuration import load_device
     from ..devices.live import live_settings
@@ -207,9 +205,9 @@ def _opened(
     from .played_clip import PlayedClip
 
     if options.file.name.lower().endswith(SUFFIX):
-        found = {name: load_device(name, resources.user_devices()) for name in names}
-        clip = PlayedClip(options.file, found, options.body)
-        return clip, {name: (device, None) for name, device in found.items()}
+        devices_of = {name: load_device(name, resources.user_devices()) for name in names}
+        clip = PlayedClip(options.file, devices_of, options.body)
+        return clip, {name: (device, None) for name, device in devices_of.items()}
     if options.file.suffix.lower() == ".json":
         title = kinds.title_of(options.file)
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
@@ -221,7 +219,7 @@ def _opened(
 
 
 def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
-    """Connection of a device: as asked, else as it was last connected in Blender."""
+    """Connection of a device: from the options, else as last connected in Blender."""
     from ..devices.live import live_settings
 
     known = live_settings.load().get(name, live_settings.LiveSettings())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A clip's baked part as values for live devices; latencies are in its rows already."""
+"""Plays the baked rows of a clip on live devices; latencies are contained in the rows."""
 
 from __future__ import annotations
 
@@ -21,47 +21,49 @@ from ..formats.clip.container import Records, Sections, texts_at
 if TYPE_CHECKING:
     from ..devices.live.client import LiveClient
 
-_EARLY = 1e-6  # of a row: times are sums, and rounded
+_EARLY = 1e-6  # rows; tolerance for rounded times
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows (n,) of an actuator, their values (n, columns), and how far each is from neutral."""
+    """Rows of one actuator: row numbers (n,), values (n, columns), distance from neutral (n,)."""
 
     rows: Records
     values: F64
     away: Records
 
     def strongest(self, first: int, last: int) -> F64:
-        """Values of the strongest of a span of rows, (columns,); of equal ones the latest."""
+        """Values (columns,) of the row farthest from neutral in a span; of equal rows
+        the latest.
+        """
         begin, end = np.searchsorted(self.rows, [first, last], side="right").tolist()
-        of = self.away[begin - 1 : end]
-        return np.asarray(self.values[end - 1 - int(np.argmax(of[::-1]))])
+        distances = self.away[begin - 1 : end]
+        return np.asarray(self.values[end - 1 - int(np.argmax(distances[::-1]))])
 
 
 class PlayedClip:
-    """Clip that live devices play, by the rules of ``docs/formats/clip.md``, "Playing".
+    """Value source for live devices, by the rules of ``docs/formats/clip.md``, "Playing".
 
     Parameters
     ----------
     path : Path
         A ``.hfxclip``.
     devices : mapping
-        Devices by the names under which the client knows them.
+        Devices by their names at the client.
     body : str, optional
-        Name of who wears them; by default the first body that does.
+        Name of the wearer; None: the first body with the device.
 
     Attributes
     ----------
     start_s, end_s : float
-        Times of the first row, and after the last one, on the clock of the recorded scene.
+        Time of the first row, and time after the last row, on the recorded scene's clock.
     sample_s : float
-        Time from one row to the next.
+        Duration of a row.
 
     Raises
     ------
     InputError
-        It is no valid clip, or has no values for one of the devices.
+        The file is no valid clip, or has no values for one of the devices.
     """
 
     is_rendered = False
@@ -77,31 +79,32 @@ class PlayedClip:
         self.end_s = self.start_s + float(at["rows"]) / self._rate_hz
         self._actuators: dict[str, list[_Rows]] = {}
         for name, device in devices.items():
-            found = _device_of(sections, device, body, str(path))
-            _check_columns(sections, found, device, str(path))
-            first, count = int(found["first_actuator"]), int(found["actuators"])
-            each = [_rows_of(sections, k) for k in range(first, first + count)]
-            self._actuators[name] = each
+            record = _device_of(sections, device, body, str(path))
+            _check_columns(sections, record, device, str(path))
+            first, count = int(record["first_actuator"]), int(record["actuators"])
+            self._actuators[name] = [_rows_of(sections, k) for k in range(first, first + count)]
         self._neutral = {name: device.neutral for name, device in devices.items()}
-        self._shown: int | None = None  # last row
+        self._shown: int | None = None  # last row sent
 
     def begin(self, client: LiveClient) -> None:
-        """Do nothing: its values need no rendering."""
+        """Do nothing: baked values need no rendering."""
 
     def show(self, client: LiveClient, time_s: float) -> None:
-        """Send the strongest values since the last time; neutral ones after the end."""
+        """Send the strongest values since the previous call; neutral values after the end."""
         for name in self._actuators:
             client.send(name, self.values(name, time_s))
         self._shown = self._row(time_s)
 
     def values(self, name: str, time_s: float) -> F64:
-        """Values of a device at a time, the strongest since :meth:`show`, (columns,)."""
+        """Values (columns,) of a device: the strongest since :meth:`show`, neutral
+        after the end.
+        """
         now = self._row(time_s)
         first = now if self._shown is None else self._shown + 1
         if time_s >= self.end_s and first > now:
             return self._neutral[name]
         first = min(first, now)
-        return np.concatenate([each.strongest(first, now) for each in self._actuators[name]])
+        return np.concatenate([rows.strongest(first, now) for rows in self._actuators[name]])
 
     def _row(self, time_s: float) -> int:
         row = np.floor((time_s - self.start_s) * self._rate_hz + _EARLY)
@@ -109,37 +112,32 @@ class PlayedClip:
 
 
 def _device_of(sections: Sections, device: DeviceConfig, body: str | None, path: str) -> Any:
-    """Record of a device, of the first body that wears it or of the one that is named."""
-    ids, bodies = (texts_at(sections, sections["DEVC"][each]) for each in ("id", "body"))
-    for k, (each, wearer) in enumerate(zip(ids, bodies, strict=True)):
-        if each == device.id and body in (None, wearer):
+    """Record of a device on the named body, or on the first body that wears it."""
+    ids, bodies = (texts_at(sections, sections["DEVC"][device_id]) for device_id in ("id", "body"))
+    for k, (device_id, wearer) in enumerate(zip(ids, bodies, strict=True)):
+        if device_id == device.id and body in (None, wearer):
             return sections["DEVC"][k]
-    there = [f"'{each}' on '{wearer}'" for each, wearer in zip(ids, bodies, strict=True)]
-    wanted = f"'{device.id}'" if body is None else f"'{device.id}' on '{body[:100]}'"
-    raise InputError(
-        f"{path}: it has no values for {wanted}; it has those of: {', '.join(there[:5]) or 'none'}."
-    )
+    available = [
+        f"'{device_id}' on '{wearer}'" for device_id, wearer in zip(ids, bodies, strict=True)
+    ]
+    missing = f"'{device.id}'" if body is None else f"'{device.id}' on '{body[:100]}'"
+    names = ", ".join(available[:5]) or "none"
+    raise InputError(f"{path}: it has no values for {missing}; it has those of: {names}.")
 
 
-def _check_columns(sections: Sections, found: Any, device: DeviceConfig, path: str) -> None:
-    """Refuse values of a device that has changed since.
-
-    Raises
-    ------
-    InputError
-        Its actuators or their parameters are others.
-    """
-    first, count = int(found["first_actuator"]), int(found["actuators"])
+def _check_columns(sections: Sections, record: Any, device: DeviceConfig, path: str) -> None:
+    """Raise InputError for a device whose actuators or parameters differ from the clip."""
+    first, count = int(record["first_actuator"]), int(record["actuators"])
     owners = sections["COLM"]["actuator"]
     columns = sections["COLM"][(owners >= first) & (owners < first + count)]
     actuators = texts_at(sections, sections["ACTR"]["id"][columns["actuator"]])
     theirs = list(zip(actuators, texts_at(sections, columns["parameter"]), strict=True))
-    ours = [(each.actuator, each.parameter) for each in columns_of(device)]
-    for one, other in zip(theirs, ours, strict=False):
-        if one != other:
+    ours = [(column.actuator, column.parameter) for column in columns_of(device)]
+    for recorded, configured in zip(theirs, ours, strict=False):
+        if recorded != configured:
             raise InputError(
-                f"{path}: '{device.id}' has {' '.join(one)} where its configuration has "
-                f"{' '.join(other)}; export the clip anew."
+                f"{path}: '{device.id}' has {' '.join(recorded)} where its configuration has "
+                f"{' '.join(configured)}; export the clip anew."
             )
     if len(theirs) != len(ours):
         raise InputError(

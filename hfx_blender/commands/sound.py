@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx sound``: spatial sound of a scene's haptic volumes, for any loudspeakers."""
+"""``hfx sound``: writes the spatial sound of a scene's haptic volumes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "sound",
         help="write a scene's spatial sound",
-        description="Write one multichannel WAV, a channel a loudspeaker: each haptic volume of "
-        "a scene is a source where it is, heard by the first body, in step with the rasters of "
+        description="Write one WAV with a channel per loudspeaker. Each haptic volume of a scene "
+        "is a sound source at its position, heard by the first body, in step with the rasters of "
         "its devices.",
     )
     parser.add_argument("scene", type=Path, metavar="SCENE.blend")
@@ -32,7 +32,7 @@ def add_parser(commands: Any) -> None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of sound."""
+    """Add the options of the sound."""
     parser.add_argument(
         "--loudspeakers",
         default="stereo",
@@ -62,8 +62,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="TIMES",
-        help="absorption of high frequencies by distance: so many times that of air (default: 0, "
-        "none; 1 cannot be heard within 8 m, 100 takes 3 dB from 880 Hz there)",
+        help="absorption of high frequencies by distance, as a multiple of real air (default: 0, "
+        "none; 1 is inaudible within 8 m, 100 takes 3 dB from 880 Hz there)",
     )
     parser.add_argument(
         "--doppler", action="store_true", help="pitch rises as a source comes nearer"
@@ -71,12 +71,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(options: argparse.Namespace) -> Any:
-    """Settings of the sound from the options.
-
-    Raises
-    ------
-    UsageError
-        The loudspeakers, their panning or a distance make no sense.
+    """Sound settings from the options; UsageError for impossible loudspeakers, panning or
+    distances.
     """
     from ..engine.spatial_sound.hearing import Hearing
     from ..engine.spatial_sound.layouts import parse
@@ -90,12 +86,12 @@ def settings_of(options: argparse.Namespace) -> Any:
     except ValueError as error:
         raise UsageError(f"sound: {error}") from None
     layout = parse(options.loudspeakers)
-    Panner(layout, hearing, options.panning)  # raises if the options do not fit
+    Panner(layout, hearing, options.panning)  # raises for impossible combinations
     return SoundSettings(layout=layout, scheme=options.panning, hearing=hearing)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Open the scene, and write its sound."""
+    """Open the scene and write its sound."""
     bpy = blender_session.start()
 
     from ..blender import linked_files

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture``: haptic surfaces: make maps, try strokes, measure roughness."""
+"""``hfx texture``: makes haptic maps, renders strokes and measures roughness of surfaces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_parser(commands: Any) -> None:
         help="make a haptic map",
         description="Make the two layers of a haptic map as grey PNGs, and a JSON of its scale, "
         "ranges and steps: STEM.intensity.png, STEM.sharpness.png, STEM.texture.json. With --from "
-        "relief also the estimates that they are made of: STEM.height.png, STEM.roughness.png.",
+        "relief also the estimates: STEM.height.png, STEM.roughness.png.",
     )
     texture_source.add_arguments(build)
     build.add_argument("-o", "--output", type=Path, metavar="STEM", help="folder and name")
@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
         help="render a stroke over a surface",
         description="Stroke over a surface along a line or a path, and write the vibration.",
     )
-    texture_source.add_arguments(stroke, readings=False)  # its own --from is a place
+    texture_source.add_arguments(stroke, readings=False)  # here, --from is a position
     stroke.add_argument("--from", dest="start", type=texture_source.pair, metavar="MM,MM")
     stroke.add_argument("--to", dest="end", type=texture_source.pair, metavar="MM,MM")
     stroke.add_argument(
@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
         "--device",
         default="",
         metavar="NAME",
-        help="device that plays it: its calibrated c_v, range, frequencies and update interval",
+        help="device for the stroke: its calibrated c_v, range, frequencies and update interval",
     )
     stroke.add_argument(
         "-o",
@@ -72,7 +72,7 @@ def add_parser(commands: Any) -> None:
     texture_source.add_arguments(rough)
     for sub in (info, rough):
         sub.add_argument("--cutoff", type=float, default=2.5, metavar="MM", help="(2.5)")
-    listing = actions.add_parser("list", help="the materials of the library")
+    listing = actions.add_parser("list", help="list the materials of the library")
     for sub, function in (
         (build, _build),
         (stroke, _stroke),
@@ -111,7 +111,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a path in a folder that is not there: :class:`UsageError`."""
+    """Raise UsageError for a path in a missing folder."""
     if not path.parent.is_dir():
         raise UsageError(f"{path}: there is no folder '{path.parent}'")
 
@@ -148,17 +148,19 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     texture = SurfaceTexture(source.height, source.map, renderer, drive, source.map.device)
     has_sound = any(path.suffix.lower() == ".wav" for path in options.output)
     rate = stroke_files.WAV_RATE_HZ if has_sound else 8000.0
-    felt = render_stroke(texture, stroke, step_s=device and device.update_s, waveform_rate_hz=rate)
+    signal = render_stroke(
+        texture, stroke, step_s=device and device.update_s, waveform_rate_hz=rate
+    )
     played_range = source.map.device
     if device is not None:
-        felt, played_range = device.played(felt), device.range
+        signal, played_range = device.played(signal), device.range
     facts = {
         "seconds": stroke.duration_s,
         "length_mm": 1000.0 * stroke.length_m,
         "speed_mm_s": 1000.0 * stroke.length_m / stroke.duration_s,
-        "mean_amplitude_m_s2": float(felt.amplitude_m_s2.mean()),
-        "peak_amplitude_m_s2": float(felt.amplitude_m_s2.max()),
-        "mean_frequency_hz": float(np.mean(felt.frequency_hz)),
+        "mean_amplitude_m_s2": float(signal.amplitude_m_s2.mean()),
+        "peak_amplitude_m_s2": float(signal.amplitude_m_s2.max()),
+        "mean_frequency_hz": float(np.mean(signal.frequency_hz)),
     }
     console.say(
         f"{facts['length_mm']:.1f} mm in {facts['seconds']:.2f} s "
@@ -169,9 +171,9 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     if facts["peak_amplitude_m_s2"] < _FAINT * float(played_range.amplitude_m_s2(1.0)):
         notes.append("hardly anything is felt: less than 1 % of the device's strongest")
     for path in options.output:
-        written = stroke_files.write(felt, stroke, played_range, path)
+        written = stroke_files.write(signal, stroke, played_range, path)
         notes += [f"{path}: {note}" for note in written.notes]
-        files += [str(each) for each in written.files]
+        files += [str(file) for file in written.files]
         console.say(f"wrote {path}")
     for note in notes:
         console.warn(f"note: {note}")
@@ -180,7 +182,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stroke_of(options: argparse.Namespace) -> Any:
-    """Stroke from the options: a line, or a file's path."""
+    """Stroke from the options: along a line, or along the path of a file."""
     import numpy as np
 
     from ..engine.texture import stroke
@@ -204,13 +206,13 @@ def _stroke_of(options: argparse.Namespace) -> Any:
         return stroke.along(table / 1000.0, speed / 1000.0, options.rate)
     if options.speed is not None:
         raise UsageError(f"{options.path} has times of its own: leave out --speed")
-    made = stroke.Stroke(table[:, 0], table[:, 1:] / 1000.0)
-    _refuse_lasting(made.duration_s)
-    return made
+    timed = stroke.Stroke(table[:, 0], table[:, 1:] / 1000.0)
+    _refuse_lasting(timed.duration_s)
+    return timed
 
 
 def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
-    """Refuse a path that takes too long at a speed: :class:`TooLargeError`."""
+    """Raise TooLargeError for a path of too long a duration at a speed."""
     import numpy as np
 
     with np.errstate(over="ignore", invalid="ignore"):
@@ -226,7 +228,9 @@ def _refuse_lasting(seconds: float) -> None:
 
 
 def path_table(path: Path) -> Any:
-    """Numbers (N, 2 or 3) of a CSV file; a first line that is no numbers is a heading."""
+    """Read positions (n, 2), or times and positions (n, 3), of a CSV file; a first line may be a
+    heading.
+    """
     import numpy as np
 
     refuse_no_file(path)
@@ -252,18 +256,18 @@ def path_table(path: Path) -> Any:
 
 def _info(options: argparse.Namespace, console: Console) -> int:
     source = texture_source.read(options)
-    made = source.map
-    rows, columns = made.intensity.shape
+    haptic_map = source.map
+    rows, columns = haptic_map.intensity.shape
     facts: dict[str, Any] = {
         "name": source.name,
-        "size_mm": [1000.0 * length for length in made.size_m],
+        "size_mm": [1000.0 * length for length in haptic_map.size_m],
         "texels": [columns, rows],
-        "tiles": made.tiles,
-        "amplitude_g": list(made.device.amplitude_g),
-        "frequency_hz": list(made.device.frequency_hz),
-        "mean_intensity": float(made.intensity.mean()),
-        "highest_intensity": float(made.intensity.max()),
-        "mean_sharpness": float(made.sharpness.mean()),
+        "tiles": haptic_map.tiles,
+        "amplitude_g": list(haptic_map.device.amplitude_g),
+        "frequency_hz": list(haptic_map.device.frequency_hz),
+        "mean_intensity": float(haptic_map.intensity.mean()),
+        "highest_intensity": float(haptic_map.intensity.max()),
+        "mean_sharpness": float(haptic_map.sharpness.mean()),
         "notes": list(source.notes),
     }
     if source.height is not None:
@@ -291,19 +295,19 @@ def _short(value: Any) -> str:
 
 
 def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
-    """Roughness along both axes: lengths in micrometres, None where there is no such value."""
+    """Roughness along both axes: lengths in micrometres, None for undefined values."""
     from math import pi
 
     from ..engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
 
-    found: dict[str, float | None] = {}
+    values: dict[str, float | None] = {}
     for axis, angle in (("x", 0.0), ("y", pi / 2.0)):
-        measured = roughness_of_surface(height, cutoff_mm / 1000.0, direction_rad=angle)
+        roughness = roughness_of_surface(height, cutoff_mm / 1000.0, direction_rad=angle)
         for name in (*LENGTHS, *SHAPES):
-            value = getattr(measured, name)
+            value = getattr(roughness, name)
             is_length = name in LENGTHS and value is not None
-            found[f"{name.removesuffix('_m')}_{axis}"] = 1e6 * value if is_length else value
-    return found
+            values[f"{name.removesuffix('_m')}_{axis}"] = 1e6 * value if is_length else value
+    return values
 
 
 def _roughness(options: argparse.Namespace, console: Console) -> int:
@@ -318,7 +322,7 @@ def _roughness(options: argparse.Namespace, console: Console) -> int:
     for axis in "xy":
         values = (facts[f"{name}_{axis}"] for name in names)
         shown = ("-" if value is None else f"{value:.3f}" for value in values)
-        console.say(f"{axis:<5}" + "".join(f"{each:>10}" for each in shown))
+        console.say(f"{axis:<5}" + "".join(f"{text:>10}" for text in shown))
     console.result({"cutoff_mm": options.cutoff, **facts})
     return 0
 
@@ -326,10 +330,10 @@ def _roughness(options: argparse.Namespace, console: Console) -> int:
 def _list(options: argparse.Namespace, console: Console) -> int:
     from ..engine.texture.procedural import MATERIALS
 
-    for each in MATERIALS.values():
-        size = 1000.0 * each.size_m
-        console.say(f"{each.name:<18} {each.kind:<8} {each.title:<18} {size:g} x {size:g} mm")
-    console.result(
-        {m.name: {"kind": m.kind, "size_mm": 1000.0 * m.size_m} for m in MATERIALS.values()}
-    )
+    facts = {}
+    for material in MATERIALS.values():
+        name, kind, size = material.name, material.kind, 1000.0 * material.size_m
+        console.say(f"{name:<18} {kind:<8} {material.title:<18} {size:g} x {size:g} mm")
+        facts[name] = {"kind": kind, "size_mm": size}
+    console.result(facts)
     return 0

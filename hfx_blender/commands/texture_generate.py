@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture generate``: a felt surface from words, or from pictures of other generators."""
+"""``hfx texture generate``: makes haptic surfaces from words, or from pictures of image
+generators.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,11 @@ BACK_ENDS: Final = ("library", "folder", "diffusers")
 _MOST_VARIATIONS: Final = 64
 _DIFFUSERS: Final = "texture_diffusers"
 _LOOK_S: Final = 0.5
-"""Interval of looks into the folder: a picture that grew meanwhile is still being written."""
+"""Interval between two checks of the folder, seconds: a growing file is still being written."""
 
 _DESCRIPTION: Final = """\
 Make a colour picture, a relief, a haptic map in two layers, a .blend with the material and its
-surface, and a record of the making (NAME.generated.json).
+surface, and a record of the generation (NAME.generated.json).
 
   library   searches the library's materials and steers the nearest one by kind, size, depth, wear,
             weave, direction and colour; it does not paint. Offline, at once. The default.
@@ -38,7 +40,7 @@ surface, and a record of the making (NAME.generated.json).
 
 
 def add_parser(actions: Any) -> None:
-    """Add the action."""
+    """Add the action ``generate``."""
     parser = actions.add_parser(
         "generate",
         help="make a surface from words",
@@ -48,7 +50,7 @@ def add_parser(actions: Any) -> None:
     parser.add_argument("words", nargs="?", default="", metavar="WORDS")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder")
     parser.add_argument("--back-end", choices=BACK_ENDS, default=BACK_ENDS[0], help="(library)")
-    parser.add_argument("--negative", default="", metavar="WORDS", help="what it shall not be")
+    parser.add_argument("--negative", default="", metavar="WORDS", help="words to avoid")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="another sample (0)")
     parser.add_argument(
         "--variations", type=int, default=1, metavar="N", help="with this seed and the next ones"
@@ -61,8 +63,8 @@ def add_parser(actions: Any) -> None:
     )
     pictures = parser.add_argument_group("pictures of other generators")
     pictures.add_argument("--watch", type=Path, metavar="DIR", help="until Ctrl-C")
-    pictures.add_argument("--once", action="store_true", help="end when all there are is made")
-    pictures.add_argument("--picture", type=Path, metavar="FILE", help="only this one")
+    pictures.add_argument("--once", action="store_true", help="end after the present pictures")
+    pictures.add_argument("--picture", type=Path, metavar="FILE", help="only this picture")
     pictures.add_argument(
         "--from",
         dest="way",
@@ -126,19 +128,21 @@ def _library(options: argparse.Namespace, console: Console) -> int:
 def _make_all(
     make: Callable[[int], Generated], options: argparse.Namespace, console: Console
 ) -> int:
-    """Make and write all variations."""
+    """Generate and write all variations."""
     progress = console.progress("Generating")
-    made: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     for number in range(options.variations):
         progress(number / options.variations)
         surface = make(options.seed + number)
-        made.append(_keep(surface, options, console))
-    console.result({"made": made})
+        results.append(_keep(surface, options, console))
+    console.result({"made": results})
     return 0
 
 
 def _of_pictures(options: argparse.Namespace, console: Console) -> int:
-    """Convert one picture, or those of a folder; 5 if some of several could not be read."""
+    """Convert one picture, or the pictures of a folder; returns 5 if a picture could
+    not be read.
+    """
     if options.watch is not None and options.picture is not None:
         raise UsageError("give --watch or --picture, not both")
     if options.picture is not None:
@@ -152,7 +156,7 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
     from ..generation.picture_folder import WatchedFolder, is_made
 
     watched = WatchedFolder(options.watch)
-    made: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     faults: list[str] = []
     watched.settled()
     if not options.once:
@@ -163,15 +167,15 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
             try:
                 if not is_made(picture, options.output):
                     with inputs_kept([picture]):
-                        made.append(_keep(_of_picture(picture, options), options, console))
+                        results.append(_keep(_of_picture(picture, options), options, console))
             except InputError as error:
                 faults.append(str(error))
                 console.warn(f"left out: {error}")
     for picture in watched.passed_over:
         faults.append(f"{picture}: it is empty, or no plain file.")
         console.warn(f"left out: {faults[-1]}")
-    console.say(f"{len(made)} made, {len(faults)} left out")
-    console.result({"made": made, "left_out": faults})
+    console.say(f"{len(results)} made, {len(faults)} left out")
+    console.result({"made": results, "left_out": faults})
     return 5 if faults else 0
 
 
@@ -191,14 +195,14 @@ def _of_picture(picture: Path, options: argparse.Namespace) -> Generated:
 
 
 def steps_of(options: argparse.Namespace) -> Any:
-    """Just-noticeable steps, if they are asked for."""
+    """Just-noticeable steps with ``--steps``; None without."""
     from ..engine.texture.haptic_map import NoticeableSteps
 
     return NoticeableSteps() if options.steps else None
 
 
 def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Write a surface into the folder of the options; returns plain data on it."""
+    """Write a surface into the output folder; returns its names, notes and kind."""
     from ..generation import generated
 
     written = generated.write(surface, options.output, __version__)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Source of ``hfx texture``: a map, a picture, a scan, a library material, an object."""
+"""Source of ``hfx texture``: map, picture, point cloud, library material, or object of a .blend."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TextureSource:
-    """Surface from any source."""
+    """Haptic surface of any source."""
 
     name: str
     map: HapticMap
-    height: HeightField | None  # None for a map, which has none
+    height: HeightField | None  # None for a map
     notes: tuple[str, ...] = ()
-    is_estimate: bool = False  # of a photograph; its heights are worth a file of their own
+    is_estimate: bool = False  # heights estimated from a photograph
 
 
 _RANGES: Final = {
@@ -43,16 +43,16 @@ _RANGES: Final = {
     "frequency": (0.0, 1e5, " Hz"),
     "cutoff": (1e-3, 1e4, " mm"),
 }
-"""Ranges of the options with numbers, both ends included."""
+"""Lowest and highest value, both included, and unit of options with numbers."""
 
 _HEIGHT_MM: Final = 0.2
 
 _READINGS: Final = ("heights", "relief", "sobel")
-"""Meaning of a picture: heights, or colours whose relief is estimated or is their brightness."""
+"""Meaning of a picture: heights, a photograph with estimated relief, or brightness as height."""
 
 
 def add_arguments(parser: Any, *, readings: bool = True) -> None:
-    """Add the arguments of a source and its reading; ``--from`` is one with ``readings``."""
+    """Add the arguments of a source; ``--from`` only with ``readings``."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -73,8 +73,8 @@ def add_arguments(parser: Any, *, readings: bool = True) -> None:
             "--from",
             dest="reading",
             choices=_READINGS,
-            help="what a picture is: heights (default); relief: a photograph, whose relief and "
-            "roughness are estimated; sobel: a photograph, bright is high",
+            help="meaning of a picture: heights (default); relief: a photograph with estimated "
+            "relief and roughness; sobel: a photograph, bright is high",
         )
     parser.add_argument(
         "--colours", action="store_const", const="sobel", dest="reading", help="--from sobel"
@@ -115,7 +115,7 @@ def add_arguments(parser: Any, *, readings: bool = True) -> None:
 
 
 def pair(text: str) -> tuple[float, float]:
-    """Two numbers with a comma between them, for argparse."""
+    """Parse two numbers with a comma between, for argparse."""
     parts = text.split(",")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"'{text}': expected two numbers with a comma between")
@@ -126,14 +126,9 @@ def pair(text: str) -> tuple[float, float]:
 
 
 def read(options: argparse.Namespace) -> TextureSource:
-    """Read the source that the options name.
+    """Read the source named by the options.
 
-    Raises
-    ------
-    UsageError
-        An option has a value that it cannot have.
-    InputError
-        The source is missing or cannot be used.
+    Raises UsageError for an option out of range, and InputError for an unusable source.
     """
     from ..engine.texture.procedural import MATERIALS
 
@@ -149,27 +144,19 @@ def read(options: argparse.Namespace) -> TextureSource:
     if not path.is_file():
         if path.exists():
             refuse_no_file(path)
-        what = "it is a folder" if path.is_dir() else "there is no such file"
+        fault = "it is a folder" if path.is_dir() else "there is no such file"
         if not path.suffix:
-            what += f", and no library material ({', '.join(MATERIALS)})"
-        raise InputError(f"{path}: {what}.")
+            fault += f", and no library material ({', '.join(MATERIALS)})"
+        raise InputError(f"{path}: {fault}.")
     return _file(path, options)
 
 
 def check_numbers(options: argparse.Namespace) -> None:
-    """Refuse numbers that no surface has, before anything is made of them.
-
-    Raises
-    ------
-    UsageError
-        It names the option, its value and the allowed ones.
-    """
+    """Raise UsageError for numbers outside their allowed ranges."""
     for option, (low, high, unit) in _RANGES.items():
-        found = getattr(options, option, None)
-        if found is None:
-            continue
-        for value in found if isinstance(found, tuple) else (found,):
-            if not low <= value <= high:
+        given = getattr(options, option, None)
+        for value in given if isinstance(given, tuple) else (given,):
+            if value is not None and not low <= value <= high:
                 allowed = f"{low:.10g} to {high:.10g}{unit}"
                 raise UsageError(f"--{option} {value:.10g}: expected {allowed}")
 
@@ -217,12 +204,12 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
         size_m = size[0] / 1000.0, size[1] / 1000.0
         height_mm = _HEIGHT_MM if options.height is None else options.height
         field = from_image(grey, height_mm / 1000.0, size_m, tiles=options.tiles)
-        del grey  # half a gigabyte of a large picture
+        del grey  # up to half a gigabyte
     return _built(path.stem, field, None, notes, options)
 
 
 def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
-    """Relief and roughness estimated from a photograph."""
+    """Estimate relief and roughness from a photograph."""
     import numpy as np
 
     from ..engine.texture.relief.relief_estimate import estimate
@@ -234,16 +221,16 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
         )
     colours = picture(path, "colours")
     size_m = options.size[0] / 1000.0, options.size[1] / 1000.0
-    found = estimate(colours, size_m, tiles=options.tiles)
-    field, slope = found.field, found.slope
+    estimated = estimate(colours, size_m, tiles=options.tiles)
+    field, slope = estimated.field, estimated.slope
     estimated_mm = 1000.0 * float(field.heights_m.max())
     if options.height is not None:
         factor = options.height / estimated_mm if estimated_mm > 0.0 else 0.0
         field = replace(field, heights_m=field.heights_m * factor)
         slope = slope * np.float32(abs(factor))
     note = f"the relief is an estimate from the colours, {estimated_mm:.3g} mm high"
-    made = _built(path.stem, field, found.roughness, (note,), options, slope)
-    return replace(made, is_estimate=True)
+    source = _built(path.stem, field, estimated.roughness, (note,), options, slope)
+    return replace(source, is_estimate=True)
 
 
 def _object(path: Path, options: argparse.Namespace) -> TextureSource:
@@ -253,12 +240,12 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
     from ..authoring.surfaces import surfaces
 
     scene = bpy.context.scene
-    found = surfaces.surfaces_of(scene)
+    candidates = surfaces.surfaces_of(scene)
     if options.object is None:
-        if len(found) != 1:
-            names = ", ".join(f"'{obj.name}'" for obj in found) or "none"
+        if len(candidates) != 1:
+            names = ", ".join(f"'{obj.name}'" for obj in candidates) or "none"
             raise InputError(f"{path}: choose a surface with --object; there are: {names}.")
-        obj = found[0]
+        obj = candidates[0]
     else:
         obj = scene.objects.get(options.object)
         if obj is None:
@@ -266,9 +253,9 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj)
         obj.hfx.surface.resolution = options.resolution
-    made = surfaces.map_of(obj)
+    haptic_map = surfaces.map_of(obj)
     note = obj.hfx.surface.note
-    return TextureSource(obj.name, made, surfaces.field_of(obj), (note,) if note else ())
+    return TextureSource(obj.name, haptic_map, surfaces.field_of(obj), (note,) if note else ())
 
 
 def _built(
@@ -295,20 +282,20 @@ def _built(
 
 
 def picture(path: Path, values: str) -> F64:
-    """Values of a picture of any format that Blender reads, bottom row first.
+    """Read a picture of any of Blender's formats, bottom row first.
 
     Parameters
     ----------
     path : Path
     values : {"colours", "brightness", "data"}
-        Colours (H, W, 3) in sRGB, their brightness (H, W), or the picture's numbers (H, W).
+        sRGB colours (h, w, 3), brightness (h, w), or raw numbers (h, w).
     """
     blender_session.start()
     import bpy
 
     from ..authoring.surfaces import image_values
 
-    # Blender does not look in the working folder.
+    # Blender does not search the working folder.
     image = image_values.load(os.path.abspath(path))
     read = {
         "colours": image_values.colours_of,

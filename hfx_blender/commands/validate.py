@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx validate``: whether files keep the rules of their formats."""
+"""``hfx validate``: checks files against the rules of their formats."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
 
 
 def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
-    """Check a file of ours; of a report also that the files that it names are beside it."""
+    """Check a file of this program; for a report also its listed files."""
     from ..files.findings import Finding
 
     try:
@@ -98,12 +98,16 @@ def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
         console.warn(f"hfx: {error}")
         return {"file": str(path), "format": kind.name, "is_valid": False, "error": str(error)}
     findings = [
-        Finding("REPORT-FILE", f"files[{k}]", f"'{each['name']}' is {each['state']}")
-        for k, each in enumerate(facts.get("files", ()))
-        if each["state"] != "there"
+        Finding("REPORT-FILE", f"files[{k}]", f"'{entry['name']}' is {entry['state']}")
+        for k, entry in enumerate(facts.get("files", ()))
+        if entry["state"] != "there"
     ]
-    for each in findings:
-        console.say(f"{path}: {each}")
+    for finding in findings:
+        console.say(f"{path}: {finding}")
     console.say(f"{path}: {kind.title}, {'not valid' if findings else 'valid'}")
-    found = [vars(each) for each in findings]
-    return {"file": str(path), "format": kind.name, "is_valid": not findings, "findings": found}
+    return {
+        "file": str(path),
+        "format": kind.name,
+        "is_valid": not findings,
+        "findings": [vars(finding) for finding in findings],
+    }
