@@ -77,7 +77,7 @@ def settings_of(options: argparse.Namespace) -> Any:
     from ..engine.spatial_sound.hearing import Hearing
     from ..engine.spatial_sound.layouts import parse
     from ..engine.spatial_sound.panner import Panner
-    from ..export.sound import SoundSettings
+    from ..export.scene_sound import SoundSettings
 
     try:
         hearing = Hearing(
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from ..blender import linked_files
-    from ..export.sound import write_sound
+    from ..export.scene_sound import write_sound
     from ..formats.sound.sound_wav import SUFFIX
 
     settings = settings_of(options)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded on first use: the modules of batches need no ``bpy``, an export does.
+    # Loaded on first use: an export needs ``bpy``, the modules of batches do not.
     if name in ("ExportSettings", "export_scene"):
         from . import scene_export
 

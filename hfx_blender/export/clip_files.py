@@ -57,8 +57,8 @@ def write_clips(
                     device: f"clip '{named.name}': {reason}"
                     for device, reason in of_clip.silent.items()
                 }
-                left = rendered.without(reasons)
-                return write_clips(whole, formats, devices, left, stem, tolerance)
+                remaining = rendered.without(reasons)
+                return write_clips(whole, formats, devices, remaining, stem, tolerance)
             written += Written(notes=of_clip.notes)
             of_clips += [f"clip '{named.name}': {warning}" for warning in of_clip.warnings]
             played = result_files.placed(whole.header, of_clip.played, stem, part)

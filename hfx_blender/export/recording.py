@@ -122,18 +122,23 @@ def record_track(
     part: tuple[int, int] | None = None,
     times: FeltTimes | None = None,
 ) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
-    """Evaluate a scene block by block, record it, and pass the samples to renderers.
+    """Evaluate a scene block by block, write its track, and render it for devices.
 
-    Renderers are returned that have been given all of it, for each device on each body.
+    Yields the finished share after each block; a caller that stops early leaves no file. Returns
+    the renderers of all devices on all bodies, with all samples added. Blocks are read in the
+    calling thread and, where threads can run, evaluated and written in a second one. Renderers get
+    the samples as stored in the track, so rendering the track later gives equal results.
 
-    After each block the share that is done is yielded: whoever stops there leaves no file.
-    Blocks are read here; they are worked on in another thread meanwhile, if that can run.
-    The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
-    later gives the same.
-    With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the track.
-    What rings on from before, also before the first frame, is evaluated first, and forgotten; what
-    devices carry on from one sample to the next is for the whole track.
-    ``times`` counts the samples at which effects are on and felt.
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with each recorded block.
+    part : (first, stop), optional
+        Record only these samples, whole chunks of the track. :func:`lead_in` samples before are
+        evaluated for ringing responses and discarded. Devices with state between samples need the
+        whole track.
+    times : FeltTimes, optional
+        Collects the samples at which effects are on and felt.
     """
     settings = {
         "record": sorted(record),
@@ -142,9 +147,9 @@ def record_track(
     }
     tools = {"hfx": __version__, "blender": bpy.app.version_string}
     first, stop = part or (0, reader.time.sample_count)
-    wanted = reader.sample_indices
-    count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
-    read = done = 0  # samples, each of which counts half after reading
+    sampled = reader.sample_indices
+    count = max(int(((sampled >= first) & (sampled < stop)).sum()), 1)
+    read = done = 0  # samples; reading counts for half of the progress
     start = (first - lead_in(engine)) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
@@ -158,30 +163,32 @@ def record_track(
                 read += len(block.own_indices)
             yield block
 
-    def work(given: Iterator[AnimationBlock]) -> Generator[list[AnimationBlock], None, None]:
-        with closing(engine.evaluated(given)) as found:
+    def work(
+        unread_blocks: Iterator[AnimationBlock],
+    ) -> Generator[list[AnimationBlock], None, None]:
+        with closing(engine.evaluated(unread_blocks)) as evaluated:
             header = _header(reader.description, settings, tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
-                for some in _chunks(_without_warm_up(found, first, engine.counters)):
-                    felt = joined_runs((felt for _, felt in some), header.streams)
-                    runs = writer.append(felt)
+                for chunk in _chunks(_without_warm_up(evaluated, first, engine.counters)):
+                    runs = writer.append(joined_runs((runs for _, runs in chunk), header.streams))
                     for _, renderer in renderers:
                         renderer.add(runs)
                     if times is not None:
                         times.add_runs(runs, touching)
-                        for block, _ in some:
+                        for block, _ in chunk:
                             times.add_levels(effects, block)
                         times.touched |= dict.fromkeys(engine.touched, True)
-                    yield [block for block, _ in some]
+                    yield [block for block, _ in chunk]
         finished.extend(renderers)
 
-    # Blender lets other threads run while it steps a scene, even on one processor.
+    # Blender releases Python's lock while it steps a scene, so a second thread helps even on one
+    # processor.
     together = overlapped if engine.has_threads or reader.is_stepped else sequentially
-    # Scenes are restored even if the caller stops after a step.
+    # closing() restores the scene even if the caller stops early.
     with closing(blocks), closing(together(counted(), work)) as worked:
-        for done_now in worked:
-            for block in (block for some in done_now for block in some):
+        for chunks in worked:
+            for block in (block for chunk in chunks for block in chunk):
                 if watch is not None:
                     watch(block)
                 done += len(block.own_indices)
@@ -197,28 +204,28 @@ def _header(
 
 
 def _without_warm_up(
-    found: Iterator[BlockSamples], first: int, counters: Counters
+    blocks: Iterator[BlockSamples], first: int, counters: Counters
 ) -> Iterator[BlockSamples]:
-    """Yields blocks from sample ``first`` on; discards the counters of warm-up blocks."""
-    for block, felt in found:
+    """Yield blocks from sample ``first`` on; reset the counters after each block before."""
+    for block, runs in blocks:
         if block.own_indices[-1] < first:
             counters.clear()
         else:
-            yield block, felt
+            yield block, runs
 
 
-def _chunks(found: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:
-    """Group blocks by chunk of the track; an empty list while a chunk goes on."""
-    some: list[BlockSamples] = []
-    for pair in found:
-        if some and _chunk(some[-1]) != _chunk(pair):
-            yield some
-            some = [pair]
+def _chunks(blocks: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:
+    """Group blocks by chunk of the track; yields an empty list for each block within a chunk."""
+    chunk: list[BlockSamples] = []
+    for pair in blocks:
+        if chunk and _chunk(chunk[-1]) != _chunk(pair):
+            yield chunk
+            chunk = [pair]
         else:
-            some.append(pair)
+            chunk.append(pair)
             yield []
-    if some:
-        yield some
+    if chunk:
+        yield chunk
 
 
 def _chunk(pair: BlockSamples) -> int:

@@ -28,17 +28,17 @@ class ExportReport:
     """Results of one export."""
 
     scene: str
-    folder: Path  # that the files are in, or in folders below
+    folder: Path  # of the files and their subfolders
     files: tuple[Path, ...]
     felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
-    unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
+    unrendered: tuple[dict[str, Any], ...]  # felt by a body, played by no device
     warnings: tuple[str, ...]
-    effects: tuple[dict[str, Any], ...] = ()  # all of them: felt from and to, or why not
+    effects: tuple[dict[str, Any], ...] = ()  # of all effects: times, or reason of silence
     engine: dict[str, Any] = field(default_factory=dict)
     reading: dict[str, Any] = field(default_factory=dict)
-    left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
-    silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
-    notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
+    left_out: tuple[str, ...] = ()  # subset of the warnings: content that a format cannot hold
+    silent_devices: tuple[str, ...] = ()  # subset of the warnings: devices without output
+    notes: tuple[str, ...] = ()  # simplifications by formats, with their size
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
 
     def as_dict(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def _with_strength(
     return replace(summary, sample_count=count, first_s=first_s, last_s=last_s)
 
 
-def told_effects(
+def effect_facts(
     track: TrackReader,
     unfelt: Mapping[str, Unfelt],
     warnings: Sequence[str],
@@ -155,8 +155,8 @@ def told_effects(
             spans_of.setdefault(summary.stream.effect_id, []).append(span)
         elif summary.sample_count:
             powerless.add(summary.stream.effect_id)
-    swarms = {each.rpartition(":")[0] for each in instances if each in spans_of}
-    told, missed = [], []
+    swarms = {instance.rpartition(":")[0] for instance in instances if instance in spans_of}
+    lines, missed = [], []
     for effect in track.header.effects:
         line: dict[str, Any] = {"effect": effect.name, "modality": effect.modality}
         spans = spans_of.get(effect.id)
@@ -175,14 +175,14 @@ def told_effects(
             known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
             if not (known.is_expected or known.is_warned):
                 missed.append((effect.name, known.reason))
-        told.append(line | _felt_or_not(spans, known))
+        lines.append(line | _felt_or_not(spans, known))
     names = {effect.name for effect in track.header.effects}
-    told += [
+    lines += [
         {"effect": name} | _felt_or_not(None, why)
         for name, why in unfelt.items()
         if name not in names
     ]
-    return tuple(told), _of_missed(missed)
+    return tuple(lines), _missed_warnings(missed)
 
 
 _NO_TOUCH = "touches no body"
@@ -219,8 +219,8 @@ def _why_missed(
     """Reason for an effect without samples, as a predicate."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
-            what = times.no_number[effect.id]
-            return f"has {what} that is no number wherever it would be on"
+            quantity = times.no_number[effect.id]
+            return f"has {quantity} that is no number wherever it would be on"
         if not is_seen_on:
             return _NEVER_ON
     if has_response and times is None:
@@ -240,7 +240,7 @@ def _felt_or_not(
     return {"felt": True, "from_s": min(first), "to_s": max(last)}
 
 
-def _of_missed(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+def _missed_warnings(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     """Warnings about unfelt effects, from (name, reason); one warning for each reason."""
     reasons: dict[str, list[str]] = {}
     for name, why in missed:
@@ -324,10 +324,11 @@ def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path
 
 
 def _listed(report: Mapping[str, Any], folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield path and SHA-256 of each valid file entry of a report."""
     files = report.get("files")
-    for each in files if isinstance(files, list) else ():
-        if isinstance(each, dict):
-            path, digest = listed(folder, each.get("name")), each.get("sha256")
+    for entry in files if isinstance(files, list) else ():
+        if isinstance(entry, dict):
+            path, digest = listed(folder, entry.get("name")), entry.get("sha256")
             if path is not None and isinstance(digest, str):
                 yield path, digest
 

@@ -55,7 +55,7 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
         raise InputError(f"'{effect.name}' touches no body between these frames.")
     first, last = reader.time.frame_first, reader.time.frame_last
     every = np.arange(first, last + 1)
-    # The strongest moment of each frame: an impact between two frames is not lost.
+    # Take the maximum within each frame, which includes impacts between two frames.
     at = np.minimum(
         [int((f - first) * reader.time.rate_hz / reader.time.fps) for f in [*every, last + 1]],
         len(levels),
@@ -94,7 +94,7 @@ def _is_animated(effect: bpy.types.Object, path: str) -> bool:
 
 
 def _without_repeats(keys: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Drop keys that have the same value as both of their neighbours."""
+    """Drop keys with the value of both neighbours."""
     return [
         key
         for k, key in enumerate(keys)

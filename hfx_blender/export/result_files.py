@@ -54,16 +54,16 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
 
 
 def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
-    """``folder/stem`` of what a device plays.
+    """Path stem of the files of a device.
 
     Parameters
     ----------
     scene : Path
         ``folder/scene``.
     stem : Path
-        The same, or ``folder/scene.clip``.
+        ``folder/scene``, or ``folder/scene.clip``.
     body : str
-        Of :func:`body_parts`.
+        Value of :func:`body_parts`.
     device_id : str
     """
     if not body:
@@ -77,23 +77,23 @@ def placed(
     scene: Path,
     stem: Path,
 ) -> list[tuple[Path, DeviceConfig, Raster]]:
-    """Devices and rasters with ``folder/stem`` of their files, in folders that are there.
+    """Pair devices and rasters with the path stems of their files, and make their folders.
 
-    ``scene`` is that of the whole scene, ``stem`` that of these files.
+    ``scene`` is the stem of the whole scene; ``stem`` is equal, or that of one clip.
     """
     parts = body_parts(whole.bodies)
-    found = []
+    entries = []
     for device, raster in played:
         path = device_stem(scene, stem, parts[raster.body_id], device.id)
         path.parent.mkdir(parents=True, exist_ok=True)
-        found.append((path, device, raster))
-    return found
+        entries.append((path, device, raster))
+    return entries
 
 
 def listed(folder: Path, name: object) -> Path | None:
-    """Return the path of a file that a report lists, its name relative to ``folder``.
+    """Path of a file listed in a report by its name relative to ``folder``.
 
-    None stands for a name outside of the folder, or longer than a file system holds.
+    None for a name outside the folder, or a name too long for a file system.
     """
     if not isinstance(name, str) or re.search(r"[\\\x00-\x1f]", name):
         return None
@@ -106,5 +106,7 @@ def listed(folder: Path, name: object) -> Path | None:
 
 
 def _as_folder(part: str) -> str:
-    """Escape what means another folder, or is cut off on Windows: dots and spaces at the ends."""
-    return re.sub(r"^[. ]|[. ]$", lambda found: f"%{ord(found[0]):02X}", part)
+    """Escape a dot or space at the start or end, which names another folder or is cut off on
+    Windows.
+    """
+    return re.sub(r"^[. ]|[. ]$", lambda match: f"%{ord(match[0]):02X}", part)

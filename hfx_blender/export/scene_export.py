@@ -51,39 +51,35 @@ from .recording import Recorded, record_track
 from .report import (
     REPORT_SUFFIX,
     ExportReport,
+    effect_facts,
     felt_effects,
     not_played,
     shortfalls,
     stale_files,
-    told_effects,
 )
 
 _THREADS: Final = 8
-"""Largest number of threads that look at skin: more would wait for the one that reads, renders and
-writes."""
+"""Largest number of engine threads; one thread reads, renders and writes, and cannot feed more."""
 
 
 @dataclass(frozen=True)
 class ExportSettings:
     """Settings of an export; repeated formats and devices count once.
 
-    Raises
-    ------
-    UsageError
-        No scene could be exported with these formats and devices.
+    Raises UsageError for formats and devices that no scene could be exported with.
     """
 
     formats: tuple[str, ...] = ("track",)
     devices: tuple[DeviceConfig, ...] = ()
-    frames: tuple[int, int] | None = None  # both included; None: the scene's own
-    rate_hz: Fraction | None = None  # None: the scene's own
-    tolerance: Tolerance | None = None  # None: the scene's own
+    frames: tuple[int, int] | None = None  # both included; None: of the scene
+    rate_hz: Fraction | None = None  # None: of the scene
+    tolerance: Tolerance | None = None  # None: of the scene
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
     threads: int = field(default_factory=cores)  # largest number, without effect on results
     clip_detail: int = DETAIL  # level of detail of bodies in game clips
-    per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
+    per_clip: bool = False  # separate files for each named clip instead of the whole timeline
     missing: Mapping[str, str] = field(default_factory=dict)  # device id to reason of silence
 
     def __post_init__(self) -> None:
@@ -93,12 +89,8 @@ class ExportSettings:
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> ExportSettings:
-        """Return settings without the given devices, mapped to reasons.
-
-        Raises
-        ------
-        InputError
-            Nothing is left to be written.
+        """Return settings without the given devices, mapped to reasons; InputError without any
+        output.
         """
         if not missing:
             return self
@@ -118,13 +110,7 @@ class ScenePart:
 
 
 class SceneExport:
-    """Export of one scene of the open file: in one go, or part by part.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be exported.
-    """
+    """Export of one scene of the open file, whole or in parts; InputError for an unusable scene."""
 
     def __init__(self, scene: bpy.types.Scene, settings: ExportSettings) -> None:
         if needs_positions(settings.devices) and "positions" not in settings.record:
@@ -143,9 +129,10 @@ class SceneExport:
         self._settings = settings.without(misfits(self.reader.description, settings.devices))
         self._warnings = self.reader.description.warnings
         if settings.per_clip:
-            others = [each.name for each in self.reader.description.effects if not each.clips]
+            effects = self.reader.description.effects
+            without_clip = [effect.name for effect in effects if not effect.clips]
             text = "effects without a clip are left out with --per-clip"
-            self._warnings = (*self._warnings, *counted(others, text))
+            self._warnings = (*self._warnings, *counted(without_clip, text))
         if settings.strict:
             _refuse((*self._warnings, *self._settings.missing.values()))
 
@@ -164,8 +151,8 @@ class SceneExport:
     ) -> ExportReport:
         """Export to ``folder/stem.*``; see :func:`export_scene`.
 
-        ``made_from`` is told in the report. ``stage_in`` holds what is not finished, in a
-        folder of its own; by default ``folder`` does.
+        ``made_from`` is stored in the report. Unfinished files are in a new folder in ``stage_in``,
+        or in ``folder`` by default.
         """
         return finish(self.steps(folder, stem, made_from, stage_in), progress)
 
@@ -176,14 +163,18 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> Generator[float, None, ExportReport]:
-        """:meth:`whole` in steps; see :mod:`.stepwise`. Given up, it leaves nothing."""
+        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closing the generator leaves no
+        files.
+        """
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
-            seen = self._recorders()
-            recorded, renderers = yield from self._record(track, seen, None, self._settings.devices)
+            recorders = self._recorders()
+            recorded, renderers = yield from self._record(
+                track, recorders, None, self._settings.devices
+            )
             with TrackReader(track) as whole:
                 rendered = yield from rendering(whole, renderers)
-            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
+            return self._finish(track, recorders, recorded, rendered, folder, made_from or {})
 
     def record_part(
         self,
@@ -192,12 +183,12 @@ class SceneExport:
         volumes: Path,
         progress: Progress = lambda share: None,
     ) -> ScenePart:
-        """Record some samples (first, stop) only, whole chunks of the track."""
-        seen = self._recorders()
-        recorded, _ = finish(self._record(track, seen, part, ()), progress)
-        if seen.is_any:
+        """Record only samples ``first <= index < stop``, whole chunks of the track."""
+        recorders = self._recorders()
+        recorded, _ = finish(self._record(track, recorders, part, ()), progress)
+        if recorders.is_any:
             with atomic_file(volumes) as file:
-                write_npz(file, seen.arrays())
+                write_npz(file, recorders.arrays())
         return ScenePart(track, recorded, volumes)
 
     def merge_parts(
@@ -208,27 +199,27 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> ExportReport:
-        """Write the results of :meth:`whole` from parts in the order of time.
+        """Merge parts, in order of time, into the results of :meth:`whole`.
 
-        All that carries on from one sample to the next is worked out here, on the whole track.
+        Devices are rendered here, on the whole track, because they carry state between samples.
         """
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             merge([part.track for part in parts], track)
-            seen = self._recorders()
-            if seen.is_any:
-                seen.join([part.volumes for part in parts], self._blocks_at)
+            recorders = self._recorders()
+            if recorders.is_any:
+                recorders.join([part.volumes for part in parts], self._blocks_at)
             with TrackReader(track) as whole:
                 rendered = finish(
                     rendering(whole, renderers_of_track(whole, self._settings.devices))
                 )
             recorded = Recorded.merged([part.recorded for part in parts])
-            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
+            return self._finish(track, recorders, recorded, rendered, folder, made_from or {})
 
     def _record(
         self,
         track: Path,
-        seen: SceneRecorders,
+        recorders: SceneRecorders,
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
     ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
@@ -247,7 +238,7 @@ class SceneExport:
             devices=devices,
             record=settings.record,
             full_precision=settings.full_precision,
-            watch=seen.add if seen.is_any else None,
+            watch=recorders.add if recorders.is_any else None,
             part=part,
             times=times,
         )
@@ -257,18 +248,18 @@ class SceneExport:
         start = sample // BLOCK_SIZE * BLOCK_SIZE
         return self.reader.blocks((start, start + BLOCK_SIZE))
 
-    def _answering(self) -> set[str]:
-        """Ids of effects whose volume has a contact response."""
+    def _responding_ids(self) -> set[str]:
+        """Ids of volumes with a contact response."""
         return {
-            each.id
-            for each in self.reader.description.effects
-            if isinstance(each.area, HapticVolume) and each.area.response
+            effect.id
+            for effect in self.reader.description.effects
+            if isinstance(effect.area, HapticVolume) and effect.area.response
         }
 
     def _finish(
         self,
         track: Path,
-        seen: SceneRecorders,
+        recorders: SceneRecorders,
         recorded: Recorded,
         rendered: Rendered,
         folder: Path,
@@ -278,14 +269,14 @@ class SceneExport:
         stem = track.with_name(track.name.removesuffix(SUFFIX))
         tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         with TrackReader(track) as whole:
-            effects, missed = told_effects(
+            effects, missed = effect_facts(
                 whole,
                 self.reader.unfelt,
                 recorded.warnings,
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
                 times=recorded.times,
-                answering=self._answering(),
+                answering=self._responding_ids(),
                 seen_on=recorded.reading.get("on", {}),
             )
             unfelt = {line["effect"] for line in effects if not line["felt"]}
@@ -308,27 +299,27 @@ class SceneExport:
                     settings.devices,
                     stem,
                     tolerance,
-                    seen.spatial,
+                    recorders.spatial,
                 )
             written = without_invalid_files(written)
-            if settings.formats and not written.files and seen.volumes is None:
+            if settings.formats and not written.files and recorders.volumes is None:
                 _refuse(written.left_out)
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters)
             short = shortfalls(whole.header, rasters)
-            if seen.volumes is not None:
+            if recorders.volumes is not None:
                 models = [load_model(model.id) for model in whole.header.models]
                 names = {path.name for path in written.files}
                 hjif = stem.name + FORMATS["hjif"].suffix
                 has_hjif = hjif in names and not settings.per_clip
-                written += seen.volumes.write(models, stem, quote(hjif) if has_hjif else None)
+                written += recorders.volumes.write(models, stem, quote(hjif) if has_hjif else None)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         if settings.strict:
             _refuse((*recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out))
         new = {folder / path.relative_to(stem.parent) for path in written.files}
         earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
-        removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
+        removed = tuple(f"{path.name} of an earlier export is removed" for path in earlier)
         report = ExportReport(
             scene=self._scene.name,
             folder=stem.parent,
@@ -360,10 +351,10 @@ class SceneExport:
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
-        # The report comes last: if it exists, all of its files do.
+        # The report comes last: its presence implies the presence of all of its files.
         with inputs_kept(linked_files.files_read()):
             placed = place((*report.files, report_file), folder, stem.parent)
-        for path in earlier:  # it would be mistaken for the device's present output
+        for path in earlier:  # an old file would pass for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)
 
@@ -375,14 +366,14 @@ def export_scene(
     settings: ExportSettings,
     progress: Progress = lambda share: None,
 ) -> ExportReport:
-    """Export a scene of the open file as ``folder/stem.*``.
+    """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left.
 
     Raises
     ------
     InputError
-        The scene cannot be exported; nothing was written.
+        The scene cannot be exported.
     OutputError
-        The folder cannot be written to; nothing was left there.
+        The folder cannot be written to.
     """
     return SceneExport(scene, settings).whole(folder, stem, progress)
 
@@ -394,7 +385,10 @@ def _refuse(warnings: Sequence[str]) -> None:
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:
-    """Get a scene of the open file; by default the one that was active when it was saved."""
+    """Scene of the open file by name; None: the scene that was active when saved.
+
+    Raises InputError for an unknown name.
+    """
     if name is None:
         return bpy.context.scene
     if name not in bpy.data.scenes:

@@ -11,9 +11,11 @@ _FILES = 12
 
 
 def describe(report: ExportReport) -> str:
-    """Describe an export in a few lines: files, warnings, and last what is felt of effects."""
+    """Describe an export in lines: files, warnings, notes, felt effects, unplayed and unfelt
+    effects.
+    """
     lines = [f"Scene '{report.scene}'", *(f"  {text}" for text in _written_lines(report))]
-    already_said = set(report.silent_devices)  # by the command, on its own
+    already_said = set(report.silent_devices)  # printed by the command separately
     warnings = (text for text in report.warnings if text not in already_said)
     lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
     lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
@@ -28,7 +30,7 @@ def describe(report: ExportReport) -> str:
 
 
 def _written_lines(report: ExportReport) -> list[str]:
-    """A line for each file; of many, their number, and where they are listed."""
+    """One line per file; above ``_FILES`` files one line with their number, size and list."""
     sizes = [path.stat().st_size for path in report.files]
     if len(sizes) <= _FILES:
         pairs = zip(report.files, sizes, strict=True)
@@ -39,19 +41,19 @@ def _written_lines(report: ExportReport) -> list[str]:
 
 
 def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
-    """Times of effects that are felt, for each body; effects that no body feels are left out."""
-    unfelt = {each["effect"] for each in report.effects if not each["felt"]}
+    """Lines with the times of felt effects for each body; effects without any body are left out."""
+    unfelt = {line["effect"] for line in report.effects if not line["felt"]}
     texts = []
-    for felt in report.felt:
-        title = f"{felt['effect']} ({felt['modality']})"
-        if felt["effect"] in unfelt:
+    for line in report.felt:
+        title = f"{line['effect']} ({line['modality']})"
+        if line["effect"] in unfelt:
             continue
-        if not felt["seconds"]:
-            texts.append(f"{title} was not felt by {felt['body']}")
+        if not line["seconds"]:
+            texts.append(f"{title} was not felt by {line['body']}")
             continue
         texts.append(
-            f"{title} felt by {felt['body']} from {felt['first_s']:.2f} to {felt['last_s']:.2f} s, "
-            f"for {felt['seconds']:.2f} s, on {felt['mean_vertices']:.0f} vertices on average"
+            f"{title} felt by {line['body']} from {line['first_s']:.2f} to {line['last_s']:.2f} s, "
+            f"for {line['seconds']:.2f} s, on {line['mean_vertices']:.0f} vertices on average"
         )
     return shortened(texts, most)
 
@@ -59,15 +61,15 @@ def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
 def unfelt_lines(
     report: ExportReport, most: int | None = None, *, is_expected: bool = False
 ) -> tuple[str, ...]:
-    """Effects that no body feels, and why: one line for each reason, with ``most`` names.
+    """Lines on effects that no body feels: one line per reason, with ``most`` names (None: all).
 
-    ``is_expected``: without those that a warning names already.
+    ``is_expected`` leaves out effects named in warnings.
     """
     reasons: dict[str, list[str]] = {}
-    for each in report.effects:
-        if not each["felt"] and (each.get("expected") or not is_expected):
-            title = f"{each['effect']} ({each['modality']})" if "modality" in each else None
-            reasons.setdefault(each["reason"], []).append(title or each["effect"])
+    for line in report.effects:
+        if not line["felt"] and (line.get("expected") or not is_expected):
+            title = f"{line['effect']} ({line['modality']})" if "modality" in line else None
+            reasons.setdefault(line["reason"], []).append(title or line["effect"])
     return tuple(
         f"{names[0]} was not felt: it {why}"
         if len(names) == 1

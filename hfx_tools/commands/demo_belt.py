@@ -22,7 +22,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.engine.spatial_sound.layouts import LAYOUTS
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
-    from hfx_blender.export.sound import SoundSettings, write_sound
+    from hfx_blender.export.scene_sound import SoundSettings, write_sound
     from hfx_blender.formats.sound.sound_wav import SUFFIX
 
     from ..demo import belt

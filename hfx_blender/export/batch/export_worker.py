@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A worker process: does units of work, one after the other.
+"""Worker process for units of work, one at a time.
 
 Its messages are JSON: ``{"ready": true}`` or ``{"cannot_start": "..."}`` once, then for each unit
-``{"progress": 0.5}`` now and then and ``{"outcome": {...}}`` at its end.
+several ``{"progress": 0.5}`` and a final ``{"outcome": {...}}``.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .units import Unit
 from .work import run_safely
 
 _INTERVAL_S = 0.2
-"""Time between two messages about progress."""
+"""Shortest time between two progress messages, seconds."""
 
 
 def main() -> None:
-    """Work until the owner ends."""
-    faulthandler.enable()  # where Blender crashed, for the one who started us
-    # Blender, and what operators report, prints to standard output.
+    """Execute units until the owner process ends."""
+    faulthandler.enable()  # report the place of a crash in Blender to the owner process
+    # Blender and reports of operators print to standard output.
     nowhere = os.open(os.devnull, os.O_WRONLY)
     owner = Owner(nowhere, at_end=partial(blender_session.leave, 0))
     try:

@@ -44,19 +44,19 @@ def tools() -> dict[str, str | bool]:
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
-    """Inputs of the export of the open file; plain data, for its report.
+    """Inputs of the export of the open file, as plain data for its report.
 
     Parameters
     ----------
     devices : iterable of str
-        Names or files of the devices.
+        Names or files of devices.
     models : iterable of str
-        Ids of the body models.
+        Ids of body models.
     """
     files: dict[str, str | None] = {}
     if unit.input is not None:
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
-        from ...blender.linked_files import linked_files  # which needs Blender
+        from ...blender.linked_files import linked_files  # needs Blender
 
         for name, linked in linked_files().items():
             # None counts as a state, because a missing file may come back.
@@ -100,7 +100,7 @@ def _state(linked: LinkedFile, source: Path) -> str | None:
         return FOLDER
     try:
         return state_of(linked.path, source)
-    except InputError:  # a folder of more files than are hashed
+    except InputError:  # too many files for a hash
         return TOO_MANY
 
 

@@ -30,7 +30,7 @@ START_LIMIT_S = 300.0
 """Time limit for the start of a worker's Blender, seconds."""
 
 LIMITED_START_S = 60.0
-"""Time limit for the start of units with a shorter time limit, seconds."""
+"""Time limit for the start of a worker for units with a shorter time limit, seconds."""
 
 Progress = Callable[[float], None]
 
@@ -96,7 +96,7 @@ class UnitWorker:
         if not self._closed:
             worker.start()
         self._worker, self._count = worker, 0
-        if self._closed:  # perhaps meanwhile: closing missed the new process
+        if self._closed:  # close() ran during the start and missed the new process
             self._end(0.0)
             raise WorkerDiedError("was not started again")
         start_s = START_LIMIT_S
@@ -113,9 +113,9 @@ class UnitWorker:
 
     def _answer(self, worker: Worker, end: float | None) -> dict[str, Any]:
         try:
-            found = worker.receive(None if end is None else max(end - time.monotonic(), 0.0))
-            if found is not None:
-                return decode_json(found.body)
+            message = worker.receive(None if end is None else max(end - time.monotonic(), 0.0))
+            if message is not None:
+                return decode_json(message.body)
             is_known = bool(worker.fault)
         except TimeoutError:
             self._end(0.0)
@@ -129,7 +129,7 @@ class UnitWorker:
         raise WorkerDiedError(worker.how_it_ended())
 
     def close(self) -> None:
-        """End the process; it finishes nothing. May be called again, and by another thread."""
+        """End the process and discard its unit; any thread may call this method again."""
         self._closed = True
         self._end()
 
@@ -142,7 +142,7 @@ class UnitWorker:
 def do_or_retry(
     worker: UnitWorker, unit: Unit, progress: Progress, limit_s: float | None
 ) -> Outcome:
-    """Do a unit in a worker; if the worker dies, a new one tries once more."""
+    """Execute a unit in a worker, twice if the worker dies; every error becomes an outcome."""
     reasons = []
     for _ in range(2):
         try:
@@ -167,25 +167,25 @@ class Workers(Protocol):
 
     @property
     def slots(self) -> int:
-        """Number of units that can be processed at once."""
+        """Number of units in execution at a time."""
         ...
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Begin a unit; the future gives its outcome."""
+        """Begin a unit; the future returns its outcome."""
         ...
 
     def close(self) -> None:
-        """End all work, whatever is being done."""
+        """End all work, also units in execution."""
         ...
 
 
 class ThisProcess:
-    """Executor in this process: does each unit at once. A crash ends all of them."""
+    """Executor in this process; a crash ends the process and all units."""
 
     slots = 1
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Do a unit now; the future is finished."""
+        """Execute a unit and return a finished future."""
         from .work import run_safely
 
         future: Future[Outcome] = Future()
@@ -193,18 +193,18 @@ class ThisProcess:
         return future
 
     def close(self) -> None:
-        """Do nothing: no process is to be ended."""
+        """Do nothing: there are no other processes."""
 
 
 class LocalWorkers:
-    """Worker processes of this machine; one that crashes or hangs costs one unit.
+    """Executor with worker processes of this machine; a crash or hang costs one unit.
 
     Parameters
     ----------
     jobs : int
-        How many.
+        Number of worker processes.
     limit_s : float, optional
-        Seconds that a unit may take.
+        Time limit of a unit, seconds; None: no limit.
     """
 
     def __init__(self, jobs: int, limit_s: float | None = None) -> None:
@@ -212,8 +212,8 @@ class LocalWorkers:
         self._limit_s = limit_s
         self._stack = ExitStack()
         variables = {}
-        # Their temporary files go with it, even if they crash or are killed.
-        with suppress(OSError):  # else each finds what it can use
+        # A common temporary folder removes the files of killed workers, too.
+        with suppress(OSError):  # fall back to the default temporary folders
             folder = self._stack.enter_context(temporary_folder())
             variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
         self._workers = [UnitWorker(variables) for _ in range(jobs)]
@@ -239,7 +239,7 @@ class LocalWorkers:
             outcome = do_or_retry(worker, unit.in_stage(stage), progress, self._limit_s)
             return outcome
         finally:
-            if "error" in outcome:  # a process that died has not tidied up
+            if "error" in outcome:  # a dead process leaves its files
                 shutil.rmtree(stage, ignore_errors=True)
             self._idle.put(worker)
 
@@ -249,10 +249,10 @@ class LocalWorkers:
         if not workers:
             return
         self._pool.shutdown(wait=False, cancel_futures=True)
-        with ThreadPoolExecutor(len(workers)) as closing:  # a hanging process takes time
+        with ThreadPoolExecutor(len(workers)) as closing:  # in parallel: a hanging process is slow
             list(closing.map(UnitWorker.close, workers))
-        # Until units have tidied up. Not until their threads have ended: where Ctrl-C struck while
-        # their outcomes were waited for, these may wait for a lock that is never released.
+        # Wait for the cleanup of units, not for the end of their threads: after Ctrl-C a thread may
+        # wait for the lock of a future forever.
         end = time.monotonic() + _TIDY_LIMIT_S
         with suppress(queue.Empty):
             for _ in workers:

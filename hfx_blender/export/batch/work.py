@@ -101,9 +101,9 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         recorded = _collected(unit, export, made_from) if unit.kind == "join" else unit.done
         parts = [
             ScenePart(
-                Path(each["track"]), Recorded.from_json(each["recorded"]), Path(each["volumes"])
+                Path(part["track"]), Recorded.from_json(part["recorded"]), Path(part["volumes"])
             )
-            for each in recorded
+            for part in recorded
         ]
         report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
         if unit.kind == "join":
@@ -125,7 +125,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
 
 def _check_name(unit: Unit) -> None:
-    """Reject a file that its results could not be named after."""
+    """Raise InputError for a .blend whose results would have too long names."""
     longest = f"{unit.stem}.report.json.tmp"
     if len(os.fsencode(longest)) > _LONGEST_NAME:
         raise InputError(
@@ -197,19 +197,21 @@ def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
 
 
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
+    """Record the samples of a part; returns paths and facts as plain data."""
     assert unit.part is not None
-    track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"  # others may try it, too
+    # A random name: a retry after a lost worker must not meet the files of the first attempt.
+    track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"
     volumes = track.with_suffix(_VOLUMES)
     try:
-        found = export.record_part(unit.part, track, volumes, progress)
-    except OutputError as error:  # the user knows the files by their final names
+        scene_part = export.record_part(unit.part, track, volumes, progress)
+    except OutputError as error:  # name files by their final names
         final = pieces.final_track(unit)
         text = str(error).replace(str(volumes), str(final.with_suffix(_VOLUMES)))
         raise OutputError(text.replace(str(track), str(final))) from error
     return {
-        "track": str(found.track),
-        "volumes": str(found.volumes),
-        "recorded": found.recorded.as_json(),
+        "track": str(scene_part.track),
+        "volumes": str(scene_part.volumes),
+        "recorded": scene_part.recorded.as_json(),
     }
 
 
@@ -233,11 +235,11 @@ def _piece(
         text = f"piece {number} of {count}: nothing to record"
     else:
         part = cut[number - 1]
-        found = _recorded_part(replace(unit, part=part), export, progress)
-        track, volumes = Path(found["track"]), Path(found["volumes"])
+        recorded = _recorded_part(replace(unit, part=part), export, progress)
+        track, volumes = Path(recorded["track"]), Path(recorded["volumes"])
         track = track.replace(track.with_suffix(TRACK_SUFFIX))
         files = (track, volumes) if volumes.is_file() else (track,)
-        record = pieces.keep(unit, part, found["recorded"], made_from, files)
+        record = pieces.keep(unit, part, recorded["recorded"], made_from, files)
         text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
     return {"input": unit.title, "piece": record, "text": text, "remarks": remarks}
 
@@ -246,14 +248,14 @@ def _collected(
     unit: Unit, export: SceneExport, made_from: dict[str, Any]
 ) -> tuple[dict[str, Any], ...]:
     """Collect the pieces of a scene as parts for the merge."""
-    found = []
+    parts = []
     for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
         files = pieces.files_of(unit, record)
-        found.append(
+        parts.append(
             {
                 "track": str(files[TRACK_SUFFIX]),
                 "volumes": str(files.get(_VOLUMES, "")),
                 "recorded": record["recorded"],
             }
         )
-    return tuple(found)
+    return tuple(parts)

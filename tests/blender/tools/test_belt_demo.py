@@ -19,8 +19,8 @@ from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, parse
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import InputError, UsageError
-from hfx_blender.export import sound
-from hfx_blender.export.sound import SoundRecorder, SoundSettings, write_sound
+from hfx_blender.export import scene_sound
+from hfx_blender.export.scene_sound import SoundRecorder, SoundSettings, write_sound
 from hfx_blender.files import limits
 from hfx_blender.formats.sound import sound_wav
 from hfx_blender.reading.scene_reader import SceneReader
@@ -125,7 +125,7 @@ def test_sound_that_no_file_holds_is_refused_before_it_is_made(
     settings = SoundSettings(layout=parse(",".join(map(str, range(64)))))
     with pytest.raises(InputError, match=r"64 channels of .*4 GiB at most"):
         write_sound(standing, tmp_path / "x.sound.wav", settings)
-    monkeypatch.setattr(sound, "MEMORY", limits.Limit(1e6, "bytes"))
+    monkeypatch.setattr(scene_sound, "MEMORY", limits.Limit(1e6, "bytes"))
     with pytest.raises(limits.TooLargeError, match=r"1 sources at .* would take"):
         write_sound(standing, tmp_path / "x.sound.wav", SoundSettings())
     assert not list(tmp_path.iterdir())

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spatial sound of a scene's haptic volumes, each a source, for the first body.
+"""Spatial sound of a scene's haptic volumes, heard by the first body.
 
-A source sounds as strongly as it is felt (its contact envelope), over a quiet tone of its own by
-which it is heard before. It is written in step with the rasters of devices.
+A volume sounds as loud as its contact envelope, over a quiet tone that is audible before contact.
+The sound is in step with the rasters of devices.
 """
 
 from __future__ import annotations
@@ -40,27 +40,24 @@ class SoundSettings:
     layout: LoudspeakerLayout = LAYOUTS["stereo"]
     scheme: Scheme = "vbap"
     hearing: Hearing = field(default_factory=Hearing)
-    lowest_hz: float = 220.0  # of the sources' tones, which are spread over a pentatonic scale
+    lowest_hz: float = 220.0  # of the tones, spread over a pentatonic scale
     octaves: int = 2
-    tone: float = 0.015  # of passing sources; touches add to it
-    touch: float = 0.5
+    tone: float = 0.015  # amplitude of sources that are on
+    touch: float = 0.5  # additional amplitude at full contact
     reverberation_s: float = 1.4
 
 
 class SoundRecorder:
-    """Recorder of the motion and strength of sources, block after block.
+    """Recorder of positions, activation and contact of sound sources, block after block.
 
-    Raises
-    ------
-    InputError
-        Nothing can sound: there is no volume, or nobody who hears it.
+    Raises InputError for a scene without volumes, or a first body without bones.
     """
 
     def __init__(self, scene: SceneDescription, settings: SoundSettings) -> None:
         self._scene = scene
         self._settings = settings
         self._volumes = [
-            k for k, each in enumerate(scene.effects) if isinstance(each.area, HapticVolume)
+            k for k, effect in enumerate(scene.effects) if isinstance(effect.area, HapticVolume)
         ]
         if not self._volumes:
             raise InputError(
@@ -73,17 +70,18 @@ class SoundRecorder:
         model_id = scene.effects[self._volumes[0]].model_id
         self._listener = ListenerFrame(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
-        what = f"{len(self._volumes):,} sources at {count:,} times would take"
+        clause = f"{len(self._volumes):,} sources at {count:,} times would take"
         MEMORY.check(
-            20.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", what
+            20.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", clause
         )
-        self._places = np.full((len(self._volumes), count, 3), np.nan, np.float32)
+        # Positions in the listener's space; NaN: silent.
+        self._positions = np.full((len(self._volumes), count, 3), np.nan, np.float32)
         self._tones = np.zeros((len(self._volumes), count), np.float32)
         self._touches = np.zeros((len(self._volumes), count), np.float32)
         self._number = {scene.effects[k].id: n for n, k in enumerate(self._volumes)}
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
-        """Add the next block, with its samples."""
+        """Record the next block and its samples."""
         rows = np.arange(len(block.indices))[block.own]
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
@@ -95,45 +93,45 @@ class SoundRecorder:
                 if effect.matrices is None or not (effect.levels[rows] > 0.0).any():
                     continue
                 origins = effect.matrices[rows][:, :, 3:]
-                places = (to_listener @ origins)[:, :3, 0]
-                places[~(effect.levels[rows] > 0.0)] = np.nan
-                self._places[n, at] = places
+                positions = (to_listener @ origins)[:, :3, 0]
+                positions[~(effect.levels[rows] > 0.0)] = np.nan
+                self._positions[n, at] = positions
                 self._tones[n, at] = effect.levels[rows]
         self.add_felt(runs)
 
     def add_felt(self, runs: Iterable[SampleRun]) -> None:
-        """Add samples: what is felt is heard, too."""
+        """Record the contact levels of samples on the first body."""
         body = self._scene.bodies[0].id
         for run in runs:
-            found = self._number.get(run.stream.effect_id)
-            if found is not None and run.stream.body_id == body:
-                self._touches[found, run.indices] = run.levels
+            number = self._number.get(run.stream.effect_id)
+            if number is not None and run.stream.body_id == body:
+                self._touches[number, run.indices] = run.levels
 
     def sources(self) -> list[SoundSource]:
-        """Sound sources, each with a tone of its own."""
-        made = []
+        """Sound sources of all volumes that are ever on, each with its own tone."""
+        sources = []
         settings = self._settings
         steps = (0, 2, 4, 7, 9)  # major pentatonic
         for n, k in enumerate(self._volumes):
-            if np.isnan(self._places[n]).all():
+            if np.isnan(self._positions[n]).all():
                 continue
             octave, step = divmod(n * 2 % (len(steps) * settings.octaves), len(steps))
-            # A little out of tune, each in its own way: alike tones would cancel each other.
+            # Detune by the golden ratio: equal tones of several sources would cancel.
             cents = (n * 0.618034 % 1.0 - 0.5) * 0.4
             tone = settings.lowest_hz * 2.0 ** (octave + (steps[step] + cents) / 12.0)
             amplitudes = settings.tone * self._tones[n] + settings.touch * self._touches[n]
-            made.append(
+            sources.append(
                 SoundSource(
                     self._scene.effects[k].name,
-                    _held(self._places[n].astype(np.float64)),
+                    _held(self._positions[n].astype(np.float64)),
                     amplitudes.astype(np.float64),
                     np.full(len(amplitudes), tone),
                 )
             )
-        return made
+        return sources
 
     def write(self, path: Path) -> float:
-        """Write the sound; see :func:`sound_wav.write`."""
+        """Write the sound; see :func:`sound_wav.write` for the returned value."""
         settings, time = self._settings, self._scene.time
         sources = self.sources()
         panner = Panner(settings.layout, settings.hearing, settings.scheme)
@@ -155,12 +153,12 @@ class SoundRecorder:
         )
 
 
-def _held(places: F64) -> F64:
-    """Places with gaps filled by the last known one: a sound fades out where it was."""
-    known = ~np.isnan(places).any(axis=1)
+def _held(positions: F64) -> F64:
+    """Fill gaps in positions (n, 3) with the last known position, for sounds that fade out."""
+    known = ~np.isnan(positions).any(axis=1)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     first = int(np.argmax(known))
-    return np.asarray(places[np.where(last < 0, first, last)])
+    return np.asarray(positions[np.where(last < 0, first, last)])
 
 
 def write_sound(
@@ -171,14 +169,14 @@ def write_sound(
     track: Path | None = None,
     progress: Progress = lambda share: None,
 ) -> int:
-    """Write the sound of a scene of the open file as ``path``; returns the number of sources.
+    """Write the sound of a scene of the open file; returns the number of sources.
 
-    ``track`` holds what is felt of just this scene, if it has been recorded already.
+    ``track`` is a recording of exactly this scene; None: the scene is evaluated here.
 
     Raises
     ------
     InputError
-        The scene cannot be read, or nothing of it sounds.
+        The scene cannot be read, or nothing sounds.
     OutputError
         The file cannot be written.
     """
