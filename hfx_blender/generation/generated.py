@@ -77,9 +77,9 @@ class GeneratedFiles:
 
 
 def name_of(words: str, mark: str) -> str:
-    """File name of a surface: the words in ASCII letters, then ``-`` and a mark.
-
-    A hash of all words follows shortened or changed words, so that names differ as words do.
+    """File name: ASCII words and numbers joined by ``-``, 48 letters at most, then ``-`` and
+    ``mark``.
+    Where that changes the words, 8 digits of their hash come before the mark.
     """
     parts = [token for token in tokens(words) if token.isalnum() and token.isascii()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-")
@@ -172,7 +172,9 @@ def read(path: Path) -> GeneratedFiles:
 
 
 def _check(record: Path, name: str, files: Mapping[str, Any]) -> None:
-    """Raise ``InputError`` for a missing picture, or one whose hash differs from the record's."""
+    """Raise InputError if ``name`` is not in ``files`` (SHA-256 by file name), is no file in the
+    folder of ``record``, or has another hash.
+    """
     path = record.with_name(name)
     if name not in files:
         raise InputError(f"{record}: files: '{name}' is missing.")
@@ -187,6 +189,6 @@ def _codes(share: F64) -> png.Grey:
 
 
 def _share(path: Path) -> F64:
-    """Values 0..1, bottom row first, of a grey picture."""
+    """Read a grey PNG as values 0..1 (H, W), bottom row first; 1 is the largest code."""
     codes, _ = png.read(path)
     return np.asarray(codes[::-1].astype(np.float64) / np.iinfo(codes.dtype).max)

@@ -157,7 +157,7 @@ def read_words(text: str, negative: str = "") -> Interpretation:
 
 
 def _listed(unknown: list[str]) -> str:
-    """End of a message with the unknown words, shortened; "." without any."""
+    """End of a message: unknown words, cut to 200 letters and "..."; "." without any."""
     text = ", ".join(unknown)
     return f". Not known: {text[:_LISTED]}{' ...' * (len(text) > _LISTED)}." if unknown else "."
 
@@ -191,7 +191,9 @@ class _TextReader:
         self._is_unwanted = self._is_aside = self._is_reference = False
 
     def _step(self, place: int) -> int:
-        """Read the words from ``place`` on that belong together; return their number."""
+        """Read the longest pattern at word ``place``: stop, number, weave, negation, "made of",
+        phrase or single word; return the number of words, at least 1.
+        """
         word = self._words[place]
         if word in _STOPS or word == "but":
             self._end_of_clause()
@@ -222,9 +224,8 @@ class _TextReader:
         return self._phrase(place) or self._single(place, word)
 
     def _number(self, place: int) -> int:
-        """Read a length, the period or the depth ("2 mm deep"); return the number of words.
-
-        A number without a unit is passed over.
+        """Read "2 mm deep" as depth, "2 mm" as size of features; return the number of words, 1
+        without a unit, which has no effect. InputError outside 0.05..500 mm.
         """
         following = self._words[place + 1 : place + 3]
         if not following or following[0] not in _UNITS_M:
@@ -269,7 +270,9 @@ class _TextReader:
         return 0
 
     def _single(self, place: int, word: str) -> int:
-        """Read one word by the first vocabulary that has it; unknown words are noted."""
+        """Read a degree, direction, colour, quality or material, first hit in this order; pass over
+        small words, correct or note unknown words. Returns 1.
+        """
         if word in DEGREES and not self._is_quality_alone(place):
             factor = DEGREES[word]
             if word == "not":  # "not metal" excludes metal, "not shiny metal" only the shine
@@ -291,13 +294,15 @@ class _TextReader:
         return 1
 
     def _is_quality_alone(self, place: int) -> bool:
-        """Test that a degree such as "even" is used as a quality: no quality follows."""
+        """Test that the degree at word ``place`` is a quality, too ("even"), and none follows."""
         word = self._words[place]
         following = self._words[place + 1 : place + 2]
         return word in QUALITIES and not (following and base_form(following[0], QUALITIES))
 
     def _is_colour(self, place: int, word: str) -> bool:
-        """Test that a word is used as a colour, not as a material: copper dress, oak-toned."""
+        """Test for a word of COLOURS that is no material, has "-toned" or "-coloured", or precedes
+        another colour, fabric or object not made of it: copper dress.
+        """
         if word not in COLOURS:
             return False
         if word not in WORDS or word in self._coloured:
@@ -352,12 +357,14 @@ class _TextReader:
         self._degree = 1.0
 
     def _is_shade(self, place: int) -> bool:
-        """Test for a material before a colour, as a shade of the colour: "stone grey carpet"."""
+        """Test that a colour that is no material follows word ``place``: "stone grey carpet"."""
         following = self._words[place + 1 : place + 2]
         return bool(following) and following[0] in COLOURS and following[0] not in WORDS
 
     def _unknown(self, place: int, word: str) -> None:
-        """Read a misspelt material or quality, or note an unknown word."""
+        """Read the nearest material, at 0.6 of its weight, or quality of a misspelt word; else
+        append the word to ``unknown``, once.
+        """
         for known in (WORDS, QUALITIES):
             near = nearest_form(word, known)
             if near is not None and " " not in near:

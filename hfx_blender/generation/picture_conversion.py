@@ -39,7 +39,9 @@ class PictureSurface:
     slope: F32 | None = None  # (H, W) estimated slope; None: the slope of the heights
 
     def map(self, settings: MapSettings) -> HapticMap:
-        """Haptic map of the surface, from the estimated slope if there is one."""
+        """Haptic map of heights and roughness, with the estimated slope in place of the heights'
+        own.
+        """
         return make_map(self.field, self.roughness, settings, self.slope)
 
 

@@ -80,7 +80,7 @@ class WatchedFolder:
 
 
 def generated_name(picture: Path, digest: str) -> str:
-    """Name of a picture's surface, of the file's stem and its SHA-256 ``digest``."""
+    """Name of a picture's surface: words of the stem, ``-``, 8 digits of ``digest`` (SHA-256)."""
     return name_of(picture.stem, digest[:8])
 
 

@@ -118,7 +118,7 @@ def _is_node(value: Any) -> bool:
 
 
 def _followed(nodes: Mapping[str, Any], link: Any) -> Mapping[str, Any] | None:
-    """Node at the end of a link [key of the node, number of its output]; None for anything else."""
+    """Node at the end of a link [node key, output number]; None if missing or no link."""
     if isinstance(link, list) and len(link) == 2:
         node: Mapping[str, Any] | None = nodes.get(str(link[0]))
         return node
@@ -152,7 +152,9 @@ def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None
 
 
 def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0) -> int | None:
-    """Seed among the inputs of a node, or of the first linked node; None without any."""
+    """First whole number of the inputs seed, noise_seed, noise and value, links followed 64 deep;
+    None without any.
+    """
     for name in (*_SEEDS, "noise", "value"):
         value = inputs.get(name)
         if isinstance(value, int) and not isinstance(value, bool):
@@ -192,7 +194,7 @@ def _enabled_nodes(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _items(value: Any) -> list[Any]:
-    """A list as it is, and an empty list for anything else."""
+    """Return ``value`` if a list, else an empty list."""
     return value if isinstance(value, list) else []
 
 

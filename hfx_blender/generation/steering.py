@@ -70,7 +70,9 @@ def steered(
 
 
 def _with_weave(field: HeightField, draft: str, texels: int, seed: int) -> HeightField:
-    """Cloth of a weave with the texels of a field, as deep as the field's relief."""
+    """Cloth of 40 threads of a weave, with size and texels of ``field``, as deep as its relief
+    between the 2nd and 98th percentile, with random fibres of 4 % of that.
+    """
     size = field.size_m[0]
     depth = float(np.ptp(np.quantile(field.heights_m, (0.02, 0.98))))
     cloth = woven(Weave(draft, size / _THREADS, max(depth, 1e-6)), size, texels)

@@ -26,7 +26,9 @@ _ENDINGS: Final = (
 
 
 def tokens(text: str) -> list[str]:
-    """Split a text into words, numbers and punctuation, in lower case and without accents."""
+    """Split a text into words, numbers, punctuation and line breaks, in lower case, without accents
+    and possessive endings; other signs are dropped.
+    """
     plain = unicodedata.normalize("NFKD", text.lower())
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     plain = _POSSESSIVE.sub("", plain.replace("\N{GREEK SMALL LETTER MU}m", "um"))
@@ -34,7 +36,9 @@ def tokens(text: str) -> list[str]:
 
 
 def base_form(word: str, known: Container[str]) -> str | None:
-    """Known form of a word: the word, the singular, or a stem of 3 or more letters; else None."""
+    """Form of a word in ``known``: the word, or without an ending (-s, -er, -ing, -y ...) if 3
+    letters stay; None without any.
+    """
     if word in known:
         return word
     # A stem has at least three letters: "es" of "yes" is no ending.

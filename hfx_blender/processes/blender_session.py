@@ -103,7 +103,7 @@ def new_temporary_folder(prefix: str) -> Path:
 
 
 def inside_blender() -> bool:
-    """Test for the Blender program, in contrast to Blender's Python module."""
+    """Test that this process is the Blender program; False for the Python module or without bpy."""
     bpy = sys.modules.get("bpy")
     return bpy is not None and bool(bpy.app.binary_path)  # bpy.app.module is missing before 4.5
 

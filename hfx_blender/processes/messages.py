@@ -67,7 +67,7 @@ def message(kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") ->
 
 
 def json_message(content: Any) -> bytes:
-    """Encode a message of the kind JSON."""
+    """Encode a message of the kind JSON; MessageError above 256 MiB."""
     return message(MessageKind.JSON, body=encode_json(content))
 
 

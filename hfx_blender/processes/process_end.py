@@ -142,7 +142,9 @@ def _note(number: int) -> None:
 
 
 def _watch(reading: int) -> None:
-    """Run the watching thread: end the process after the time limits of the main thread."""
+    """Run the watching thread: read signal numbers from the descriptor ``reading``, record a signal
+    without handler call, and end the process after the limits of the main thread.
+    """
     while True:
         handled = _state.handled
         numbers = os.read(reading, 64)
@@ -178,7 +180,7 @@ def _end(number: int) -> NoReturn:
 
 
 def _in_time(work: Callable[[], object], limit_s: float) -> None:
-    """Run ``work`` in a thread for ``limit_s`` at most, as file systems and pipes may hang."""
+    """Run ``work`` in a thread, without its OSError; return at its end or after ``limit_s``."""
 
     def safely() -> None:
         with suppress(OSError):

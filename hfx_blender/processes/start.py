@@ -32,7 +32,7 @@ def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
 
 
 def python_command() -> list[str]:
-    """Command line of Python up to the module or ``-c`` program."""
+    """Command line up to the module or ``-c``: Python, -P, child.py, site-packages folders."""
     # Blender adds the folder of an extension's wheels to sys.path; a plain Python lacks it.
     packages = [path for path in sys.path if os.path.basename(path) == "site-packages"]
     # -P: a child never imports from the current folder, which may hold downloaded files.
@@ -96,8 +96,9 @@ def is_child() -> bool:
 
 
 def environment() -> dict[str, str]:
-    """Environment of a child: this process's, the user's folder of body models, and of PYTHONPATH
-    only the absolute entries."""
+    """Environment of a child: this process's, and the user's folder of body models; only absolute
+    entries of PYTHONPATH; no Python variables if this Python ignores them.
+    """
     # Blender ignores Python's variables, and so do the processes that it starts.
     ignored = "PYTHON" if sys.flags.ignore_environment else ()
     variables = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
@@ -107,7 +108,7 @@ def environment() -> dict[str, str]:
 
 
 def cores() -> int:
-    """Number of processor cores available to this process."""
+    """Number of processor cores that this process may use, at least 1."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

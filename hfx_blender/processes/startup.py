@@ -47,7 +47,7 @@ def _own_folders() -> list[str]:
 
 
 def farewell(number: int) -> str:
-    """Sentence about the end of this process by a signal."""
+    """Sentence: "interrupted" for SIGINT, else "ended by <signal>", and no file is half written."""
     how = "interrupted" if number == _signal.SIGINT else f"ended by {SIGNALS[number]}"
     return f"{how}; nothing half written was left behind"
 
@@ -61,7 +61,7 @@ def end_at_once(number: int, _frame: object) -> None:
 
 
 def begin() -> None:
-    """Clean the import path, and let signals exit the process during the following imports."""
+    """Clean the import path; let signals without custom handler exit the process at once."""
     clean_import_path()
     for number in SIGNALS:
         if _signal.getsignal(number) in (_signal.SIG_DFL, _signal.default_int_handler):

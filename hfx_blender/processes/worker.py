@@ -183,7 +183,7 @@ class Worker:
         threading.Thread(target=self.process.wait, daemon=True).start()
 
     def close(self, limit_s: float | None = None) -> None:
-        """End the process's input and wait for the exit; kill after ``limit_s``, default 10 s."""
+        """End the process's input and wait for the exit; kill after ``limit_s`` (None: 10 s)."""
         if self.process is None:
             return
         self._unsent.put(None)
@@ -246,7 +246,7 @@ def _write_all(stream: Any, content: bytes) -> None:
 
 
 def _end_by_signal(number: int) -> str:
-    """Description of an exit by a signal."""
+    """Describe an exit by a signal: killed (SIGKILL), crashed (as SIGSEGV), or ended by."""
     try:
         name = signal.Signals(number).name
     except ValueError:
