@@ -175,7 +175,9 @@ def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
 
 
 def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
-    """Frame in a strip's action, ``past`` frames after the strip's start."""
+    """Frame in a strip's action at ``offset`` frames after the strip's start, by scale, repetitions
+    and reversal; the strip's end is the end of the last repetition.
+    """
     length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
     played = offset / max(strip.scale, 1e-6)
     # The last repetition may be cut; the end belongs to that repetition.
@@ -187,7 +189,7 @@ def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
 
 
 def _fade(offset: float, fade: float) -> float:
-    """Factor of a linear fade, some frames after its start; 1 without a fade."""
+    """Factor of a linear fade of ``fade`` frames, ``offset`` frames after its start; 1 for 0."""
     return min(offset / fade, 1.0) if fade > 0.0 else 1.0
 
 
@@ -216,8 +218,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
 
 
 def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
-    """Keyframes (frame of the action, activation) of a clip.
-
+    """Keyframes (frame of the action, activation) of a clip; empty without an F-curve.
     Raises InputError: the clip is a meta strip.
     """
     if strip.action is None:
@@ -316,7 +317,9 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 
 
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
-    """Track without a strip between two frames, as strips cannot overlap; created if missing."""
+    """First track of an effect, not of a linked file, without a strip in a span of frames; created
+    if missing.
+    """
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):

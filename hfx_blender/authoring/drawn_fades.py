@@ -42,12 +42,12 @@ def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurv
 
 
 def curve_of(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """F-curve of a clip with drawn fades."""
+    """F-curve of a clip's influence; None without drawn fades."""
     return strip.fcurves.find("influence")
 
 
 def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> None:
-    """Copy drawn fades, if any, from a clip to a clip of an effect."""
+    """Copy drawn fades, if any, from a clip to ``strip`` of ``effect``, stretched to its span."""
     if not source.use_animated_influence:
         return
     strip.use_animated_influence = True
@@ -82,7 +82,7 @@ def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
 
 
 def has_drawn_fades(effect: bpy.types.Object) -> bool:
-    """Test for an effect with a stored span of drawn fades."""
+    """Test for the ID property of drawn fades, also if its clips are gone."""
     return _SPANS in effect
 
 
@@ -128,7 +128,9 @@ def _store_spans(effect: bpy.types.Object) -> None:
 
 
 def _is_half(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
-    """Test for a clip that was split: each half keeps a part of the curve in place."""
+    """Test for another clip with drawn fades and the same action that ends or starts where
+    ``strip`` starts or ends, as after a split.
+    """
     return any(
         half != strip
         and half.action == strip.action

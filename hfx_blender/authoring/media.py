@@ -107,7 +107,7 @@ def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World
 
 
 def rate_of(path: Path) -> float:
-    """Frame rate of a video, Hz; 0 if unknown."""
+    """Frame rate of a video file, Hz, as Blender reads it; 0 if Blender finds none."""
     clip = bpy.data.movieclips.load(str(path))
     try:
         return float(clip.fps)

@@ -59,9 +59,8 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 
 def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
-    """Distance between the vertices of a canvas, Blender units: at a vertex, or the median.
-
-    Fingertips are ten times denser than the back.
+    """Distance of neighbouring vertices of a canvas, Blender units, from the area of ``vertex``; of
+    the median area for None or a vertex not in the model.
     """
     import numpy as np
 
@@ -74,13 +73,15 @@ def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | No
 
 
 def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
-    """Brush radius that covers the neighbours of a median vertex, Blender units; at least 3 cm."""
+    """Brush radius in Blender units: 1.5 median vertex distances, at least 3 cm."""
     smallest = _SMALLEST_BRUSH_M * _units_per_metre(canvas, effects.model_of(effect))
     return max(_BRUSH_SPACINGS * spacing(canvas, effect), smallest)
 
 
 def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
-    """Blender units per metre on a canvas, by the size compared with the model."""
+    """Blender units per metre on a canvas: longest box edge over that of the model, times the mean
+    scale of the object.
+    """
     import numpy as np
 
     size_m = float(np.ptp(model.vertices, axis=0).max())
@@ -137,7 +138,7 @@ def transfer_area(effect: bpy.types.Object) -> int:
 
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
-    """Mask (V,) of the vertices selected on an effect's canvas."""
+    """Mask (V,) of the vertices selected on a canvas; InputError without canvas or if edited."""
     import numpy as np
 
     canvas = canvas_of(effect)
@@ -154,7 +155,7 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 
 def store_all_painted() -> None:
-    """Store the areas of all canvases with their effects, for saving and exports."""
+    """Store the areas of all local canvases with their effects; edited canvases are skipped."""
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
@@ -177,7 +178,9 @@ def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def end(effect: bpy.types.Object) -> int:
-    """Store the painted weights with the effect, and remove the canvas; return the vertex count."""
+    """Store the painted weights, remove the canvas and return the vertex count.
+    Raises InputError: the effect has no canvas, or it was edited; the canvas stays.
+    """
     canvas = canvas_of(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
@@ -205,7 +208,7 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
 
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
-    """Mask (V,) of vertices on body parts; no parts: the whole body."""
+    """Mask (V,) of vertices on body parts (none: all) and ``side``; a side includes the centre."""
     import numpy as np
 
     numbers = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
@@ -307,7 +310,7 @@ def _read_saved() -> dict[str, Any]:
 
 
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
-    """Replace the painted weights of a canvas, in any mode."""
+    """Replace the painted weights of a canvas by ``weights`` (V,), in any mode; 0: no weight."""
     group = canvas.vertex_groups[GROUP].index
     # Edit Mode has a separate mesh; writing to the stored mesh would be lost.
     in_edit_mode = canvas.mode == "EDIT"

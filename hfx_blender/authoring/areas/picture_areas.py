@@ -67,9 +67,9 @@ def _pixels(image: bpy.types.Image, channel: str) -> F64:
 
 
 def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:
-    """UVs (V, 3, 2) at corners (V, 3) of triangles, with the UVs of that triangle at seams.
-
-    For corners that form no triangle of the meshes, each vertex has a UV of any triangle.
+    """UVs (V, 3, 2) at mesh vertices ``needed`` (V, 3), three corners of a triangle each; vertex
+    numbers run over all ``meshes``. At seams the UV is that of the triangle.
+    Corners that are no triangle have the UV of any triangle at the vertex, NaN without any.
     """
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:

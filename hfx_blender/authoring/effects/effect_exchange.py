@@ -123,7 +123,9 @@ def place_sensation(
 
 
 def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
-    """Raise InputError for an effect that cannot be placed on a body."""
+    """Raise InputError for an effect on a body if ``body`` is None, a spot is wind or its path
+    leaves the skin, or an area is invalid or of an unknown edition of the model. Volumes pass.
+    """
     where = recipe.where
     if isinstance(where, VolumeRecipe):
         return
@@ -156,7 +158,9 @@ def _transferred(area: VertexArea) -> np.ndarray | None:
 
 
 def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
-    """Weights (V,) of a painted effect on the present perceptual model."""
+    """Weights (V,) of a checked painted effect on the present model: its vertices, transferred from
+    an earlier edition, or its body parts with a softened edge.
+    """
     model = load_model(effects.model_id_for(recipe.modality))
     where = recipe.where
     if isinstance(where, VertexArea):
@@ -242,7 +246,9 @@ def sensation_of(
 
 
 def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
-    """Copy of an effect with positions relative to an origin."""
+    """Copy of a volume with location, path and swarm minus ``origin_m`` (3,); other effects as
+    given.
+    """
     volume = recipe.where
     if not isinstance(volume, VolumeRecipe):
         return recipe
@@ -355,7 +361,7 @@ def _volume_recipe(
 
 
 def _is_animation(curve: bpy.types.FCurve) -> bool:
-    """Test for an F-curve of location, path position, actuators or contact response."""
+    """Test that an F-curve animates location, path position, actuators or contact response."""
     path = curve.data_path
     return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 

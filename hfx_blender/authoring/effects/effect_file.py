@@ -301,12 +301,12 @@ def load(path: Path) -> Sensation:
 
 
 def from_text(text: str) -> Sensation:
-    """Read a sensation from JSON text, as pasted from the clipboard; errors of :func:`load`."""
+    """Read a sensation from JSON text of the clipboard; InputError for the first fault."""
     return _read(node_of(text.encode(), "What was copied", _MOST_BYTES))
 
 
 def text_of(sensation: Sensation) -> str:
-    """JSON text of a sensation."""
+    """JSON text of a sensation in the format of effect files, indented, with a final newline."""
     return json.dumps(_document(sensation), indent=1) + "\n"
 
 
@@ -319,7 +319,9 @@ def _read(node: Node) -> Sensation:
 
 
 def _check_consistency(effect: Node) -> None:
-    """Raise InputError for members of an effect that are inconsistent."""
+    """Raise InputError if an area has unequal numbers of vertices and weights, a swarm's last birth
+    precedes its first, or a fade exceeds the clip's duration; returns nothing.
+    """
     # JSON shapes check members one by one; these rules compare two members.
     if "area" in effect and "vertices" in effect["area"]:
         count = len(effect["area"]["vertices"].value)

@@ -20,7 +20,7 @@ from .. import volumes
 
 
 def properties_of(modality: str) -> tuple[str, ...]:
-    """Names of ``Object.hfx`` properties in the order of a modality's controls."""
+    """RNA names in ``Object.hfx`` of a modality's controls, in order, strength first."""
     return tuple(control.prop for control in MODALITIES[modality].controls)
 
 
@@ -37,7 +37,7 @@ def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
 
 
 def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
-    """Falloff of an effect, within the limits of its properties."""
+    """Kind of falloff, and share clipped to the limits of the property."""
     return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
 
 
@@ -54,14 +54,16 @@ def directions(world: F64) -> F64:
 
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
-    """Matrices (..., 4, 4) from shape space to metres, from world matrices in Blender units."""
+    """Matrices (..., 4, 4) from the unit shape to world metres: ``world`` times ``unit_m`` metres,
+    the axes also times the effect's size.
+    """
     scaled = to_metres(world, unit_m)
     scaled[..., :3, :3] *= volumes.shape_scale(hfx)
     return scaled
 
 
 def to_metres(world: F64, unit_m: float) -> F64:
-    """Convert world matrices (..., 4, 4) from Blender units to metres."""
+    """Copy of world matrices (..., 4, 4) with the upper three rows times ``unit_m``."""
     scaled = world.copy()
     scaled[..., :3, :] *= unit_m
     return scaled

@@ -145,7 +145,7 @@ def model_id_for(modality: str) -> str:
 
 
 def model_of(effect: bpy.types.Object) -> PerceptualModel:
-    """Perceptual model of an effect's modality."""
+    """Perceptual model of the effect's present modality, not of its stored area."""
     from ...engine.body.model import load_model  # not needed at Blender's start
 
     return load_model(model_id_for(effect.hfx.modality))
@@ -192,7 +192,7 @@ def volume_from_mesh(
 def add_painted(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """Add a painted effect on a body, with an empty area."""
+    """Add a painted effect with an empty area; InputError if ``body`` is no haptic body."""
     effect = add_on_body(scene, modality, body, "PAINTED", name or f"Painted {modality.title()}")
     set_area(effect, [], [])
     return effect
@@ -232,7 +232,9 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
 def _make_effect(
     scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
 ) -> bpy.types.Object:
-    """Turn an object into an effect: a volume of a shape, or a painted effect without a shape."""
+    """Turn a new object into an effect with a new id, and link it: a volume of ``shape``, or a
+    painted effect for None.
+    """
     # Kind and shape first: assigning the modality redraws the wires of that shape.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
@@ -246,7 +248,9 @@ def _make_effect(
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Visible local collection named ``HFX Effects`` for new effects, created if missing."""
+    """First local collection of a scene whose name starts with ``HFX Effects``, and that the
+    current view layer does not hide; created if missing.
+    """
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
     hidden = set() if layer is None else set(_hidden(layer.layer_collection))
     for collection in scene.collection.children_recursive:
@@ -259,7 +263,7 @@ def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
 
 
 def _is_editable(collection: bpy.types.Collection) -> bool:
-    """Test for a local collection, which accepts objects."""
+    """Test for a collection that is neither linked nor an override."""
     return collection.library is None and collection.override_library is None
 
 
@@ -352,10 +356,10 @@ def checked_area(
 
 
 def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
-    """Unique id of each object, by its full name, which distinguishes linked files.
-
-    Blender copies properties with an object, so copies share their ``uid``. The first object by
-    name has it, and each further one a derived id, equal on each run.
+    """Unique id of each object by full name, which distinguishes linked files: its ``uid``, or
+    name.
+    Copies share the ``uid``: the first by name has it, further objects ``uid-2``, ``uid-3`` ...,
+    equal on each run.
     """
     used = {obj.hfx.uid or obj.name for obj in objects}
     # Sorted by name, the original ("Ball") precedes its copies ("Ball.001").

@@ -68,7 +68,9 @@ def import_hjif(
 
 
 def _with_ticks(envelope: Envelope) -> Envelope:
-    """Envelope with its transients as short pulses, and at most about 500 keyframes."""
+    """Copy of a vibration envelope with its transients mixed in as falling pulses, simplified if it
+    had any or more than 500 keyframes; unchanged without a frequency.
+    """
     if envelope.frequency_hz is None:
         return envelope
     strength, pitch = envelope.strength, envelope.frequency_hz
@@ -93,7 +95,9 @@ def _with_ticks(envelope: Envelope) -> Envelope:
 
 
 def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
-    """Ids of perceptual models identical to a mesh of the file."""
+    """Ids of perceptual models equal by hash to a GLB mesh that the avatars of ``document`` name by
+    a file in ``folder``; unreadable meshes count as different.
+    """
     model_ids = set()
     for avatar in document["avatars"]:
         # Only a file next to the HJIF file is opened, never another path.
@@ -118,7 +122,9 @@ def _add_effects(
     frame: float,
     is_own: bool,
 ) -> list[bpy.types.Object]:
-    """Add one effect; two for a temperature both above and below neutral."""
+    """Add a painted effect per sign of the strength with a peak above 0: one, for a temperature up
+    to two; intensity and varying frequency are animated from ``frame``.
+    """
     model = load_model(effects.model_id_for(modality))
     vertices = _vertices(envelope, model, is_own)
     # Strength is unsigned: warmth and cold are separate effects.
@@ -150,7 +156,7 @@ def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[
 
 
 def _positive_part(curve: Curve, sign: float) -> Curve:
-    """Positive part of a curve times ``sign``, with keyframes added at zero crossings."""
+    """Curve times ``sign``, negative values as 0, with keyframes added at zero crossings."""
     crossed = with_crossings(curve, 0.0)
     return Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
 

@@ -87,7 +87,9 @@ def add_rain(
 def _without_overlaps(
     drops: list[tuple[float, float]], duration_s: float
 ) -> list[tuple[float, float]]:
-    """Delay drops (seconds, path position) that overlap, and keep all within the duration."""
+    """Delay sorted drops (start in seconds, path position) to starts at least 65 ms apart; late
+    drops move forward to end within ``duration_s``.
+    """
     starts = np.array([time for time, _ in drops])
     slots = np.arange(len(drops)) * (_DROP_S + _PAUSE_S)
     # Without the slots, drop k may start as soon as drop k - 1 starts: a running maximum.
@@ -126,7 +128,7 @@ def _add_clip(
 
 
 def _nearest_order(model: PerceptualModel, vertices: list[int]) -> list[int]:
-    """Order vertices so that each is followed by the nearest remaining one."""
+    """Order vertex ids from the first: each is followed by the nearest remaining vertex."""
     ordered, remaining = vertices[:1], vertices[1:]
     # Short jumps keep the path, and so its storage, short.
     while remaining:
@@ -148,7 +150,9 @@ def remove(body: bpy.types.Object, name: str) -> int:
 
 
 def _draw_vertices(model: PerceptualModel, count: int, generator: random.Random) -> list[int]:
-    """Draw different vertices, weighted by projected area; fewer if fewer face the sky."""
+    """Draw ``count`` different vertex ids of head, arms and backs of hands, weighted by area seen
+    from above; fewer if fewer face up, InputError without any.
+    """
     # Upward area: cosine of the normal with the sky, times the area of the vertex.
     sky_area = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
     sky_area[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0

@@ -88,7 +88,7 @@ SWARM: Final = strict(
 
 
 def references_of(kind: FilterKind) -> tuple[str, ...]:
-    """References of a filter kind's distance measurement; empty for a kind without one."""
+    """Allowed values of ``about``: centre and axis for DISTANCE, time too for SINE; else empty."""
     if kind is FilterKind.DISTANCE:
         return (About.CENTRE, About.AXIS)
     return (About.TIME, About.CENTRE, About.AXIS) if kind is FilterKind.SINE else ()
@@ -128,7 +128,9 @@ RESPONSE: Final = Items(
 
 
 def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]]:
-    """JSON document of a stack of filters."""
+    """JSON objects of filters in order; ``about`` only where the kind has it, ``muted`` only if
+    true, ``keys`` only if present.
+    """
     documents = []
     for recipe in response:
         document: dict[str, Any] = {"kind": recipe.kind, "operation": recipe.operation}
@@ -144,7 +146,7 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
 
 
 def refuse_reversed_births(node: Node) -> None:
-    """Raise InputError if a swarm's last birth precedes its first."""
+    """Raise InputError if ``born_until_s`` of a swarm (default 1) is before ``born_from_s``."""
     recipe: SwarmRecipe = node.read(SWARM)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")

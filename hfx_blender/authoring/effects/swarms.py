@@ -17,7 +17,9 @@ _EMITTER_SUBDIVISIONS = 3
 def emitters(
     scene: bpy.types.Scene, effect: bpy.types.Object
 ) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
-    """Emitter objects and particle systems of a scene that emit a volume."""
+    """Pairs of object and particle system of a scene that show ``effect`` as their instance object,
+    or in their instance collection.
+    """
     return [
         (obj, system)
         for obj in scene_objects(scene)
