@@ -58,7 +58,7 @@ class BlockBroadPhase:
         return self._posed[body.id]
 
     def bounds(self, body: BodyDescription, model_id: str) -> ReachableBounds:
-        """Cluster boxes of a model on a body at all rows with a known pose."""
+        """Cluster boxes of a model on a body at all rows with a known pose; cached."""
         key = (body.id, model_id)
         if key not in self._bounds:
             pose = self._block.poses[self._number[body.id]]
@@ -70,9 +70,10 @@ class BlockBroadPhase:
     ) -> bool:
         """Test that a volume certainly touches no skin of a model on a body in the block.
 
-        False without the library, for few volumes, and for unusable placements, which need a
-        warning. With ``is_bent`` the volume must also stay clear on a curved path between two rows
-        that leaves the box of all rows by at most this box's size.
+        False without the library, for fewer than 32 volumes times rows, and for unusable
+        placements, which need a warning. With ``is_bent`` the volume must also stay clear on a
+        curved path between two rows that leaves the box of all rows by at most this box's size and
+        5 cm.
         """
         if not library.is_there():
             return False
@@ -134,7 +135,10 @@ class _VolumeBoxes:
         )
 
     def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
-        """Volumes that may meet a box, one bool for each volume; True where a box is unknown."""
+        """Test each volume for meeting a box with corners (3,), m; True for an unknown box.
+
+        ``is_bent`` enlarges the volumes' boxes by their size and 5 cm.
+        """
         spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
         meets = ((self._low - spare <= high) & (self._high + spare >= low)).all(axis=1)
         near: list[bool] = (meets | ~self._sure).tolist()

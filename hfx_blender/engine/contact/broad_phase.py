@@ -136,7 +136,7 @@ class CompiledBroadPhase:
 
     @property
     def near_count(self) -> int:
-        """Number of clusters within reach at any row or between two rows."""
+        """Number of clusters in reach at or between rows; set by :meth:`overlaps`."""
         count: int = self._pointers.near_count
         return count
 
@@ -174,7 +174,10 @@ class CompiledBroadPhase:
         body: tuple[Any, ...],
         groups: Any,
     ) -> Reached:
-        """Run ``hfx_reach`` with arrays for all near clusters at all rows."""
+        """Run ``hfx_reach``, with room for every near cluster at every row; returns the used part.
+
+        ``body``: pointers of pose, bones, bone mask and surface places, None where absent.
+        """
         near, count = self.near_count, self._target.count
         # Room for every near cluster at every row; the library returns the used part.
         clusters, rows, steps = np.empty((3, near * count), np.int64)

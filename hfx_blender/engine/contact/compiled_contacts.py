@@ -24,7 +24,7 @@ from .narrow_phase import drift_of
 
 
 def placed(query: ContactQuery) -> PlacedTarget:
-    """Place the query's volume and body at its rows."""
+    """Place the query's volume relative to its body at its rows; IndexError for unknown rows."""
     effect, tolerance = query.effect, query.skin.skin.tolerance
     assert effect.matrices is not None
     return PlacedTarget(
@@ -34,9 +34,9 @@ def placed(query: ContactQuery) -> PlacedTarget:
 
 
 def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
-    """Begin the contacts of a body with a volume that is usable at all rows.
+    """Begin the contacts of a body with a volume that is usable at all rows; counts tests.
 
-    Returns a function as :func:`.contacts.begin`.
+    Returns a function that waits for and returns the contacts, as :func:`.contacts.begin`.
     """
     falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
@@ -92,14 +92,14 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
 
 
 def _drifts(target: PlacedTarget, steps: I64) -> dict[int, tuple[F64, F64]]:
-    """Drift matrices of :func:`.narrow_phase.drift_of`, by number of steps."""
+    """Drift matrices of :func:`.narrow_phase.drift_of` for all intervals, by number of steps."""
     volume, body = target.part("matrices"), target.part("to_world")
     ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
     return {number: drift_of(*ways, number) for number in np.unique(steps).tolist()}
 
 
 def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
-    """Source of positions for the library; fills in skin of sampled and tracked clusters."""
+    """Source of positions for the library; also fills in skin of sampled and tracked clusters."""
     skin, table = query.skin, query.skin.skin.table
     if len(reached.wide):
         table.need(reached.wide)
@@ -116,7 +116,7 @@ def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
 
 
 def _nothing() -> Contacts:
-    """Contacts of no skin at all."""
+    """Contacts without any row, with empty details."""
     empty = np.zeros(0, np.int64)
     details = DetailArrays.empty(0, 0).of(empty, empty)
     return Contacts(

@@ -41,7 +41,7 @@ class ContactQuery:
 
     @property
     def asks_details(self) -> bool:
-        """Test for a request that needs :class:`ContactDetails`."""
+        """True if :class:`ContactDetails` are requested, for places or for impact."""
         return self.with_details or self.with_impact
 
 
@@ -74,7 +74,7 @@ class DetailArrays:
         return cls(vectors[0], np.full(shape, np.nan), vectors[1], vectors[2])
 
     def of(self, rows: I64, columns: I64) -> ContactDetails:
-        """Details of contacts, by their rows and columns."""
+        """Details of contacts, given by row and column (total,) each."""
         return ContactDetails(
             self.places[rows, columns].T,
             self.since[rows, columns],
@@ -85,16 +85,10 @@ class DetailArrays:
     def place_deepest(
         self, samples: F64, contacts: I64, shapes: Sequence[Shape], matrices: F64
     ) -> None:
-        """Set places of contacts whose vertex is outside to their deepest sample.
+        """Set ``places`` to the deepest sample of each contact; called for vertices outside only.
 
-        Parameters
-        ----------
-        samples : (n, 3) float64
-            Samples inside, shape space.
-        contacts : (n,) int64
-            Row times the number of columns, plus column.
-        shapes, matrices : (rows,), (rows, 4, 4)
-            Shape and placing matrix at each row.
+        Samples (n, 3) are inside, in shape space; ``contacts`` (n,): row times the number of
+        columns, plus column. ``shapes`` and placing ``matrices`` (rows, 4, 4) are by row.
         """
         rows, columns = np.divmod(contacts, max(self.since.shape[1], 1))
         for row in np.unique(rows).tolist():

@@ -36,12 +36,9 @@ box: three edges bulge by at most a quarter of its size, each by a ninth of that
 def begin(query: ContactQuery) -> Callable[[], Contacts]:
     """Begin the contacts of a body with a volume at some rows of a block.
 
-    Returns
-    -------
-    callable
-        Waits for the :class:`Contacts` and returns them. The boundary counts as inside; contacts
-        with a weight of 0 are left out. Rows with an unusable placement are left out, with a
-        warning.
+    Returns a function that waits for the :class:`Contacts` and returns them. The boundary counts as
+    inside; contacts with a weight of 0 are left out. Rows with an unusable placement are left out,
+    with a warning.
     """
     if library.is_there():
         target = compiled_contacts.placed(query)
@@ -54,7 +51,10 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
-    """Restrict a query to rows with a usable volume, mask (n,) bool; warns of the rest."""
+    """Query restricted to the rows of the mask ``usable`` (n,); warns of lost samples.
+
+    Rows after an unusable row do not follow. The query itself if all are usable.
+    """
     if usable.all():
         return query
     query.counters.warn(
@@ -68,7 +68,7 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
 
 
 def _by_definition(query: ContactQuery) -> Contacts:
-    """Contacts of a query by :mod:`..reference`."""
+    """Contacts of a query by :mod:`..reference`, without unusable rows (warned)."""
     matrices = query.effect.matrices
     assert matrices is not None
     usable = inverse_placement(matrices[query.rows])[1]
@@ -111,12 +111,9 @@ def _gathered(
 def _contacts_at(
     query: ContactQuery, rows: I64, follows: Bool, reported: Bool
 ) -> Iterator[tuple[int, Contact]]:
-    """Yield (index, contact) for ``reported`` rows at which the volume comes near the skin.
+    """Yield (index, contact) for ``reported`` rows (n,) with skin cells near the volume.
 
-    Parameters
-    ----------
-    rows, follows, reported : (n,) int64, bool, bool
-        As in the query; the volume is usable at all rows.
+    ``rows`` and ``follows`` are as in the query; the volume is usable at all rows.
     """
     skin, volume = query.skin.skin, Volume(query.effect, query.falloff)
     of_model = Skin.of(skin.model, skin.finer)

@@ -57,6 +57,8 @@ def narrow_phase(
 ) -> Callable[[], int]:
     """Begin the computation of contact weights of covered cells and of passages.
 
+    Returns a function that waits for the end and returns the number of positions posed.
+
     Parameters
     ----------
     table : SkinTableArrays
@@ -73,11 +75,6 @@ def narrow_phase(
     threads : Executor, optional
         Computes parts of the pairs, with whole clusters each; without threads the computation is
         finished on return.
-
-    Returns
-    -------
-    callable
-        Waits for the end and returns the number of positions posed.
     """
     drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
     shared = posing, target, drift, weights, column_of
@@ -99,7 +96,10 @@ _SAMPLES: Final = 1 << 18
 def _with_details(
     call: NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
 ) -> int:
-    """Run a call with details, again with more room if the samples did not fit."""
+    """Fill ``details`` and ``weights`` by a call, repeated if its samples do not fit.
+
+    Returns the number of positions posed.
+    """
     room = _SAMPLES
     while True:
         samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)
@@ -118,7 +118,7 @@ def _with_details(
 
 
 def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> Any:
-    """Structure ``hfx_drift``: matrices by the exponent of the number of steps, a power of 2."""
+    """Structure ``hfx_drift`` for ``intervals``: matrices by log2 of the number of steps."""
     ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
     for number, matrices in drifts.items():
         for way, drift in zip(ways, matrices, strict=True):
@@ -131,7 +131,7 @@ _WORTH: Final = 1 << 17
 
 
 def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
-    """Split pairs into parts with similar numbers of positions, clusters kept whole."""
+    """Split pairs into parts of about 2**17 positions, clusters kept whole; one part for few."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
     if count < 2:
@@ -185,19 +185,11 @@ class NarrowPhaseCall:
 
 
 def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tuple[F64, F64]:
-    """Relative motion, in shape space, of points at rest in a body's frame, for some intervals.
+    """Maps of points at rest in a body's frame, in shape space over intervals of n rows.
 
-    Parameters
-    ----------
-    volume, body : tuple of (n, 4, 4) float64
-        Placing matrices before and after each interval.
-    steps : int
-        Straight steps of equal length.
-
-    Returns
-    -------
-    from_before, from_after : (steps + 1, n, 4, 4) float64
-        Maps from shape space before, or after, the interval to shape space at each step.
+    ``volume`` and ``body`` are placing matrices (n, 4, 4) before and after each interval, of
+    ``steps`` straight steps of equal length. Returns from_before, from_after: (steps + 1, n, 4, 4),
+    maps from shape space before, or after, the interval to shape space at each step.
     """
     volumes, bodies = Motion.between(*volume), Motion.between(*body)
     places = []

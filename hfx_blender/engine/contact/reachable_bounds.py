@@ -30,7 +30,7 @@ class ReachableBounds:
 
     @property
     def boxes(self) -> tuple[F64, F64, F64, F64]:
-        """All boxes, as :meth:`..native.cluster_bounds.Outline.bounds` returns them."""
+        """Boxes as of :meth:`..native.cluster_bounds.Outline.bounds`, from low to of_clusters."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
     @cached_property
@@ -44,7 +44,7 @@ class ReachableBounds:
     def around(
         cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
     ) -> ReachableBounds:
-        """Bounds from the boxes (n, C, 3) of clusters at some rows."""
+        """Bounds from cluster boxes (n, C, 3) at rows (n,); ``of_clusters`` ignores NaN."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
         # A NaN at one row must not hide the cluster's boxes at all the rest.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)

@@ -25,12 +25,9 @@ vertices; a farther place belongs to another body."""
 def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
 ) -> list[I32]:
-    """Vertices of a model that each actuator reaches, on the configured side.
+    """Vertex ids reached by each actuator, ascending, on the side configured (not mirrored).
 
-    Raises
-    ------
-    InputError
-        A place does not fit this model; names device and actuator.
+    Raises InputError, with device and actuator, for a place that does not fit this model.
     """
     rows = []
     for actuator in actuators:
@@ -42,16 +39,12 @@ def rows_of(
 
 
 def vertices_of(place: Place, model: PerceptualModel) -> I32:
-    """Vertices of ``model`` that a place reaches, ascending; not to be changed.
+    """Vertices of ``model`` reached by a place, ascending; a shared array, not to be changed.
 
     A place on the body always reaches the nearest vertex of the parts, even beyond the radius, so
     that an actuator between the vertices of a coarse model still plays. A place in the room reaches
-    all vertices of the parts. Empty for named vertices without a set for this model.
-
-    Raises
-    ------
-    InputError
-        The place does not fit this model.
+    all vertices of the parts. Empty for named vertices without a set for this model. Raises
+    InputError for a place that does not fit this model.
     """
     if isinstance(place, VertexPlace):
         return _named(place, model)
@@ -72,7 +65,7 @@ _PATCHES: Final[WeakKeyDictionary[PerceptualModel, dict[BodyPlace, I32]]] = Weak
 
 
 def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
-    """Mask (V,) of vertices on some parts of the body."""
+    """Mask (V,) of the vertices on any of the named parts of the body."""
     return np.isin(model.part, [PARTS.index(part) for part in parts])
 
 
@@ -87,7 +80,10 @@ def _skin_of(parts: tuple[str, ...], side: str | None, model: PerceptualModel) -
 
 
 def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
-    """Vertices of a :class:`BodyPlace`; raises InputError if none is near."""
+    """Vertices within the radius of a place, the nearest always; with all of the stroking parts.
+
+    Raises InputError without a vertex on the parts, or with none within 0.2 m of the radius.
+    """
     candidates, places = _skin_of(place.parts, place.side, model)
     where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
     if not len(candidates):
@@ -110,7 +106,10 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
 
 
 def _named(place: VertexPlace, model: PerceptualModel) -> I32:
-    """Vertices listed for this model; raises InputError if the model differs."""
+    """Vertices listed for this model, in their order; empty if the place lists none.
+
+    Raises InputError for another content hash, or an id beyond the model.
+    """
     for named in place.sets:
         if named.model_id != model.id:
             continue

@@ -21,16 +21,10 @@ DENSE_ENTRIES = 1 << 18
 
 
 class ActuatorCells:
-    """Vertices of one model that each of A actuators reaches.
+    """Vertices of one model reached by each of A actuators.
 
-    Parameters
-    ----------
-    rows : sequence of (n,) int32
-        Vertices of each actuator; may be empty and may overlap.
-    vertex_count : int
-        Number of vertices of the model.
-    factors : sequence of (n,) float, optional
-        Factor of each vertex, for panning schemes; 1 by default.
+    ``rows`` (n,) are vertices of each actuator, possibly empty or overlapping; ``vertex_count`` is
+    V; ``factors`` (n,) a factor of each vertex, for panning schemes; 1 by default.
     """
 
     def __init__(
@@ -53,15 +47,9 @@ class ActuatorCells:
     def gains(self, offsets: I64, vertices: I32, weights: F32, statistic: Statistic) -> F64:
         """Gains (n, A) of the actuators for n samples; 0 where nothing is shared.
 
-        ``strongest`` takes the largest weight among the shared vertices, ``mean`` the mean over all
-        vertices of the actuator, with 0 for vertices outside the sample.
-
-        Parameters
-        ----------
-        offsets : (n + 1,) int64
-            Sample ``k`` has the entries ``slice(offsets[k], offsets[k + 1])``.
-        vertices : (total,) int32
-        weights : (total,) float32
+        ``strongest``: largest weight (times factor) among the shared vertices, ``mean``: mean over
+        all vertices of the actuator, with 0 for vertices outside the sample. Sample ``k`` has the
+        entries ``slice(offsets[k], offsets[k + 1])`` of ``vertices`` and ``weights`` (total,).
         """
         count = len(offsets) - 1
         if statistic == "strongest" and len(self.reached):
@@ -87,7 +75,7 @@ class ActuatorCells:
 
     @cached_property
     def _by_vertex(self) -> tuple[I64, I32, F32 | None]:
-        """Actuators by vertex: starts (V + 1,), actuator indices and factors (None: all 1)."""
+        """Actuators of each vertex: starts (V + 1,), actuator indices and factors (None: all 1)."""
         every = np.concatenate(self.rows)
         order = np.argsort(every, kind="stable")
         counts = np.bincount(every, minlength=len(self._is_reached))
@@ -112,7 +100,10 @@ class ActuatorCells:
         return dense
 
     def _reduce(self, dense: F32, statistic: Statistic) -> F64:
-        """Reduce dense weights (n, D) to gains (n, A)."""
+        """Reduce dense weights (n, D), times factors, to gains (n, A) by their maximum or mean.
+
+        0 for an actuator without vertices.
+        """
         gains = np.zeros((len(dense), len(self.rows)))
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]
@@ -128,7 +119,7 @@ class ActuatorCells:
 
 
 def _is_one_set(offsets: I64, vertices: I32) -> bool:
-    """Test that n > 0 samples have the same vertices."""
+    """Test that n > 0 samples have the same vertices in the same order; False for empty samples."""
     count = len(offsets) - 1
     size = int(offsets[1] - offsets[0])
     if size == 0 or not (np.diff(offsets) == size).all():

@@ -50,7 +50,7 @@ class ActuatorControl:
 
     @property
     def reach(self) -> float:
-        """Largest allowed deviation from neutral."""
+        """Largest allowed deviation from neutral, in either direction."""
         return max(self.highest - self.neutral, self.neutral - self.lowest)
 
 
@@ -74,11 +74,11 @@ class ActuatorType:
 
     @property
     def strength(self) -> ActuatorControl:
-        """Control of the modality's strength."""
+        """First control: the modality's strength."""
         return self.controls[0]
 
     def unit(self, control: ActuatorControl) -> str:
-        """Unit of a control."""
+        """Unit of a control's parameter, such as "m/s^2"."""
         parameters = MODALITIES[self.modality].parameters
         return next(known.unit for known in parameters if known.name == control.name)
 
@@ -329,7 +329,7 @@ class DeviceConfig:
 
     @cached_property
     def actuator_columns(self) -> tuple[slice, ...]:
-        """Columns of each actuator, strength first."""
+        """Slice of the raster columns of each actuator, strength first."""
         stops = accumulate(len(actuator.type.controls) for actuator in self.actuators)
         return tuple(slice(first, stop) for first, stop in pairwise((0, *stops)))
 
@@ -345,5 +345,5 @@ class DeviceConfig:
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        """Distinct modalities of the actuators, without substitutions."""
+        """Distinct modalities of the actuators, by first actuator, without substitutions."""
         return tuple(dict.fromkeys(actuator.type.modality for actuator in self.actuators))

@@ -26,7 +26,7 @@ ModelLoader = Callable[[str], PerceptualModel]
 
 
 def rendered_modalities(device: DeviceConfig, modality: str) -> set[str]:
-    """Actuator modalities that render a modality, including a substitution's target."""
+    """Actuator modalities showing ``modality``: itself, and a substitution's target."""
     substitution = device.substitutions.get(modality)
     return {modality} if substitution is None else {modality, substitution.target}
 
@@ -66,17 +66,11 @@ class ActuatorGroup:
         self.highest: F64 = np.array([control.highest for control in strengths], np.float64)
 
     def renders(self, modality: str) -> bool:
-        """Test that the actuators render a modality, their own or by substitution."""
+        """Test that the actuators show a modality, their own or by substitution."""
         return self.modality in rendered_modalities(self._device, modality)
 
     def cells_on(self, model_id: str) -> ActuatorCells:
-        """Vertices that the actuators reach on a model; cached.
-
-        Raises
-        ------
-        InputError
-            A place does not fit this model.
-        """
+        """Vertices reached by the actuators on a model, cached; InputError for a misplaced one."""
         if model_id not in self._cells:
             self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
         return self._cells[model_id]
@@ -85,11 +79,7 @@ class ActuatorGroup:
         """Gains (n, A) of the actuators for a run's samples, in 0..1.
 
         Set by the run's drive, else panned about a spot's focus, else by shared vertices and reach.
-
-        Raises
-        ------
-        InputError
-            A place of the device does not fit the run's model.
+        Raises InputError for a place that does not fit the run's model.
         """
         if run.drive is not None:
             return run.drive.gains(self._device.id, [actuator.id for actuator in self._actuators])
@@ -106,7 +96,10 @@ class ActuatorGroup:
         return gains
 
     def notes(self) -> Iterator[str]:
-        """Notes on settings of the device without effect on the models rendered so far."""
+        """Yield sentences about actuators without a vertex, and a scheme replaced by coverage.
+
+        Only for models rendered so far, sorted by id.
+        """
         ids = [actuator.id for actuator in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
@@ -121,7 +114,7 @@ class ActuatorGroup:
                 )
 
     def _reach(self, run: SampleRun, gains: F64) -> None:
-        """Restrict the gains of actuators in the room, in place, to samples within reach."""
+        """Replace, in place, gains (n, A) of actuators with a position in the room by reach."""
         model = self._models(run.stream.model_id)
         points = self.play_space.local(run)
         for column in self._standing:
@@ -144,7 +137,7 @@ class ActuatorGroup:
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
-        """Mask (n,) of samples that drive actuators (n, A) only below their detection thresholds.
+        """Mask (n,) of samples driving actuators, by gains (n, A), only below detection thresholds.
 
         Actuators without thresholds count as felt. All False unless effect and actuators vibrate.
         """
@@ -169,7 +162,7 @@ class ActuatorGroup:
         )
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
-        """Mask (n,) of samples with a frequency out of range of a driven actuator (n, A).
+        """Mask (n,) of samples with a frequency out of range of an actuator with ``fires`` (n, A).
 
         All False unless effect and actuators vibrate.
         """
@@ -190,7 +183,10 @@ class MissingActuators:
         self._missing: dict[str, dict[str, None]] = {}  # ids by effect, as an ordered set
 
     def add(self, run: SampleRun) -> None:
-        """Add the next samples of an effect; effects of further devices are left to shortfalls."""
+        """Collect driven actuators (value above 0) missing in the effect's modalities.
+
+        Runs without a drive, or for another device, are ignored.
+        """
         drive = run.drive
         if drive is None or drive.device_id != self._device.id:
             return

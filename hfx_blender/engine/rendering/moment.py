@@ -28,37 +28,21 @@ _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, fram
 
 
 def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
-    """Track header of a scene's moments."""
+    """Track header of a scene, with a clock of a single row."""
     used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
     return of_one_moment(TrackHeader.of(scene, used, settings={}, tools={}))
 
 
 def of_one_moment(header: TrackHeader) -> TrackHeader:
-    """Header of a recording, for single moments."""
+    """Copy of a header with a clock of a single row."""
     return replace(header, time=_ONE_ROW)
 
 
 class MomentRenderer:
-    """Renderer of a scene's moments for one device.
+    """Renderer of a scene's moments for one device; InputError for an unknown wearer.
 
-    Parameters
-    ----------
-    scene : SceneDescription or TrackHeader
-        A scene, or a header of :func:`moment_header`.
-    models : callable
-        Loads a perceptual model by id.
-    body_id : str, optional
-        Body that wears the device; optional for a scene with one body.
-
-    Attributes
-    ----------
-    body_id : str
-        The wearer.
-
-    Raises
-    ------
-    InputError
-        The wearer is unknown.
+    ``scene`` is a scene or a header of :func:`moment_header`; ``models`` loads a perceptual model
+    by id. ``body_id``, also an attribute, is the body that wears the device; optional for one body.
     """
 
     def __init__(
@@ -90,10 +74,7 @@ class MomentRenderer:
     def prepare(self) -> None:
         """Compute expensive tables now instead of at the first contact.
 
-        Raises
-        ------
-        InputError
-            A place of the device does not fit a model.
+        Raises InputError for a place of the device that does not fit a model.
         """
         for group in self._renderer.groups:
             for effect in self._effects:
@@ -103,22 +84,15 @@ class MomentRenderer:
                         group.panning_on(effect.model_id)
 
     def move_play_space(self, matrix: F64) -> None:
-        """Set the pose of the play space, (4, 4) to world, metres."""
+        """Set the pose of the play space, (4, 4) to world, m; an unusable pose is ignored."""
         for group in self._renderer.groups:
             group.play_space.move(matrix)
 
     def values(self, runs: Sequence[SampleRun]) -> F64:
         """Values (columns,) within the device's limits; neutral without sensations.
 
-        Parameters
-        ----------
-        runs : sequence of SampleRun
-            With at most one sample each, of index 0.
-
-        Raises
-        ------
-        InputError
-            A place of the device does not fit a model.
+        Runs have at most one sample each, of index 0. Raises InputError for a place of the device
+        that does not fit a model.
         """
         self._renderer.restart()
         self._renderer.add(runs)
@@ -127,22 +101,17 @@ class MomentRenderer:
     def tones(self) -> list[Partial]:
         """Sines of the last rendered moment, one for each effect, at the W waveform actuators.
 
-        With a single row each; together within the device's limits.
+        A single row each, together within the device's limits.
         """
         return list(self._renderer.partials())
 
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones, each actuator's at the time of response.
+        """Values and tones, each actuator's at the time of its response.
 
-        Parameters
-        ----------
-        now : sequence of SampleRun
-            Samples of the present moment.
-        later : mapping
-            Latency in milliseconds to samples so much later; missing latencies are not
-            compensated.
+        ``now`` are samples of the present moment; ``later`` maps a latency in ms to samples so much
+        later. Missing latencies are not compensated.
         """
         values, tones = self.values(now), self.tones()
         for latency_ms, (columns, is_late) in self._late.items():
@@ -155,11 +124,11 @@ class MomentRenderer:
         return values, tones
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
-        """Samples on the wearer, each with its gains at the actuators (A,), in 0..1."""
+        """Non-empty runs on the wearer, each with the gains of its first sample (A,), in 0..1."""
         on_wearer = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         return [(run, self._renderer.gains(run)[0]) for run in on_wearer]
 
 
 def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
-    """Tone at some of the actuators; silent at the rest."""
+    """Copy of a tone, silent but at the actuators of the mask ``chosen`` (W,)."""
     return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

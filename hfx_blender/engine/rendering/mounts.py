@@ -54,20 +54,10 @@ def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
 
 
 class Pad:
-    """Unrolled layout of actuators.
+    """Unrolled layout of actuators at ``centres`` (A, 3), rest space, m, about ``spacing_m`` apart.
 
-    Parameters
-    ----------
-    centres : (A, 3) float64
-        Positions of the actuators, rest space, metres.
-    spacing_m : float
-        Distance of neighbouring actuators.
-
-    Attributes
-    ----------
-    closed_m : float or None
-        Circumference of a layout that surrounds the cylinder, with both ends adjacent; None for a
-        layout with two ends.
+    ``closed_m``: circumference of a layout that surrounds the cylinder, with both ends adjacent;
+    None for a layout with two ends.
     """
 
     def __init__(self, mount: Mount, centres: F64, spacing_m: float) -> None:

@@ -100,20 +100,11 @@ class Unrendered:
 
 
 def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
-    """Parts of effects that none of several devices rendered.
+    """Parts of effects that none of several devices rendered, in the order of the rasters' streams.
 
-    A sample counts as rendered if one actuator of any device responds, however little of its area
-    that actuator covers.
-
-    Parameters
-    ----------
-    rasters : iterable of Raster
-        Of the same track, each for the wearer of its device.
-
-    Returns
-    -------
-    list of Unrendered
-        In the order of the rasters' streams; effects without missing samples are left out.
+    Rasters are of the same track, each for the wearer of its device. A sample counts as rendered if
+    one actuator of any device responds, however little of its area that actuator covers. Effects
+    without missing samples are left out.
     """
     streams: dict[tuple[str, str], FeltStream] = {}
     rates: dict[tuple[str, str], float] = {}

@@ -29,21 +29,11 @@ def render(
 ) -> Raster:
     """Render a whole track for one device.
 
-    Parameters
-    ----------
-    runs : iterable of SampleRun
-        Block after block in time, within a block in the order of ``header.streams``, as from
-        ``TrackReader.runs()`` and ``Engine.evaluate``. Memory holds a single block.
-    models : callable
-        Loads a perceptual model by id.
-    body_id : str, optional
-        Body that wears the device; optional for a track with one body.
-
-    Raises
-    ------
-    InputError
-        The body is unknown, the device does not fit a model, or a model differs from that of the
-        recording.
+    Runs come block after block in time, within a block in the order of ``header.streams``, as from
+    ``TrackReader.runs()`` and ``Engine.evaluate``; memory holds a single block. ``models`` loads a
+    perceptual model by id. ``body_id``, the wearer, is optional for a track with one body. Raises
+    InputError for an unknown body, a device that does not fit a model, or a model other than that
+    of the recording.
     """
     renderer = Renderer(header, device, models, body_id=body_id)
     for block in blocks(header, runs):
@@ -52,7 +42,7 @@ def render(
 
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
-    """Split a track's runs into blocks of time."""
+    """Yield the runs of each block of time: successive runs in the order of ``header.streams``."""
     position = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
     previous = -1
@@ -73,12 +63,9 @@ def renderers_of(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """Renderers for each device on each body, or on the given bodies; None is the only body.
+    """(Device, renderer) for each body, then each device; ``body_ids`` None: all bodies.
 
-    Raises
-    ------
-    InputError
-        A body is not in the track, or is not the only body.
+    An id of None is the only body. Raises InputError for an unknown body, or for None with several.
     """
     ids = [body.id for body in header.bodies] if body_ids is None else body_ids
     return [
@@ -87,7 +74,7 @@ def renderers_of(
 
 
 def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[str, str]:
-    """Devices with places that do not fit a body model of the scene: device id to a sentence."""
+    """Sentences by device id about places off a body model of the scene's skin effects."""
     on_skin = (e for e in scene.effects if not isinstance(e.area, ActuatorArea))
     streams = dict.fromkeys((effect.modality, effect.model_id) for effect in on_skin)
     reasons: dict[str, str] = {}

@@ -43,7 +43,7 @@ class _Outcome:
 
     @classmethod
     def none(cls, indices: I64, strengths: F64) -> _Outcome:
-        """Outcome of samples before rendering."""
+        """Outcome of samples (n,) before rendering: all masks False."""
         return cls(indices, strengths, *(np.zeros(len(indices), np.bool_) for _ in range(4)))
 
 
@@ -61,27 +61,21 @@ class Renderer:
     """Renderer of a track's blocks, in order of time, for one device.
 
     Memory: arrays of a block, the raster (8 bytes per time and column), 20 bytes per sample.
+    Raises InputError for an unknown wearer.
 
     Parameters
     ----------
     models : callable
         Loads a perceptual model by id.
     body_id : str, optional
-        Body that wears the device; optional for a track with one body.
+        Body that wears the device, also an attribute; optional for a track with one body.
     compensates_latency : bool
         Advance values by each actuator's latency.
 
     Attributes
     ----------
-    body_id : str
-        Body that wears the device.
     groups : tuple of ActuatorGroup
         The device's actuators by modality.
-
-    Raises
-    ------
-    InputError
-        The wearer is unknown.
     """
 
     def __init__(
@@ -123,21 +117,17 @@ class Renderer:
         self._missing = MissingActuators(device)
 
     def restart(self) -> None:
-        """Discard all blocks; keep model tables and the frequencies that actuators hold."""
+        """Discard all blocks and values; keep model tables and held frequencies."""
         self._partials.forget()
         self._outcomes = {stream: [] for stream in self._outcomes}
         self._values = np.tile(self._neutral, (len(self._values), 1))
         self._next_row = 0
 
     def add(self, runs: Iterable[SampleRun]) -> None:
-        """Render the next block: all runs of its times.
+        """Render the next block: all runs of its times; runs on other bodies are ignored.
 
-        Raises
-        ------
-        InputError
-            A place of the device does not fit a model, or a model is not the track's.
-        ValueError
-            The block is not later than the blocks before.
+        Raises InputError for a place off a model, or a model other than the track's, and ValueError
+        for a block not later than the blocks before.
         """
         runs = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         runs = [self._drives.on_device(run) for run in runs]
@@ -171,7 +161,10 @@ class Renderer:
             self._outcomes[run.stream].append(outcome)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on deviations from the configuration; after all blocks, before :meth:`raster`."""
+        """Sentences about missing vertices or actuators, replaced schemes, late beginnings.
+
+        To be called after all blocks, before :meth:`raster`.
+        """
         name = f"device '{self._device.id}'"
         notes = [note for group in self.groups for note in group.notes()]
         notes += self._missing.notes(self._header)
@@ -190,7 +183,7 @@ class Renderer:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
 
     def _strength(self, run: SampleRun) -> F64:
-        """Strength parameter of each sample, (n,); for temperature the deviation from neutral."""
+        """Strength parameter of each sample, (n,); for temperature the signed deviation."""
         if run.stream.modality == "temperature":
             return run.parameters[:, 0] - self._neutral_c(run.stream)
         return run.parameters[:, 0]
@@ -208,7 +201,10 @@ class Renderer:
         return model
 
     def _mixed(self, group: ActuatorGroup, shares: Sequence[_GroupShare], rows: I64) -> Mixed:
-        """Combined strengths of the group's actuators at ``rows``, substitutions included."""
+        """Strengths (R, A) of the group's actuators at ``rows``, combined with substitutions.
+
+        Vibrations have one held frequency; waveform actuators also collect partials (side effect).
+        """
         mixes = []
         vibrations: list[tuple[str, F64, F64]] = []  # effect, (R, A) m/s^2, (R,) Hz
         for modality in MODALITIES:
@@ -255,7 +251,10 @@ class Renderer:
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
     def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Write mixed strengths into the raster; return the mask (R, A) of values out of limits."""
+        """Write neutral plus gain times strengths; returns the mask (R, A) out of limits.
+
+        Silence keeps the neutral frequency.
+        """
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -275,10 +274,7 @@ class Renderer:
     def gains(self, run: SampleRun) -> F64:
         """Gains (n, A) of all actuators of the device for a run's samples, in 0..1.
 
-        Raises
-        ------
-        InputError
-            A place of the device does not fit a model of a modality that the device renders.
+        Raises InputError for a place off a model of a modality that the device renders.
         """
         gains = np.zeros((len(run), len(self._device.actuators)))
         for group in self.groups:
@@ -360,7 +356,7 @@ class Renderer:
         )
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
-        """Columns of an actuator, advanced by the latency."""
+        """Columns of an actuator (T, P), advanced by the latency if compensated."""
         latency_ms = kind.latency_ms if self._compensates_latency else 0.0
         rate_hz = self._header.time.rate_hz
         return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
@@ -374,9 +370,9 @@ class Renderer:
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
-        """Masks (T,) of rows that a script changed, and of rows in which any actuator plays.
+        """Masks (T,) of rows changed by a script from ``without``, and of rows with any strength.
 
-        Includes the rows at which late actuators respond.
+        Both also at the rows later by each actuator's latency, when it responds.
         """
         is_changed, is_on = np.zeros((2, len(without)), np.bool_)
         for part, kind in self._parts():
@@ -402,7 +398,11 @@ class Renderer:
         )
 
     def _why_not(self, stream: Stream) -> Reason:
-        """Reason for samples that drive no actuator: ``device``, ``place`` or ``modality``."""
+        """Reason for samples that drive no actuator.
+
+        ``device``: the effect drives another device; else ``place`` if a group renders the
+        modality, or ``modality``.
+        """
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"
@@ -410,7 +410,7 @@ class Renderer:
         return "place" if can else "modality"
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
-        """Shortfalls of each stream, by reason."""
+        """Yield the shortfalls of each stream, with at least one sample, by reason."""
         for rendered in felt:
             outcomes = self._outcomes[rendered.stream]
             losses: dict[Reason, list[Bool]] = {

@@ -26,12 +26,8 @@ sample index on, as rows of a 3 x 4 matrix to world space, metres."""
 class PlaySpace:
     """Poses of the play space over the samples of a track.
 
-    Parameters
-    ----------
-    indices : (n,) int64
-        Ascending sample indices; a pose holds until the next, the first also before.
-    matrices : (n, 4, 4) float64
-        Play space to world, metres.
+    ``indices`` (n,) are ascending samples; a pose holds until the next, the first also before.
+    ``matrices`` (n, 4, 4): play space to world, m.
     """
 
     def __init__(self, indices: I64, matrices: F64) -> None:
@@ -42,10 +38,7 @@ class PlaySpace:
     def of_settings(cls, settings: Mapping[str, Any]) -> PlaySpace:
         """Play space of a track's settings; the world itself without an entry.
 
-        Raises
-        ------
-        InputError
-            The entry is malformed or holds an unusable pose.
+        Raises InputError for a malformed entry, or an unusable pose.
         """
         content = settings.get(SETTING)
         if content is None:
@@ -75,12 +68,12 @@ class PlaySpace:
             self._indices, self._inverses = np.zeros(1, np.int64), affine_inverse(matrix[None])
 
     def pose(self, index: int) -> F64:
-        """Play space to world at a sample, (4, 4)."""
+        """Play space to world, (4, 4), at sample ``index``."""
         entry = max(int(np.searchsorted(self._indices, index, side="right")) - 1, 0)
         return affine_inverse(self._inverses[entry][None])[0]
 
     def local(self, run: SampleRun) -> F64:
-        """Positions of a run's entries in the play space, (total, 3) metres."""
+        """Positions of a run's entries in the play space at their samples, (total, 3), m."""
         assert run.positions is not None
         entry = np.searchsorted(self._indices, run.indices, side="right") - 1
         inverse = self._inverses[np.maximum(entry, 0)]
@@ -95,7 +88,7 @@ def has_place(actuator: Actuator) -> bool:
 
 
 def needs_positions(devices: Sequence[DeviceConfig]) -> bool:
-    """Test for devices whose rendering needs the positions of samples."""
+    """Test for any actuator with a position in the room, which needs the positions of samples."""
     return any(has_place(actuator) for device in devices for actuator in device.actuators)
 
 
@@ -116,16 +109,10 @@ def reaches(place: RoomPlace, points: F64) -> Bool:
 
 
 def room_gains(place: RoomPlace, on_parts: Bool, run: SampleRun, points: F64) -> F64:
-    """Gain (n,) of an actuator in the room for each sample: the largest weight within reach.
+    """Gain (n,) of an actuator in the room for each sample: largest weight in reach, or 0.
 
-    Parameters
-    ----------
-    on_parts : (V,) bool
-        Vertices of the run's model on the parts of the place.
-    run : SampleRun
-        With a vertex set for each sample.
-    points : (total, 3) float64
-        Positions of the entries in the play space.
+    ``on_parts`` (V,) are the vertices on the parts of the place; ``points`` (total, 3) the entries'
+    positions in the play space. The run has a vertex set for each sample.
     """
     weights = np.where(on_parts[run.vertices] & reaches(place, points), run.weights, 0.0)
     gains = np.zeros(len(run))

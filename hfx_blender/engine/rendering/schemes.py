@@ -45,12 +45,9 @@ _NO_DIRECTION: Final = 1e-6
 def cells_of(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> ActuatorCells:
-    """Vertices of a model that each actuator reaches, with factors for a panning scheme.
+    """Vertices of a model reached by each actuator, mirrored as the device, with factors.
 
-    Raises
-    ------
-    InputError
-        A place does not fit this model, or the scheme needs a missing package.
+    Raises InputError for a place that does not fit this model, or a missing package of the scheme.
     """
     rows = rows_of(device, actuators, model)
     factors = None
@@ -84,12 +81,8 @@ def panned_layout(
 ) -> PannedLayout | None:
     """Layout of actuators for a device's panning scheme; None without panning.
 
-    Coverage, actuators in the room, and actuators without a vertex on this model do not pan.
-
-    Raises
-    ------
-    InputError
-        A place does not fit this model, or the scheme needs a missing package.
+    Coverage, actuators in the room, and actuators without a vertex on this model do not pan. Raises
+    InputError for a place that does not fit this model, or a missing package of the scheme.
     """
     try:
         return _panned_layout(device, actuators, model)
@@ -139,12 +132,9 @@ def _panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Reason why a scheme cannot pan between actuators on a model; empty without a reason.
+    """Reason why a scheme cannot pan, to follow "actuators", or empty.
 
-    Raises
-    ------
-    InputError
-        A place does not fit this model.
+    Reasons: a place in the room, no vertex on the model. Raises InputError as :func:`rows_of`.
     """
     if any(isinstance(actuator.place, RoomPlace) for actuator in actuators):
         return "stand in the room"
@@ -154,7 +144,7 @@ def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: Percept
 
 
 def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
-    """Centre of an actuator: configured, or the area-weighted mean of the vertices."""
+    """Rest-space centre (3,): configured, or area-weighted mean of the vertices ``row``."""
     if isinstance(actuator.place, BodyPlace):
         return np.array(actuator.place.centre_m)
     areas = model.areas_m2[row].astype(np.float64)
@@ -162,12 +152,12 @@ def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
 
 
 def _nearest(centre: F64, row: I32, model: PerceptualModel) -> int:
-    """Vertex of a row nearest to a centre."""
+    """Vertex id of ``row`` nearest to a centre in space."""
     return int(row[np.argmin(np.linalg.norm(model.vertices[row] - centre, axis=1))])
 
 
 def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
-    """Vertices on the parts and sides of the actuators, ascending."""
+    """Ascending vertices on the parts and sides of body places, or else of ``rows``."""
     allowed = np.zeros(len(model), np.bool_)
     for actuator, row in zip(actuators, rows, strict=True):
         configured = actuator.place
@@ -209,7 +199,7 @@ def _mount(device: DeviceConfig, centres: F64) -> Mount:
 
 
 def _fitted(centres: F64) -> Mount:
-    """Plane of least squares through actuators."""
+    """Mount in the plane of least squares through actuators, with the mean as origin."""
     middle = centres.mean(axis=0)
     axes = np.linalg.svd(centres - middle, full_matrices=True)[2]
     origin, x_axis, y_axis = (tuple(float(v) for v in vector) for vector in (middle, *axes[:2]))
@@ -231,7 +221,7 @@ def _planar(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _ring(device: DeviceConfig, centres: F64) -> _Gains:
-    """Ring in the plane of a flat mount, or around the cylinder of a bent mount."""
+    """Gains of a ring: by angle about the middle of a flat mount, or around a bent mount."""
     mount = _mount(device, centres)
     if mount.bend_radius_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
@@ -252,7 +242,7 @@ def _round(mount: Mount, centres: F64, radius_m: float) -> _Gains:
 
 
 def _line(device: DeviceConfig, centres: F64) -> _Gains:
-    """Line along the layout's x axis, closed where the layout surrounds the cylinder."""
+    """Gains of a line along the layout's x axis, closed where the layout surrounds the cylinder."""
     mount, pad = _mount(device, centres), _pad(device, centres)
     if mount.bend_radius_m is not None and pad.closed_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
@@ -261,7 +251,7 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
-    """VBAP in space about the middle of the actuators, or in their plane for a flat layout.
+    """Gains of VBAP about the middle of the actuators, in space, or in the plane of a flat layout.
 
     With an actuator in the middle the viewpoint moves behind the layout.
     """
@@ -316,11 +306,7 @@ class FocusPanning:
     Schneider et al., UIST 2015: the place of the virtual actuator is rendered, so that motion is
     smooth. A disc up to as wide as the gaps between actuators is a phantom sensation at its centre.
     For a wider disc each actuator takes the strongest of the phantom sensations within the disc.
-
-    Parameters
-    ----------
-    is_mirrored : bool
-        The layout is configured for the opposite side of the body.
+    ``is_mirrored``: the layout is configured for the opposite side of the body.
     """
 
     def __init__(self, layout: PannedLayout, model: PerceptualModel, *, is_mirrored: bool) -> None:
@@ -332,14 +318,7 @@ class FocusPanning:
         self._side = -1.0 if is_mirrored else 1.0
 
     def gains(self, focus: F32) -> F64:
-        """Gains (n, A) of the actuators, in 0..1.
-
-        Parameters
-        ----------
-        focus : (n, 4) float32
-            Centre in rest space and radius, metres; see
-            :class:`~hfx_blender.engine.samples.SampleRun`.
-        """
+        """Gains (n, A), 0..1, for spots (n, 4): centre in rest space and radius, m."""
         known, which = np.unique(focus.astype(np.float64), axis=0, return_inverse=True)
         places = known[:, :3] * [self._side, 1.0, 1.0]
         beyond_m = known[:, 3] - 0.5 * self._layout.spacing_m
@@ -356,7 +335,7 @@ class FocusPanning:
 
 
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
-    """Points (m, 3) on rings about a centre, in the plane across a normal."""
+    """Points (18, 3) on two rings of ``radius_m`` (half and full) in the plane across a normal."""
     axes = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
     first_axis, second_axis = axes[1], axes[2]
     rings = []

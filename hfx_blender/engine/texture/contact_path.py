@@ -59,7 +59,7 @@ class ContactPaths:
 
     @property
     def length_m(self) -> F64:
-        """Length of each path in surface coordinates, (n,)."""
+        """Length of each path (both pieces) in surface coordinates, (n,), m."""
         steps = self.ends_m[1::2] - self.ends_m[::2]
         steps *= steps
         lengths = np.sqrt(steps[:, 0] + steps[:, 1])
@@ -144,7 +144,10 @@ class ContactFollower:
         self._last, self._last_ids = _no_places(), np.zeros(0, np.int64)
 
     def _chosen(self, places: NearestPlaces, time: I64, ids: I64) -> NearestPlaces:
-        """Keep the allowed number of contacts at each time: preferred points, then the nearest."""
+        """Keep at most ``max_contacts`` at each time, preferred points first, then the nearest.
+
+        Counts the times cut in ``crowded``.
+        """
         if len(places.point) <= self._max_contacts:
             return places
         counts = np.bincount(time[places.point])
@@ -161,7 +164,7 @@ class ContactFollower:
     def _nearest(
         self, matrices: F64, vertices: F64, time: I64, points: F64
     ) -> tuple[NearestPlaces, F64]:
-        """Places of the points within reach, and vertices of the mesh in the same space.
+        """Places of the points within reach; mesh vertices (T or 1, V, 3) in the same space.
 
         For a rigid mesh one row of vertices, in the space of the first placement.
         """
@@ -180,7 +183,7 @@ class ContactFollower:
         return _joined([_no_places(), *parts]), world
 
     def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
-        """Rotations from search to world space, (n, 3, 3); None for a mesh that deforms."""
+        """Rotations from search to world space, (1 or T, 3, 3); None for a deforming mesh."""
         if len(vertices) > 1:
             return None
         linear = matrices[:, :3, :3]
@@ -203,7 +206,10 @@ class ContactFollower:
         return turns
 
     def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> NearestPlaces:
-        """Nearest places at time ``k`` of a deforming mesh, from triangles near the points only."""
+        """Nearest places of the points at time ``k`` on a mesh with vertices ``world`` (V, 3).
+
+        Only triangles near the points are searched.
+        """
         at_time = np.flatnonzero(time == k)
         triangles = self._mesh.triangles
         low = points[at_time].min(axis=0) - self._reach_m
@@ -222,7 +228,11 @@ class ContactFollower:
     def _paths(
         self, vertices: F64, places: NearestPlaces, time: I64, ids: I64, follows: Bool, carried: int
     ) -> ContactPaths:
-        """Paths of places since the time before, with ``vertices`` in the space of the places."""
+        """Paths of places since the time before; no length for new contacts.
+
+        ``vertices`` (T or 1, V, 3) are in the space of the places; the first ``carried`` entries
+        are of the call before.
+        """
         triangle, weights = places.triangle, places.weights
         coordinates = self._mesh.coordinates_m.take(triangle, axis=0)
         now = np.einsum("nk,nkc->cn", weights, coordinates)
@@ -272,7 +282,10 @@ class ContactFollower:
     def _over_seams(
         self, vertices: F64, time: I64, triangle: I64, ends: F64, continued: I64, was: I64, way: F64
     ) -> I64:
-        """Split paths at seams, in place; returns the subset of ``kept`` that crosses one."""
+        """Split paths at seams in ``ends`` (4, 2, n); returns indices of ``continued`` at seams.
+
+        ``was`` are the contacts' entries at the time before, ``way`` (m, 3) their paths in space.
+        """
         # Continuous coordinates change by the mean of what both triangles' charts predict.
         sides = self._along(vertices, time, np.stack([triangle[was], triangle[continued]]), way)
         expected = 0.5 * (sides[0] + sides[1])
@@ -288,7 +301,7 @@ class ContactFollower:
         return seams
 
     def _along(self, vertices: F64, time: I64, triangle: I64, way: F64) -> F64:
-        """Paths (n, 3) of the mesh's space in the coordinates of triangles (s, n), (s, 2, n)."""
+        """Paths ``way`` (n, 3) in the surface coordinates of triangles (s, n), (s, 2, n)."""
         if self._still is not None and vertices is self._still.placed:
             charts = self._still.charts.take(triangle, axis=0)
         else:
@@ -343,9 +356,9 @@ def _joined(parts: list[NearestPlaces]) -> NearestPlaces:
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:
-    """Linear maps from space to surface coordinates, one for each triangle, (n, 2, 3).
+    """Linear maps (n, 2, 3) from space to surface coordinates, one for each triangle.
 
-    0 for a triangle without area.
+    Corners are (n, 3, 3), their coordinates (n, 3, 2). 0 for a triangle without area.
     """
     edges = corners[:, 1:] - corners[:, :1]
     # Gram matrix of two edges; its inverse gives the dual basis in the triangle's plane.

@@ -56,7 +56,7 @@ class ContactRenderer:
         """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, (n,) each.
 
         To be called with each result of :meth:`.ContactFollower.follow` in order. Resting, new and
-        carried contacts are silent.
+        carried contacts are silent; the drive is cut at 1.
         """
         drive, frequency = np.zeros(len(paths)), np.zeros(len(paths))
         moves = paths.length_m > REST_M_S * self._step_s
@@ -78,7 +78,10 @@ class ContactRenderer:
         return drive, frequency
 
     def _collide(self, paths: ContactPaths, moving: I64, drive: F64, frequency: F64) -> None:
-        """Render the strongest texel on each path, in place."""
+        """Set drive and frequency of contacts ``moving``, in place, by the strongest texel.
+
+        The strongest texel on the path counts; at a seam, on both pieces.
+        """
         map_ = self._texture.map
         assert map_ is not None
         starts, ends = paths.ends_m[0].take(moving, axis=1), paths.ends_m[3].take(moving, axis=1)
@@ -102,7 +105,10 @@ class ContactRenderer:
         frequency[moving] = self._texture.device.frequency_of(map_.sharpness.ravel().take(texel))
 
     def _heights(self, field: HeightField, paths: ContactPaths, moving: I64) -> F64:
-        """Windows of heights up to now of moving contacts; stores those of all contacts."""
+        """Windows of heights (m, window) up to now of the contacts ``moving``.
+
+        Stores the heights of all contacts of the last time for the next call.
+        """
         carried, blocks, steps = paths.carried, self._blocks, self._steps
         stored = self._history[:carried].reshape(-1, steps)
         new = self._new_heights(field, paths)
@@ -124,7 +130,7 @@ class ContactRenderer:
         return windows.reshape(len(moving), blocks * steps)[:, -self._window :]
 
     def _at_once(self, new: F64, paths: ContactPaths, moving: I64) -> F64:
-        """:meth:`_heights` for a single time."""
+        """Windows as :meth:`_heights`, with heights ``new`` (n, steps) of a single time."""
         before = paths.before[paths.carried :]
         fresh = (before < 0).nonzero()[0]
         history = np.zeros((len(new), self._blocks, self._steps))
@@ -138,7 +144,10 @@ class ContactRenderer:
         return windows.reshape(len(moving), self._blocks * self._steps)[:, -self._window :]
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
-        """Rows of heights with the rows before them, (n, blocks, steps)."""
+        """Rows ``which`` (n,) of heights, each after its chain of rows before, (n, blocks, steps).
+
+        ``back`` is the row before each row.
+        """
         rows = np.zeros((len(which), self._blocks), np.int64)
         for block in range(self._blocks - 1, -1, -1):
             rows[:, block] = which
@@ -146,7 +155,10 @@ class ContactRenderer:
         return heights.take(rows, axis=0)
 
     def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
-        """Heights on each path that is not carried, (n, steps)."""
+        """Heights (n, steps) on the paths that are not carried, so that no texel is skipped.
+
+        Each is the mean of at most 32 heights.
+        """
         steps = self._steps
         # Begin and end of both pieces in rows and columns, (4, 2, n).
         places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel
@@ -174,7 +186,7 @@ class ContactRenderer:
 
 @lru_cache(maxsize=64)
 def _shares(count: int) -> F64:
-    """Centres of ``count`` equal parts, as shares of a path's length."""
+    """Centres (count,) of equal parts of a path, as shares of its length."""
     shares: F64 = (np.arange(count) + 0.5) / count
     return shares
 

@@ -44,13 +44,13 @@ class DeviceRange:
                 raise InputError(f"Device range: {name} is {value:g}; expected more than 0.")
 
     def amplitude_m_s2(self, intensity: npt.ArrayLike) -> F64:
-        """Peak acceleration of intensities, clipped to 0..1; exactly 0 for intensity 0."""
+        """Peak acceleration, m/s^2, of intensities clipped to 0..1; exactly 0 for intensity 0."""
         low, high = self.amplitude_g
         share = np.clip(np.asarray(intensity, np.float64), 0.0, 1.0)
         return np.where(share > 0.0, (low + share * (high - low)) * STANDARD_GRAVITY, 0.0)
 
     def frequency_of(self, sharpness: npt.ArrayLike) -> F64:
-        """Frequency of sharpness, clipped to 0..1, Hz."""
+        """Frequency, Hz, of sharpness clipped to 0..1."""
         low, high = self.frequency_hz
         share = np.minimum(np.maximum(np.asarray(sharpness, np.float64), 0.0), 1.0)
         return np.asarray(low + share * (high - low))
@@ -74,7 +74,10 @@ class NoticeableSteps:
 
 
 def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
-    """Shares 0..1 of a range, rounded to whole steps from its lower limit within the range."""
+    """Shares 0..1 of the range ``limits``, rounded to whole steps from its lower limit.
+
+    Steps beyond the range are not used; unchanged for a range without width.
+    """
     low, high = limits
     if high == low:
         return share
@@ -86,6 +89,8 @@ def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
 @dataclass(frozen=True, eq=False)
 class HapticMap:
     """Two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
+
+    Raises InputError for layers that differ in size or leave 0..1, or a texel without size.
 
     Parameters
     ----------
@@ -99,11 +104,6 @@ class HapticMap:
         Meaning of 0 and 1 in g and Hz.
     steps : NoticeableSteps, optional
         Steps to which both layers are rounded.
-
-    Raises
-    ------
-    InputError
-        The layers differ in size or leave 0..1, or the texel has no size.
     """
 
     intensity: F32
@@ -139,16 +139,16 @@ class HapticMap:
 
     @property
     def amplitude_m_s2(self) -> F64:
-        """Peak acceleration of each texel, (H, W)."""
+        """Peak acceleration of each texel, (H, W), m/s^2."""
         return self.device.amplitude_m_s2(self.intensity)
 
     @property
     def frequency_hz(self) -> F64:
-        """Frequency of each texel, (H, W)."""
+        """Frequency of each texel, (H, W), Hz."""
         return self.device.frequency_of(self.sharpness)
 
     def in_steps(self, steps: NoticeableSteps | None = None) -> HapticMap:
-        """Map with both layers rounded to steps that the device can play."""
+        """Copy with both layers rounded to noticeable steps; None: the default steps."""
         steps = steps or NoticeableSteps()
         return replace(
             self,

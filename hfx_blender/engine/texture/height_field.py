@@ -30,6 +30,8 @@ _AT_ONCE: Final = 1 << 13
 class HeightField:
     """Heights over a rectangle of a plane, in metres.
 
+    Raises InputError without texels or size, or for non-finite heights (see :mod:`.scan`).
+
     Parameters
     ----------
     heights_m : (H, W) float64
@@ -37,11 +39,6 @@ class HeightField:
         Size of a texel along x and y.
     tiles : bool
         Repeat the rectangle; else its edge continues outwards.
-
-    Raises
-    ------
-    InputError
-        No texels, no size, or heights that are not finite (see :mod:`.scan` for holes).
     """
 
     heights_m: F64
@@ -71,7 +68,7 @@ class HeightField:
 
     @cached_property
     def _pairs(self) -> npt.NDArray[np.complex128]:
-        """Heights with their right neighbours as complex numbers, padded by a row and a column.
+        """Flat array of heights (real) and right neighbours (imaginary), padded above and right.
 
         One memory access then reads two corners of a cell, without wrapping.
         """
@@ -81,9 +78,9 @@ class HeightField:
         return np.ndarray((size,), np.complex128, more, 0, (more.itemsize,))
 
     def at_places(self, places: F64, order: Order = "linear") -> F64:
-        """Heights (...) at rows and columns (2, ...), 0 at the centre of the first texel.
+        """Heights (...), m, at rows and columns (2, ...), 0 at the centre of the first texel.
 
-        Faster than :meth:`sample`; overwrites ``places``.
+        Faster than :meth:`sample`; may overwrite ``places``.
         """
         if order == "cubic":
             return cubic(self.heights_m, places, self.tiles)
@@ -121,6 +118,8 @@ def from_image(
 ) -> HeightField:
     """Height field of a picture of heights.
 
+    Raises InputError for a picture without texels, or an unusable depth or size.
+
     Parameters
     ----------
     grey : (H, W) float
@@ -130,11 +129,6 @@ def from_image(
         Height of white over black; may be negative.
     size_m : (float, float)
         Size of the whole picture.
-
-    Raises
-    ------
-    InputError
-        The picture has no texels or the depth or size is unusable.
     """
     values = np.asarray(grey, np.float64)
     if values.ndim != 2 or values.size == 0:
@@ -146,7 +140,7 @@ def from_image(
 
 
 def check_texel(texel_m: tuple[float, float], what: str) -> None:
-    """Raise InputError for a texel size that is not positive; ``what`` begins the message."""
+    """Raise InputError for a size other than two positive numbers; ``what`` begins the message."""
     if len(texel_m) != 2 or not all(np.isfinite(t) and t > 0.0 for t in texel_m):
         shown = " x ".join(f"{1e3 * t:g}" for t in texel_m)
         raise InputError(f"{what}: a texel of {shown} mm; expected more than 0 both ways.")
@@ -159,7 +153,7 @@ def sample_grid(
     tiles: bool,
     order: Order = "linear",
 ) -> F64:
-    """Values (...) of a grid (H, W) at points (..., 2), interpolated; surface coordinates."""
+    """Values (...) of a grid (H, W) of texels at points (..., 2), x then y, m, interpolated."""
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 2)
     interpolated = bilinear if order == "linear" else cubic
@@ -255,17 +249,10 @@ def heights_of_normals(
     """Heights (H, W) in metres, of mean 0, whose slopes fit a normal map best.
 
     Least squares in the Fourier domain: Frankot and Chellappa (1988), "A method for enforcing
-    integrability in shape from shading algorithms".
-
-    Parameters
-    ----------
-    normals : array_like
-        (H, W, 3) unit normals in tangent space: x along columns, y along rows, z outwards. Normals
-        that are not finite count as flat.
-    texel_m : (float, float)
-        Size of a texel along columns and rows, metres.
-    tiles : bool
-        Continue at the opposite edge; else mirror at the edges.
+    integrability in shape from shading algorithms". Normals (H, W, 3) are unit vectors in tangent
+    space: x along columns, y along rows, z outwards; non-finite ones count as flat. ``texel_m`` is
+    the size of a texel along columns and rows, m. ``tiles``: continue at the opposite edge; else
+    mirror at the edges.
     """
     n = np.array(normals, np.float64)
     flat = ~np.isfinite(n).all(axis=2)

@@ -39,14 +39,8 @@ def crossed_texels(
     """Find all texels on straight segments, including the first.
 
     A texel is entered where the segment crosses a line between columns or rows; the remaining index
-    there is rounded down. Nothing is sampled, so no texel is missed.
-
-    Parameters
-    ----------
-    starts_m, ends_m : (M, 2) float64
-        Surface coordinates, metres.
-    shape : (int, int)
-        Rows and columns of the map.
+    there is rounded down. Nothing is sampled, so no texel is missed. Segments go from ``starts_m``
+    to ``ends_m`` (M, 2), surface coordinates; ``shape`` are rows and columns of the map.
     """
     lines = _lines(starts_m.T, ends_m.T, texel_m)
     count = len(starts_m)
@@ -63,12 +57,8 @@ def strongest_crossed(
 ) -> tuple[npt.NDArray[np.float32], I64]:
     """Intensity and number of the strongest texel on each straight segment, (M,) each.
 
-    Of equally strong texels the lowest number counts, so the direction does not matter.
-
-    Parameters
-    ----------
-    starts_m, ends_m : (2, M) float64
-        Surface coordinates, metres.
+    Of equally strong texels the lowest number counts, so the direction does not matter. Segments go
+    from ``starts_m`` to ``ends_m`` (2, M), surface coordinates, m.
     """
     if not starts_m.size:
         return np.zeros(0, np.float32), np.zeros(0, np.int64)
@@ -100,7 +90,7 @@ class _Lines:
 
 
 def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
-    """Entries of segments (2, M) into texels."""
+    """Entries of segments (2, M), x and y in m, into texels."""
     per_texel = np.array([[1.0 / texel_m[0]], [1.0 / texel_m[1]]])
     a, b = starts_m * per_texel, ends_m * per_texel
     count = a.shape[1]
@@ -140,7 +130,7 @@ def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
 
 
 def _numbered(texel: I64, shape: tuple[int, ...], tiles: bool) -> I64:
-    """Number of texels, row times columns plus column, wrapped or clamped into a map."""
+    """Numbers (n,) of texels (2, n), row * columns + column, wrapped or clamped into a map."""
     high, wide = shape
     row, column = wrapped_cells(texel, high, wide, tiles)
     number = row * wide
@@ -151,19 +141,10 @@ def _numbered(texel: I64, shape: tuple[int, ...], tiles: bool) -> I64:
 def strongest_in_steps(
     map_: HapticMap, stroke: Stroke, step_s: float, count: int
 ) -> tuple[F64, F64]:
-    """Intensity and sharpness of the strongest texel in each time step of a stroke.
+    """Intensity and sharpness (count,) of the strongest texel in each time step of a stroke.
 
-    Parameters
-    ----------
-    count : int
-        Steps from the start of the stroke.
-
-    Returns
-    -------
-    intensity : (count,) float64
-        0 at rest.
-    sharpness : (count,) float64
-        Of the same texel; at rest of the last texel, 0 before any.
+    ``count`` steps begin at the start of the stroke. Intensity is 0 at rest; sharpness is that of
+    the same texel, at rest of the last texel, 0 before any.
     """
     # Cut the stroke at its own positions and at the borders of steps, so that each segment lies in
     # a single step.
@@ -190,7 +171,10 @@ def strongest_in_steps(
 def _strongest(
     step: I64, levels: F64, sharpness: npt.NDArray[np.float32], count: int
 ) -> tuple[F64, F64]:
-    """Strongest level of each step and its sharpness, held through silence."""
+    """Largest of the ``levels`` (n,) of each ``step``, (count,), 0 without any, and its sharpness.
+
+    Sharpness is held through steps of level 0; 0 before any.
+    """
     order = np.lexsort((-levels, step))
     first = order[np.concatenate([[True], np.diff(step[order]) > 0])] if len(order) else order
     intensity = np.zeros(count)

@@ -57,7 +57,9 @@ def make_map(
     settings: MapSettings | None = None,
     slope: F32 | None = None,
 ) -> HapticMap:
-    """Make the haptic map of a surface.
+    """Make the haptic map of a surface: intensity from slope, sharpness from roughness.
+
+    Raises InputError for a roughness that is no picture of finite numbers.
 
     Parameters
     ----------
@@ -67,11 +69,6 @@ def make_map(
     slope : (H, W) float32, optional
         Separately estimated slope after a blur of one texel; blurred further as set. None for the
         slope of the heights.
-
-    Raises
-    ------
-    InputError
-        The roughness is not a picture of finite numbers.
     """
     settings = settings or MapSettings()
     if slope is None:
@@ -91,12 +88,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     """Sobel gradient magnitude of the blurred heights, metres per metre, (H, W).
 
     Spatial kernels, applied by Fourier transform, whose cost does not grow with the blur. A surface
-    without tiling continues flat beyond its edges.
-
-    Raises
-    ------
-    TooLargeError
-        The blur is huge for the size of a texel.
+    without tiling continues flat beyond its edges. Raises TooLargeError for a huge blur.
     """
     from scipy import fft
 
@@ -140,7 +132,10 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
 
 
 def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
-    """Copy of a slope with a blur of one texel, blurred to ``blur_m`` if that is more."""
+    """Copy of a slope (H, W), already blurred by one texel, blurred further to ``blur_m`` in all.
+
+    Unchanged along an axis whose texel is ``blur_m`` or larger.
+    """
     from scipy import ndimage
 
     more = [np.sqrt(max((blur_m / texel) ** 2 - 1.0, 0.0)) for texel in field.texel_m[::-1]]
@@ -151,7 +146,10 @@ def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
 def _transfers(
     waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Transfer functions of Gaussian and Sobel filters along one axis: smoothing, derivative."""
+    """Transfer functions (n,) along one axis: Gaussian times Sobel smoothing, or derivative.
+
+    ``waves`` (n,) are numbers of periods over ``count`` texels.
+    """
     from scipy import fft
 
     angle = 2.0 * np.pi * waves / count
@@ -167,7 +165,10 @@ def _transfers(
 
 
 def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: float) -> F32:
-    """Sharpness (H, W) from a roughness picture, or from ``default``."""
+    """Sharpness (H, W): 1 minus a roughness picture of any size, or ``default``, clipped to 0..1.
+
+    Raises InputError for a picture that is empty or not finite.
+    """
     shape = field.heights_m.shape
     if roughness is None:
         return np.full(shape, 1.0 - np.clip(default, 0.0, 1.0), np.float32)
@@ -180,7 +181,7 @@ def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: flo
 
 
 def _stretched(values: F32, count: int, tiles: bool) -> F32:
-    """Columns resampled linearly to ``count`` columns over the same width."""
+    """Columns of (h, w) resampled linearly to ``count`` columns over the same width."""
     known = values.shape[1]
     if known == count:
         return values

@@ -36,7 +36,7 @@ DRAFTS: Final[dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Weave:
-    """Woven cloth.
+    """Woven cloth; InputError for an unknown draft, or a period or depth that is not positive.
 
     Parameters
     ----------
@@ -52,11 +52,6 @@ class Weave:
         Share of the depth that a thread loses where it dives.
     fibre_m : float
         RMS roughness of the fibres.
-
-    Raises
-    ------
-    InputError
-        The draft is unknown, or period or depth is not positive.
     """
 
     draft: str
@@ -88,9 +83,9 @@ class ProceduralMaterial:
     period_m: float  # approximate distance of features
 
     def make(self, texels: int = 512, seed: int = 0) -> tuple[HeightField, F64]:
-        """Heights and roughness (N, N) of one square.
+        """Heights, lowest 0, and roughness (N, N) around the mean, 0..1, of one square.
 
-        Raises InputError for fewer than 16 texels.
+        Raises InputError for fewer than 16 ``texels`` a side.
         """
         if texels < 16:
             raise InputError(f"Material '{self.name}': {texels} texels; expected 16 or more.")
@@ -135,7 +130,10 @@ def noise(
 def _stones(
     rng: np.random.Generator, texels: int, size_m: float, diameter_m: float, flatness: float
 ) -> F64:
-    """Adjacent stones, heights 0..1: the highest stone counts at each point."""
+    """Adjacent stones on a jittered grid, heights (N, N): the highest stone counts at each point.
+
+    A low ``flatness`` exponent gives flat tops.
+    """
     spacing = 0.72 * diameter_m  # stones overlap
     per_side = max(round(size_m / spacing), 2)
     grid = (np.stack(np.meshgrid(*[np.arange(per_side)] * 2), -1).reshape(-1, 2) + 0.5) / per_side
@@ -208,7 +206,7 @@ def _corduroy(period_m: float, depth_m: float) -> Recipe:
 
 
 def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> Recipe:
-    """Growth rings along x, bent by slow noise, with short pores and cracks along the grain."""
+    """Recipe: growth rings along x, bent by slow noise, with pores and cracks along the grain."""
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         y = (np.arange(texels) + 0.5) / texels
@@ -227,14 +225,10 @@ def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> 
 
 
 def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightField:
-    """Make a square of cloth that tiles.
+    """Make a square of cloth (texels, texels) that tiles.
 
     Period and direction are changed to the nearest values with a whole number of repeats both ways.
-
-    Raises
-    ------
-    InputError
-        The square is smaller than a repeat of the weave.
+    Raises InputError for a square smaller than a repeat of the weave.
     """
     draft = np.array([[int(c) for c in row] for row in DRAFTS[weave.draft]], np.float64)
     wefts, warps = draft.shape
@@ -267,13 +261,16 @@ def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightFiel
 
 
 def _bulge(count: F64) -> F64:
-    """Height of a round thread over its width, 0..1."""
+    """Height of a round thread over its width, 0.3 to 1; ``count`` counts threads across."""
     across = 2.0 * (count - np.floor(count)) - 1.0
     return np.sqrt(np.maximum(1.0 - 0.9 * across**2, 0.0))
 
 
 def _thread(draft: F64, own: F64, crossing: F64) -> F64:
-    """Height of a thread, 0..1, smooth between crossings."""
+    """Height of a thread along itself: 1 on top, 0 below, smooth between crossings.
+
+    ``own`` and ``crossing`` count threads of its own kind and of the crossing kind.
+    """
     crossed, threads = draft.shape
     thread = np.floor(own).astype(np.int64) % threads
     position = crossing - 0.5

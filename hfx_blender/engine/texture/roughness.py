@@ -60,20 +60,11 @@ class Roughness:
 
 
 def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUTOFF_M) -> Roughness:
-    """Roughness of a measured profile without its form (tilt).
+    """Roughness of a measured profile (N,) of even spacing, without its form (tilt).
 
     One cut-off at each end is run-up of the filter. The rest is evaluated in up to five sampling
-    lengths, one cut-off long each.
-
-    Parameters
-    ----------
-    heights_m : (N,) float64
-        Evenly spaced.
-
-    Raises
-    ------
-    InputError
-        The profile is shorter than three cut-offs, or not finite.
+    lengths, one cut-off long each. Raises InputError for a profile that is shorter than three
+    cut-offs, or not finite.
     """
     heights = np.asarray(heights_m, np.float64)
     if heights.ndim != 1 or not np.isfinite(heights).all():
@@ -150,15 +141,10 @@ def roughness_of_surface(
     direction_rad: float = 0.0,
     profiles: int = 16,
 ) -> Roughness:
-    """Mean roughness of random profiles across a surface in one direction.
+    """Mean roughness of random profiles across a surface in one direction, of constant seed.
 
     Profiles of a tiling surface have five sampling lengths, else as many as fit (see
-    :func:`roughness_of_profile`).
-
-    Raises
-    ------
-    InputError
-        The surface is too small for the cut-off.
+    :func:`roughness_of_profile`). Raises InputError for a surface too small for the cut-off.
     """
     spacing = 0.5 * min(field.texel_m)
     way = np.array([np.cos(direction_rad), np.sin(direction_rad)])
@@ -207,7 +193,7 @@ def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
 
 
 def _kernel(reach: int, spacing_m: float, cutoff_m: float) -> F64:
-    """Weights of ISO 16610-21 up to one cut-off on each side, with sum 1."""
+    """Weights (2 reach + 1,) of the Gaussian of ISO 16610-21, with sum 1."""
     x = np.arange(-reach, reach + 1) * spacing_m / (_ALPHA * cutoff_m)
     weights = np.exp(-np.pi * x**2)
     kernel: F64 = weights / weights.sum()

@@ -25,12 +25,8 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
     """Rotate points (N, 3) of a sheet so that z is the height.
 
     A sheet tilted by less than 30 degrees keeps its x and y; any other is rotated by the smallest
-    angle that levels its plane of least squares.
-
-    Raises
-    ------
-    InputError
-        Fewer than three points, points in line or too far away, or no sheet.
+    angle that levels its plane of least squares, about the mean as origin. Raises InputError for
+    fewer than three points, points in line or too far away, or no sheet.
     """
     positions = np.asarray(points, np.float64)
     if len(positions) < 3:
@@ -58,22 +54,11 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
 
 
 def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> HeightField:
-    """Height field of the scattered points of a scan; does not tile.
+    """Height field of the scattered points (N, 3) of a scan: x, y, height, m; does not tile.
 
     The mean plane is subtracted, and points that are not finite are dropped. Texels without a point
-    (holes, corners) are filled smoothly.
-
-    Parameters
-    ----------
-    points_m : (N, 3) float
-        x, y and height, metres, in any order.
-    texel_m : float, optional
-        Size of a texel; None for about one point per texel.
-
-    Raises
-    ------
-    InputError
-        Fewer than three points, points in line, or too many texels.
+    (holes, corners) are filled smoothly. ``texel_m`` None: about one point per texel. Raises
+    InputError for fewer than three points, points in line, or too many texels.
     """
     points = np.asarray(points_m, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -148,7 +133,7 @@ def _filled(values: F64, weights: F64) -> F64:
 
 
 def _averaged(place: F64, values: F64, shape: tuple[int, int], texel: float) -> F64:
-    """Mean of the points' values in each texel, (H, W); empty texels are filled."""
+    """Mean value of the points ``place`` (N, 2) in each texel, (H, W); empty texels filled."""
     rows, columns = shape
     i = np.minimum((place[:, 0] / texel).astype(np.int64), columns - 1)
     j = np.minimum((place[:, 1] / texel).astype(np.int64), rows - 1)

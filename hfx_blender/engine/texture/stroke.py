@@ -20,17 +20,9 @@ FAST_M_S: Final = 0.1
 class Stroke:
     """Positions of a finger, joined by straight lines (equation 5 of the textile paper).
 
-    Parameters
-    ----------
-    times_s : (N,) float64
-        Ascending, at least two.
-    points_m : (N, 2) float64
-        Surface coordinates, metres.
-
-    Raises
-    ------
-    InputError
-        Fewer than two positions, times that do not ascend, or values that are not finite.
+    ``times_s`` (N,) ascend, at least two; ``points_m`` (N, 2) are surface coordinates. Raises
+    InputError for fewer than two positions, times that do not ascend, or values that are not
+    finite.
     """
 
     times_s: F64
@@ -66,7 +58,7 @@ class Stroke:
 
     @property
     def speeds_m_s(self) -> F64:
-        """Speeds between successive positions, (N - 1,)."""
+        """Speeds between successive positions, (N - 1,), m/s."""
         steps = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
         speeds: F64 = steps / np.diff(self.times_s)
         return speeds
@@ -85,7 +77,10 @@ class Stroke:
         return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
 
     def resampled(self, rate_hz: float) -> Stroke:
-        """Stroke sampled at a rate, as by a touch screen (60 to 240 Hz), with its last position."""
+        """Stroke sampled at a rate from its start on, as by a touch screen, with its last position.
+
+        Raises InputError for a rate that is not positive.
+        """
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
         count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
@@ -102,7 +97,7 @@ def line(
     speed_m_s: float,
     rate_hz: float = 120.0,
 ) -> Stroke:
-    """Straight stroke at constant speed."""
+    """Straight stroke at constant speed, sampled at ``rate_hz``; errors as of :func:`along`."""
     way = length_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
     return along(np.array([start_m, np.asarray(start_m) + way]), speed_m_s, rate_hz)
 
@@ -110,10 +105,7 @@ def line(
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
     """Stroke along a path (N, 2) at constant speed, sampled at a pointer's rate.
 
-    Raises
-    ------
-    InputError
-        The path has no length, or speed or rate is not above zero.
+    Raises InputError for a path without length, or a speed or rate not above zero.
     """
     path = np.asarray(path_m, np.float64)
     if path.ndim != 2 or path.shape[1:] != (2,) or len(path) < 2 or not np.isfinite(path).all():

@@ -59,7 +59,9 @@ def render_stroke(
     window_s: float | None = None,
     waveform_rate_hz: float = 8000.0,
 ) -> StrokeSignal:
-    """Render a stroke as a vibration.
+    """Render a stroke as a vibration, in whole steps from its start.
+
+    Raises InputError for a stroke shorter than a step, or a step or rate not above zero.
 
     Parameters
     ----------
@@ -70,11 +72,6 @@ def render_stroke(
         as in exports, or the step if longer.
     waveform_rate_hz : float
         Sample rate of the waveform; 8 kHz suffices for skin, 48 kHz is for ears.
-
-    Raises
-    ------
-    InputError
-        The stroke is shorter than a step, or step or rate is not above zero.
     """
     step = texture.device.update_s if step_s is None else step_s
     if not (np.isfinite([step, waveform_rate_hz]).all() and step > 0.0 and waveform_rate_hz > 0.0):
@@ -117,7 +114,11 @@ def _direct(
     count: int,
     rate_hz: float,
 ) -> StrokeSignal:
-    """Render the heights themselves as waveform, for wide-band actuators."""
+    """Signal with the heights themselves, times c_v, as waveform, for wide-band actuators.
+
+    Amplitude and frequency are those of the unclipped waveform in a window before each step's end;
+    both outputs are cut at full scale.
+    """
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)

@@ -26,6 +26,8 @@ class SurfaceRenderer(Enum):
 class SurfaceTexture:
     """Haptic material of a surface.
 
+    Raises InputError without the renderer's heights or map, or for an unusable ``drive_per_m``.
+
     Parameters
     ----------
     height : HeightField, optional
@@ -39,11 +41,6 @@ class SurfaceTexture:
     is_calibrated : bool
         ``drive_per_m`` is the user's common setting; a device's own c_v replaces it
         (:mod:`..surface.surface_drive`).
-
-    Raises
-    ------
-    InputError
-        The renderer's heights or map are missing, or ``drive_per_m`` is negative or not finite.
     """
 
     height: HeightField | None = None

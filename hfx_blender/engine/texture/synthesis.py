@@ -48,23 +48,14 @@ def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
 
 
 def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
-    """Peak amplitude and frequency of the sine equivalent to each window of a waveform.
+    """Peak amplitude and frequency (...) of the sine equivalent to each window of a waveform.
 
-    For a sine, with c the cosine of its phase step, ``x[k - 1] + x[k + 1] = 2 c x[k]``, and ``(x[k
-    + 1] - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c)`` is its squared amplitude at every
-    k, so the result is exact also in windows without a whole number of periods. For further
-    waveforms the amplitude is sqrt(2) times the RMS and the frequency that of zero crossings
-    (Rice), but for the ends of the window.
-
-    Parameters
-    ----------
-    waveform : (..., n) float64
-        At least three values, without a mean.
-
-    Returns
-    -------
-    (...) float64, (...) float64
-        Unit of the waveform; Hz, 0 in silence.
+    Windows (..., n) have at least three values, without a mean. Frequency is Hz, 0 in silence. For
+    a sine, with c the cosine of its phase step, ``x[k - 1] + x[k + 1] = 2 c x[k]``, and ``(x[k + 1]
+    - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c)`` is its squared amplitude at every k,
+    so the result is exact also in windows without a whole number of periods. For further waveforms
+    the amplitude is sqrt(2) times the RMS and the frequency that of zero crossings (Rice), but for
+    the ends of the window.
     """
     change = waveform[..., 1:] - waveform[..., :-1]
     changes = np.einsum("...k,...k->...", change, change)
@@ -94,7 +85,7 @@ _KNOWN: WeakKeyDictionary[HeightField, HeightField] = WeakKeyDictionary()
 
 
 def without_waviness(field: HeightField) -> HeightField:
-    """Height field without the waviness that direct synthesis ignores; cached for each field."""
+    """Copy of a height field without wavelengths above 8 mm; cached for each field."""
     if field not in _KNOWN:
         waves = gaussian_waviness(field, WAVINESS_M)
         _KNOWN[field] = HeightField(field.heights_m - waves, field.texel_m, field.tiles)
@@ -102,14 +93,14 @@ def without_waviness(field: HeightField) -> HeightField:
 
 
 def _factor(field: HeightField, stroke: Stroke, rate_hz: float) -> int:
-    """Factor of the rate at which no step of a stroke skips a texel, at most 64."""
+    """Smallest whole factor of ``rate_hz``, 1 to 64, without a step of more than a texel."""
     steps = np.abs(np.diff(stroke.points_m, axis=0)) / np.asarray(field.texel_m)
     fastest = float((steps.max(axis=1) / np.diff(stroke.times_s)).max())
     return int(np.clip(np.ceil(fastest / rate_hz * (1.0 - 1e-9)), 1, _MAX_FACTOR))
 
 
 def _fade(stroke: Stroke, times: F64, rate_hz: float) -> F64:
-    """Gain from 0 at rest to 1 in motion, smoothed symmetrically in time."""
+    """Gain (n,) at evenly spaced times: 0 at rest, 1 from 2 mm/s on, smoothed over 4 ms."""
     share = np.clip(stroke.speed_at(times) / FULL_M_S, 0.0, 1.0)
     if share.min() == 1.0:
         return share
@@ -120,7 +111,7 @@ def _fade(stroke: Stroke, times: F64, rate_hz: float) -> F64:
 
 
 def _low_pass(factor: int) -> F64:
-    """Windowed-sinc decimation filter for a factor, with sum 1."""
+    """Windowed-sinc filter (16 factor + 1,) for decimation by a factor, with sum 1."""
     reach = _LOBES * factor
     x = np.arange(-reach, reach + 1) / factor
     kernel = np.sinc(0.9 * x) * np.hanning(2 * reach + 3)[1:-1]

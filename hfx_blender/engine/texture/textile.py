@@ -33,7 +33,10 @@ _MOST_UNLIKE: Final = 40
 
 
 def receptor_weights(frequencies_hz: npt.ArrayLike) -> F64:
-    """Weights of equation 4 at frequencies in Hz: thresholds of slow and rapid receptors."""
+    """Weights of equation 4 at frequencies in Hz: 1/6 below 10, 1/2 below 40, 1 below 800, else 0.
+
+    Thresholds of slow and rapid receptors; signs do not count.
+    """
     f = np.abs(np.asarray(frequencies_hz, np.float64))
     return np.select([f < 10.0, f < 40.0, f < 800.0], [1.0 / 6.0, 0.5, 1.0], 0.0)
 
@@ -58,7 +61,7 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
 
 
 def _by_fourier(heights: F64, rate_hz: float) -> F64:
-    """Weighted RMS by its definition, with a Fourier transform."""
+    """Weighted RMS (...) of windows (..., n) by its definition, with a Fourier transform."""
     n = heights.shape[-1]
     spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
     # einsum, because OpenBLAS would start threads for a matrix product.
@@ -69,7 +72,7 @@ def _by_fourier(heights: F64, rate_hz: float) -> F64:
 
 
 def _multiplicity(n: int) -> F64:
-    """Multiplicity of the frequencies of a real transform: 2, but 1 at both ends."""
+    """Multiplicity (n // 2 + 1,) of a real transform's frequencies: 2, but 1 for 0 and Nyquist."""
     times = np.full(n // 2 + 1, 2.0)
     times[0] = 1.0
     if n % 2 == 0:
@@ -124,7 +127,10 @@ def drive_levels(
 
 
 def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
-    """Factor of the rate at which no step in a window exceeds a texel."""
+    """Smallest whole factor of 2 kHz, 1 to 64, without a step of more than a texel.
+
+    The window lasts ``window_s`` from ``begin_s`` on.
+    """
     first = max(int(np.searchsorted(stroke.times_s, begin_s, "right")) - 1, 0)
     last = int(np.searchsorted(stroke.times_s, begin_s + window_s, "left"))
     steps = np.abs(np.diff(stroke.points_m[first : last + 1], axis=0))

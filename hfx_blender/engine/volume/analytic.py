@@ -57,7 +57,7 @@ class _Convex:
         return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
     def _squared(self, points: F64) -> F64:
-        """Squared gauge of points (3, N), (N,): 0 at the core, 1 on the boundary."""
+        """Squared gauge (N,) of points (3, N): 0 in the core, 1 on the boundary, above outside."""
         raise NotImplementedError
 
     def contains(self, points: F64) -> Bool:
@@ -74,7 +74,7 @@ class Cuboid(_Convex):
         return squared
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Least distance to the six planes; see :meth:`Shape.depth_m`."""
+        """Least distance to the six planes, 0 outside; see :meth:`Shape.depth_m`."""
         widths = _half_widths(to_world[:3, :3])
         rises = np.fmax(1.0 - np.abs(points), 0.0)
         depths: F64 = np.min(rises * widths[:, None], axis=0)
@@ -89,7 +89,7 @@ class Sphere(_Convex):
         return _squared_norm(points)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to the ellipsoid; see :meth:`Shape.depth_m`."""
+        """Distance to the ellipsoid, 0 outside; see :meth:`Shape.depth_m`."""
         depths = np.zeros(points.shape[1])
         inside = self.contains(points)
         depths[inside] = Ellipsoid.of_map(to_world[:3, :3]).depth(points[:, inside])
@@ -104,7 +104,7 @@ class Cylinder(_Convex):
         return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to caps and side; see :meth:`Shape.depth_m`.
+        """Distance to caps and side, 0 outside; see :meth:`Shape.depth_m`.
 
         A ball inside each of two convex sets is inside their intersection, so the depth
         is the smaller of the depths between the cap planes and in the infinite cylinder.
@@ -144,7 +144,7 @@ class Capsule(_Convex):
         return squared
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to side and caps; see :meth:`Shape.depth_m`.
+        """Distance to side and caps, 0 outside or if flat; see :meth:`Shape.depth_m`.
 
         An affine capsule is an ellipsoid swept along a segment. The nearest boundary point is
         either on the side, where the infinite cylinder has the same depth, or on the outer half of
@@ -201,22 +201,13 @@ class Ellipsoid:
         return self._distance(along, tau)
 
     def local_feet(self, points: F64) -> list[tuple[F64, F64]]:
-        """Feet at which the distance from a point has a local minimum.
+        """Feet at which the distance from a point (n, N) of the unit ball has a local minimum.
 
-        At most two exist: the nearest surface point, and a foot beyond the plane across the
-        shortest axis (Martinez, "Local minimizers of quadratic functions on Euclidean balls and
-        spheres", SIAM J. Optim. 4, 1994).
-
-        Parameters
-        ----------
-        points : (n, N) float64
-            In the space of the unit ball; the ellipsoid must not be flat.
-
-        Returns
-        -------
-        list of (feet (n, N), distances (N,))
-            Two entries: nearest foot, then second minimum. Feet on the unit sphere; distances in
-            world units, infinity where no such foot exists.
+        Two entries (feet (n, N) on the unit sphere, distances (N,) in world units): nearest foot,
+        then second minimum, at infinity where none exists. At most two exist: the nearest surface
+        point, and a foot beyond the plane across the shortest axis (Martinez, "Local minimizers of
+        quadratic functions on Euclidean balls and spheres", SIAM J. Optim. 4, 1994). The ellipsoid
+        must not be flat.
         """
         along = self.axes @ points
         minima = []
@@ -271,9 +262,7 @@ class Ellipsoid:
                 below = tau + poles
                 squares = (numerators / below) ** 2
                 total = np.sum(squares, axis=0)
-                # Newton step for 1 /
-                # x / s
-                #  - 1.
+                # Newton step for 1 / |x / s| - 1.
                 step = total * (np.sqrt(total) - 1.0) / np.sum(squares / below, axis=0)
                 moved = tau + step
                 if not nearest:

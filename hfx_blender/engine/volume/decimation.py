@@ -28,29 +28,12 @@ _FINE: Final = 16.0  # largest mean edge length in bounds with any hope of a gai
 def decimated(
     vertices: F64, triangles: I32, bound: float, to_surface: Callable[[F64], F64]
 ) -> tuple[F64, I32] | None:
-    """Decimate a closed mesh so that both surfaces are at most ``bound`` apart.
+    """Decimate a closed mesh, both surfaces at most ``bound`` apart; None without much gain.
 
     Measured at all vertices of the mesh, and at the vertices and face centres of the result. The
-    result is closed; its volume differs by at most the mesh's area times the bound.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    triangles : (F, 3) int32
-    bound : float
-        In the unit of the vertices.
-    to_surface : callable
-        Distances (N,) of points (3, N) to the mesh.
-
-    Returns
-    -------
-    (vertices, triangles) or None
-        None where the bound allows no useful decimation.
-
-    Raises
-    ------
-    ImportError
-        fast-simplification or trimesh is missing.
+    result, vertices (v, 3) and triangles (f, 3), is closed; its volume differs by at most the
+    mesh's area times the bound. ``to_surface`` gives distances (N,) of points (3, N) to the mesh.
+    Raises ImportError without fast-simplification or trimesh.
     """
     import fast_simplification
     from trimesh.triangles import area
@@ -89,7 +72,10 @@ def _is_within(
     bound: float,
     to_surface: Callable[[F64], F64],
 ) -> bool:
-    """Test a decimated mesh (points, faces) for being closed and within the bound both ways."""
+    """Test a decimated mesh (points, faces): closed, within ``bound`` both ways and in volume.
+
+    The volume may differ by the area times ``bound``.
+    """
     from trimesh.triangles import area, mass_properties
 
     if not is_closed(faces) or _farthest(vertices, points, faces) > bound:
@@ -107,6 +93,6 @@ def _is_within(
 
 
 def _farthest(places: F64, points: F64, faces: I32) -> float:
-    """Largest distance of points ``places`` (n, 3) to the surface of a mesh."""
+    """Largest distance of ``places`` (n, 3) to the surface of the mesh (points, faces)."""
     tree = TriangleTree(points[faces] - points[0])
     return float(tree.distances(np.ascontiguousarray((places - points[0]).T)).max())

@@ -16,23 +16,10 @@ from ..device_config import DeviceConfig
 def limited(
     values: npt.ArrayLike, lowest: npt.ArrayLike, highest: npt.ArrayLike, silent: npt.ArrayLike
 ) -> F64:
-    """Values within an actuator's range.
+    """Clip values (..., P) of an actuator to ``lowest`` and ``highest``, both included.
 
-    If any parameter is NaN or infinite, all parameters become ``silent``: a minimum or maximum
-    alone would turn NaN into full power.
-
-    Parameters
-    ----------
-    values : (..., P)
-        Parameters of one actuator in the last axis.
-    lowest, highest : (P,) or broadcastable
-        Allowed range, both included.
-    silent : (P,) or broadcastable
-        Values of silence, within the range.
-
-    Returns
-    -------
-    (..., P) float64
+    If any of the P parameters is NaN or infinite, all become ``silent``: a minimum or maximum alone
+    would turn NaN into full power. Limits and ``silent`` are (P,) or broadcastable.
     """
     values = np.asarray(values, np.float64)
     is_number = np.isfinite(values).all(axis=-1, keepdims=True)
@@ -65,11 +52,11 @@ class DeviceLimits:
         self.silent: F64 = self.neutral[self._columns]
 
     def by_actuator(self, values: F64) -> F64:
-        """Limited values (A, P) of values (columns,)."""
+        """Values (columns,) as (A, P), limited; fewer controls than P repeat the strength."""
         return limited(values[self._columns], self._lowest, self._highest, self.silent)
 
     def joined(self, values: F64) -> F64:
-        """Values (A, P) as a new array (columns,)."""
+        """New array (columns,) of values (A, P) by actuator; repetitions are ignored."""
         columns = np.zeros_like(self.neutral)
         for index in reversed(range(values.shape[1])):  # the strength last, over its repetitions
             columns[self._columns[:, index]] = values[:, index]
@@ -77,24 +64,11 @@ class DeviceLimits:
 
 
 def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) -> F64:
-    """Rows advanced by an actuator's latency, to the nearest row.
+    """Rows (T, P) of one actuator advanced by its latency in whole rows, ``neutral`` last.
 
     Values within the latency after the first row would have to be sent before. Such values
-    stay at their own rows, if these are otherwise neutral, and are felt late.
-
-    Parameters
-    ----------
-    values : (T, P) float64
-        Controls of one actuator.
-    neutral : (P,) float64
-        Values for the last rows.
-    rate_hz : Fraction
-        Rate of the rows.
-
-    Returns
-    -------
-    (T, P) float64
-        ``values`` itself if the latency is less than half a row.
+    stay at their own rows, if these are otherwise neutral, and are felt late. Returns ``values``
+    itself if the latency is less than half a row.
     """
     rows = min(rows_of(rate_hz, latency_ms), len(values))
     if not rows:
@@ -113,24 +87,12 @@ def rows_of(rate_hz: Fraction, latency_ms: float) -> int:
 
 
 def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:
-    """Hold values over update intervals: each interval takes the strongest row.
+    """Hold rows (T, P) over update intervals: each interval takes the strongest row.
 
-    Intervals start at the first row; a row belongs to the interval of its start. A contact
-    shorter than an interval keeps its peak; a value comes at most an interval early.
-
-    Parameters
-    ----------
-    values : (T, P) float64
-        Controls of one actuator, strength first.
-    neutral : (P,) float64
-        Strength is the deviation from ``neutral[0]``.
-    rate_hz : Fraction
-        Rate of the rows.
-
-    Returns
-    -------
-    (T, P) float64
-        ``values`` itself if an interval is no longer than a row.
+    Intervals start at the first row; a row belongs to the interval of its start. Strength is the
+    deviation of column 0 from ``neutral[0]``; the first of equal rows counts. A contact shorter
+    than an interval keeps its peak; a value comes at most an interval early. Returns ``values``
+    itself if an interval is no longer than a row.
     """
     numerator, denominator = _interval(rate_hz, interval_ms)
     if numerator <= denominator or not len(values):
@@ -145,7 +107,7 @@ def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F6
 
 @lru_cache(maxsize=64)
 def _interval(rate_hz: Fraction, interval_ms: float) -> tuple[int, int]:
-    """Rows in an interval, as numerator and denominator."""
+    """Rows in an update interval as (numerator, denominator); approximated for long fractions."""
     rows = Fraction(interval_ms) / 1000 * rate_hz
     if rows.numerator >= 1 << 31:  # an interval such as 33.3 ms is a long binary fraction
         rows = rows.limit_denominator(1 << 16)

@@ -63,19 +63,12 @@ def driven(
     full_scale: float,
     totals: F64 | None = None,
 ) -> F64:
-    """Amplitudes of sines, 0..1 of full scale, for the vibration of channels.
+    """Amplitudes (..., C) of sines, 0..1 of full scale, for the vibration of C channels.
 
-    Parameters
-    ----------
-    curves : sequence of C sequences of DriveCurve
-        Curves of each channel; empty for proportional output.
-    amplitudes, frequencies_hz : (..., C) float64
-        m/s^2 and Hz.
-    full_scale : float
-        Acceleration of a fully driven channel without curves, m/s^2.
-    totals : (..., C) float64, optional
-        Amplitude of all sines of a channel together. Each sine takes its share of the drive for the
-        total, so that the sum stays within full scale.
+    Amplitudes are m/s^2; ``full_scale`` is the acceleration of a fully driven channel without
+    curves. ``curves`` are the curves of each channel; empty for proportional output. ``totals``
+    (..., C) is the amplitude of all sines of a channel together: each sine takes its share of the
+    drive for the total, so that the sum stays within full scale.
     """
     drives = amplitudes / full_scale
     for channel, channel_curves in enumerate(curves):

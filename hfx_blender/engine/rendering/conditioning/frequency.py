@@ -57,7 +57,11 @@ class StrongestContributor:
         return chosen_hz
 
     def _any_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """Frequencies (R, A) where all contributors have equal frequencies."""
+        """Frequencies (R, A) of the strongest of contributors within 1 Hz; 0 in silence.
+
+        ``amplitudes`` (n, R, A), ``hz`` (n, R); holds the strongest contributor (``numbers``) of
+        the last row.
+        """
         strongest = np.argmax(amplitudes, axis=0)
         sounds = amplitudes.max(axis=0) > 0.0
         self._held = np.where(sounds[-1], numbers[strongest[-1]], self._held)
@@ -65,7 +69,11 @@ class StrongestContributor:
         return np.where(sounds, hz[strongest, rows], 0.0)
 
     def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """Frequencies (R, A) of the held or strongest contributors, from (n, R, A) and (n, R)."""
+        """Frequencies (R, A) of the held contributors, from amplitudes (n, R, A) and ``hz`` (n, R).
+
+        The contributor with the largest summed amplitude within 1 Hz takes over beyond ``MARGIN``
+        times that of the held one, or in its silence. 0 in silence.
+        """
         count, rows, width = amplitudes.shape
         alike = (np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ).astype(np.float64)
         together = np.einsum("ijr,jra->ira", alike, amplitudes)
@@ -115,7 +123,7 @@ class Partials:
         self._parts: dict[str, list[tuple[I64, F32, F32]]] = {}
 
     def add(self, name: str, rows: I64, amplitudes: F64, frequencies_hz: F64) -> None:
-        """Add amplitudes (R, W) and frequencies (R,) of an effect at rows (R,)."""
+        """Add amplitudes (R, W) and Hz (R,) of an effect at rows (R,), without silent rows."""
         is_on = amplitudes.any(axis=1)
         if is_on.any():
             part = rows[is_on], amplitudes[is_on], frequencies_hz[is_on]
@@ -135,9 +143,10 @@ class Partials:
         highest_hz: F64,
         highest: F64,
     ) -> tuple[Partial, ...]:
-        """Collected partials, advanced by latency (in rows) and limited at W actuators.
+        """Partials of all effects, advanced by ``latency_rows`` (W,) and limited.
 
-        The sum of amplitudes never exceeds ``highest``; frequencies are clipped to their range.
+        Amplitudes of a row are scaled so that their sum never exceeds ``highest``; frequencies are
+        clipped, 0 in silence. Rows at or after ``row_count`` are dropped.
         """
         partials = [self._one(name, row_count, latency_rows) for name in self._parts]
         partials = [partial for partial in partials if len(partial.amplitudes)]
@@ -158,7 +167,10 @@ class Partials:
         return tuple(limited)
 
     def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
-        """Partial of an effect, first to last row; columns advanced by the latencies."""
+        """Partial of an effect over its rows, each column advanced by a latency in rows.
+
+        Non-finite or negative amplitudes and frequencies up to 0 are silent.
+        """
         parts = self._parts[name]
         rows = np.concatenate([part[0] for part in parts])
         values = np.concatenate([part[1] for part in parts]).astype(np.float64)

@@ -31,10 +31,11 @@ class Mixed:
 
 
 def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
-    """Combine at least one contribution of a modality, by the modality's rule.
+    """Combine one or more contributions by their modality's rule.
 
-    Temperatures add their deviations from each effect's neutral, winds add as vectors, vibrations
-    by :func:`combine_vibration`, all the rest add.
+    Temperatures add their deviations from each effect's neutral, winds add as vectors (strength:
+    length), vibrations by :func:`combine_vibration`, all other strengths add. Raises ValueError for
+    an unknown modality.
     """
     strengths = np.stack([c.strengths for c in contributions])
     parameters = np.stack([c.parameters for c in contributions])[:, :, None, :]
@@ -94,7 +95,10 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
 
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
-    """Output of a substitution for ``mixed``, which is of its source modality."""
+    """Strengths of ``mixed`` (source modality) times the scale, at the target's fixed frequency.
+
+    Magnitudes, except for temperature as target; frequencies only for vibration.
+    """
     strengths = mixed.strengths
     if substitution.target != "temperature":
         strengths = np.abs(strengths)
@@ -105,9 +109,9 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine native output and substitutions at actuators; at least one entry.
+    """Combine one or more native and substituted outputs of a modality at actuators.
 
-    Substitutes have no direction, so winds add their speeds here.
+    Vibrations combine by :func:`combine_vibration`, the rest adds; winds add their speeds here.
     """
     strengths = np.stack([mixed.strengths for mixed in mixes])
     if modality == "vibration":

@@ -25,10 +25,7 @@ NOISE_REPEATS: Final = 2**16
 def kept_through_silence(amplitudes: tuple[F64, F64], hz: tuple[F64, F64]) -> tuple[F64, F64]:
     """Frequencies at the start and end of ramps; a silent end takes the frequency of the loud end.
 
-    Parameters
-    ----------
-    amplitudes, hz : pair of (...) float64
-        At the start and at the end.
+    ``amplitudes`` and ``hz`` are pairs (start, end) of (...); two silent ends are exchanged.
     """
     first = np.where(amplitudes[0] == 0.0, hz[1], hz[0])
     last = np.where(amplitudes[1] == 0.0, hz[0], hz[1])
@@ -41,15 +38,9 @@ def cycles_on_the_way(hz: tuple[F64, F64], share: F64, seconds: float) -> F64:
 
 
 def cycles_since_the_beginning(hz: F64, seconds: float, repeats: F64) -> F64:
-    """Phase of a new wave, in cycles, as of a wave since time 0.
+    """Phase of a wave at ``seconds`` as if started at time 0, in cycles modulo ``repeats``.
 
-    Vibrations of equal frequency are then in phase, and add.
-
-    Parameters
-    ----------
-    hz : (...) float64
-    repeats : (...) float64
-        Period of the wave in cycles.
+    ``repeats``: its period. Vibrations of equal frequency are then in phase, and add.
     """
     return np.asarray(hz * seconds % repeats)
 
@@ -60,7 +51,7 @@ def kinds_of(waveforms: Sequence[Waveform]) -> I64:
 
 
 def cycles_until_it_repeats(kinds: I64) -> F64:
-    """Periods of waves of some kinds, in cycles; phases are stored modulo the period."""
+    """Periods (C,) of the waves ``kinds``, in cycles: 65536 for noise, otherwise 1."""
     return np.where(kinds == WAVEFORMS.index("noise"), float(NOISE_REPEATS), 1.0)
 
 
@@ -72,18 +63,11 @@ def waves(
     cycles: F64,
     rate_hz: float,
 ) -> F64:
-    """Samples of waves on ramps.
+    """Samples of waves on ramps, linear in amplitude (peak) and frequency.
 
-    Parameters
-    ----------
-    kinds : int64, as wide as ``cycles`` or 1 along each axis
-        See :func:`kinds_of`.
-    amplitudes, hz : pair of float64
-        At the start and the end of the ramps; amplitudes are peaks.
-    share, cycles : float64
-        Position on the ramp, 0..1, and phase.
-    rate_hz : float
-        Sample rate.
+    ``kinds`` (see :func:`kinds_of`) is as wide as ``cycles``, or 1 along each axis; ``amplitudes``
+    and ``hz`` are pairs of start and end; ``share``, 0..1, and ``cycles`` are position on the ramp
+    and phase. ``rate_hz`` is the sample rate.
     """
     amplitude = amplitudes[0] * (1.0 - share) + amplitudes[1] * share
     # Sines only, the common case, need no frequency.
@@ -102,20 +86,16 @@ def waves(
 
 
 def _sines(cycles: F64, _steps: F64) -> F64:
-    """Sines of phases in cycles."""
+    """Sines, -1..1, of phases in cycles."""
     return np.asarray(np.sin(2.0 * np.pi * cycles))
 
 
 def _squares(cycles: F64, steps: F64) -> F64:
-    """Squares in phase with sines; an edge takes two samples, on two parabolas.
+    """Squares, -1..1, in phase with sines; an edge takes two samples, on two parabolas.
 
-    Polynomial band-limited steps (Välimäki and Huovilainen, IEEE Signal Processing Magazine 2007):
-    little aliasing, and unlike a sum of harmonics no overshoot.
-
-    Parameters
-    ----------
-    cycles, steps : (...) float64
-        Phase, and its advance per sample.
+    ``steps``: advance of the phase per sample. Polynomial band-limited steps (Välimäki and
+    Huovilainen, IEEE Signal Processing Magazine 2007): little aliasing, and unlike a sum of
+    harmonics no overshoot.
     """
     halves = 2.0 * cycles
     number = np.floor(halves)

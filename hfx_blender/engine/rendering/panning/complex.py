@@ -38,24 +38,13 @@ class ActuatorComplex:
     place_of: I64  # (A,) place of each actuator; may be shared
 
     def shares(self, points: F64, blend: float = 0.0) -> tuple[F64, F64]:
-        """Shares of the actuators at the nearest point of the complex.
+        """Shares (n, A) of the actuators at the complex's nearest point; distances (n,), m.
 
-        Actuators at one place share equally.
-
-        Parameters
-        ----------
-        points : (n, 3) float64
-        blend : float
-            Relative distance beyond the nearest within which further simplices take part, the less
-            the farther. The nearest point of a complex that is not convex jumps where two are
-            equally near; blending makes a crossfade. Points on the complex are unaffected.
-
-        Returns
-        -------
-        shares : (n, A) float64
-            Sum 1; all 0 for a point that is not finite.
-        distances : (n,) float64
-            To the complex, metres; infinity for a point that is not finite.
+        Shares sum to 1; 0, at distance infinity, for a point that is not finite. Actuators at one
+        place share equally. ``blend``: relative distance beyond the nearest within which further
+        simplices take part, the less the farther. The nearest point of a complex that is not convex
+        jumps where two are equally near; blending makes a crossfade. Points on the complex are
+        unaffected.
         """
         points = np.asarray(points, np.float64)
         finite = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -74,7 +63,10 @@ class ActuatorComplex:
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
     def _nearest(self, points: F64, blend: float) -> tuple[I64, I64, F64, F64]:
-        """Nearest simplices of n points: point, simplex, corner weights; least distances (n,)."""
+        """Nearest simplices: point rows, simplices, corner weights (m, 3); distances (n,).
+
+        A pair per point; with ``blend`` also farther simplices, weights summing to 1 per point.
+        """
         row, simplex = self._candidates(points, blend)
         corners = self.places[self.simplices[simplex]]
         weights = barycentric(points[row], corners)
@@ -107,7 +99,7 @@ class ActuatorComplex:
         return middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
 
     def _candidates(self, points: F64, blend: float) -> tuple[I64, I64]:
-        """Pairs of points and simplices that bounding balls do not exclude, in order of points."""
+        """Pairs (point, simplex) possibly nearest by bounding balls, in order of points."""
         middles, radii_m = self._balls
         squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
         away_m = np.sqrt(squares)
@@ -120,12 +112,8 @@ class ActuatorComplex:
 def merged_places(positions: F64) -> tuple[F64, I64]:
     """Merge equal positions (A, D): places (P, D), and the place of each actuator, (A,).
 
-    Places are in the order of their first actuator.
-
-    Raises
-    ------
-    ValueError
-        There are no positions, or some are not finite.
+    Equal: in one cell of a grid of 1e-9 of the extent. Places are in the order of their first
+    actuator. Raises ValueError for no or non-finite positions.
     """
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
@@ -140,7 +128,7 @@ def merged_places(positions: F64) -> tuple[F64, I64]:
 
 
 def gain(shares: F64, law: Law) -> F64:
-    """Gains (n, A) of shares (n, A) that sum to 1 at each place.
+    """Gains (n, A) of shares (n, A), 0..1, by a law; ValueError for an unknown law.
 
     ``linear`` preserves the sum of gains, ``power`` the sum of their squares; ``log`` is log2(1 +
     share). Schneider et al., UIST 2015 ("Tactile Animation by Direct Manipulation of Grid

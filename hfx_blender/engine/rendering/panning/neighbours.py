@@ -42,7 +42,7 @@ _LIMBS: Final = {
 
 
 def limbs_of(model: PerceptualModel) -> I64:
-    """Limb, head or torso of each vertex, as a number, (V,)."""
+    """Number (V,) of each vertex's region: head, torso, or arm or leg of a side."""
     kind = np.array([_LIMBS[part] for part in PARTS])[model.part]
     is_trunk = kind <= 1  # no sides
     return np.asarray(kind * 3 + np.where(is_trunk, 0, model.side), np.int64)
@@ -68,7 +68,10 @@ class SkinNeighbours:
         self._skin: SkinDistances | None = None
 
     def are_joined(self, firsts: I64, seconds: I64) -> Bool:
-        """Test pairs of actuators for one limb and a short path along the skin, (k,) bool."""
+        """Test pairs of actuators for one limb and at most 200 mm along the skin, (k,) bool.
+
+        Pairs up to 100 mm apart in space count as joined without measuring.
+        """
         straight_m = np.linalg.norm(self._centres[firsts] - self._centres[seconds], axis=1)
         joined = (straight_m <= MAX_SPAN_M) & (self._limb[firsts] == self._limb[seconds])
         doubtful = np.flatnonzero(joined & (straight_m > _SURELY_NEAR_M))
@@ -81,7 +84,7 @@ class SkinNeighbours:
         return joined
 
     def _measure(self, pairs: set[tuple[int, int]]) -> None:
-        """Measure pairs: edge paths first where there are many, then exact paths."""
+        """Measure and cache pairs: edge paths first for more than 64, then exact paths."""
         left = sorted(pairs)
         if len(left) > _MEASURED_ONE_BY_ONE:
             # A path along edges is never shorter than the exact path, so a short one decides.
@@ -94,7 +97,7 @@ class SkinNeighbours:
             self._measured[pair] = self._is_near(*pair)
 
     def _is_near(self, first: int, second: int) -> bool:
-        """Test for a path along the skin within the span, inside an ellipsoid about both ends."""
+        """Test a pair for a skin path up to 200 mm, inside an ellipsoid about both ends."""
         model, anchor = self._model, int(self._anchors[second])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
         source = self._skin.nearest(self._centres[first])
@@ -109,10 +112,7 @@ class SkinNeighbours:
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of shortest edge paths between pairs of vertices (k, 2), metres.
-
-    Infinity beyond the allowed length (k,).
-    """
+    """Lengths (k,) of shortest edge paths of vertex pairs (k, 2), m; inf beyond ``allowed_m``."""
     from scipy.sparse.csgraph import dijkstra
 
     lengths_m = np.full(len(ends), np.inf)
@@ -130,10 +130,10 @@ def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
 
 
 def parted(gains: F64, are_joined: AreJoined) -> F64:
-    """Restrict gains (n, A) so that no two unjoined actuators play together.
+    """Restrict gains (n, A) so that no two unjoined actuators play together; gains stay continuous.
 
     Of an unjoined pair the weaker is silent, and the stronger fades out until both are equal: on a
-    gap from a quarter of the way to the middle. Gains stay continuous.
+    gap from a quarter of the way to the middle. Without such a pair ``gains`` itself is returned.
     """
     firsts, seconds = playing_together(gains)
     is_apart = ~are_joined(firsts, seconds)

@@ -29,14 +29,9 @@ _TURNS: Final = (0, -1, 1)
 class PlanarPanning:
     """Panning between the actuators of a flat pad; beyond their hull its nearest point counts.
 
-    Parameters
-    ----------
-    positions : (A, 2) float64
-        Metres; one or more, also in line or at one place.
-    law : {"linear", "log", "power"}
-    closed_m : float, optional
-        Period of x for a layout around a cylinder, whose ends are neighbours. All positions and
-        places are within one period.
+    ``positions`` (A, 2), m, are one or more, also in line or at one place. ``closed_m``: period of
+    x for a layout around a cylinder, whose ends are neighbours; all positions and places are within
+    one period.
     """
 
     def __init__(self, positions: F64, law: Law = "log", closed_m: float | None = None) -> None:
@@ -62,7 +57,7 @@ class PlanarPanning:
 
 
 def _lifted(points: F64) -> F64:
-    """Points (n, 2) in the plane z = 0."""
+    """Points (n, 3): (n, 2) with z = 0."""
     return np.column_stack((points, np.zeros(len(points))))
 
 
@@ -72,7 +67,10 @@ def _triangulated(positions: F64) -> ActuatorComplex:
 
 
 def _closed(positions: F64, closed_m: float) -> ActuatorComplex:
-    """Complex of a layout between two copies of itself, triangulated alike at both ends."""
+    """Complex of a layout and a copy at each side in x, triangulated equally in each period.
+
+    Copies are separate actuators: (3 A,) in ``place_of``.
+    """
     places, place_of = merged_places(positions)
     shifts = [np.array([turn * closed_m, 0.0]) for turn in _TURNS]
     every = np.concatenate([places + shift for shift in shifts])
@@ -96,7 +94,10 @@ def _heights(corners: F64) -> F64:
 
 
 def simplices_of(places: F64) -> I64:
-    """Simplices (S, 3) of distinct places (P, 2): Delaunay triangles, or edges, or a point."""
+    """Delaunay triangles (S, 3) of distinct places (P, 2); edges of places in line, or a point.
+
+    Edges and points repeat their last corner.
+    """
     if len(places) == 1:
         return np.zeros((1, 3), np.int64)
     centred = places - places.mean(axis=0)

@@ -49,7 +49,7 @@ class LinePanning:
 
 
 def _turns(angles: F64) -> F64:
-    """Angles in radians as turns in 0..1."""
+    """Angles in radians as turns, 0 included to 1 excluded."""
     return np.asarray(np.mod(angles / (2.0 * np.pi), 1.0))
 
 
@@ -64,7 +64,7 @@ class _Axis:
         self._period = period
 
     def shares(self, values: F64) -> F64:
-        """Shares (n, A) of the two neighbours of each value (n,); 0 if not finite.
+        """Shares (n, A), linear, of the two neighbours of each value (n,); 0 if not finite.
 
         Beyond the ends of an open axis the end has share 1; actuators at one place divide a share.
         """

@@ -27,7 +27,7 @@ class NearestPanning:
         self._positions = np.asarray(positions, np.float64)
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the actuators for places (n, D), metres."""
+        """Gains (n, A) for places (n, D), m: 1 at the nearest actuator; 0 if not finite."""
         distances = _distances(np.asarray(points, np.float64), self._positions)
         gains = np.zeros_like(distances)
         rows = np.flatnonzero(np.isfinite(distances).all(axis=1))
@@ -56,7 +56,10 @@ class GaussianSplatting:
         self._sigma_m = sigma_m
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the actuators for places (n, D), metres."""
+        """Gains (n, A) for places (n, D), m, rescaled to 1 at an actuator, 0 from 4 sigma.
+
+        0 for a place that is not finite.
+        """
         ratio = _distances(np.asarray(points, np.float64), self._positions) / self._sigma_m
         floor = np.exp(-0.5 * _SPREAD**2)
         with np.errstate(over="ignore"):
@@ -65,7 +68,7 @@ class GaussianSplatting:
 
 
 def _distances(points: F64, positions: F64) -> F64:
-    """Distances (n, A); NaN for a point that is not finite."""
+    """Distances (n, A) of points (n, D) from positions (A, D); NaN for a non-finite point."""
     with np.errstate(invalid="ignore", over="ignore"):
         distances: F64 = np.sqrt(
             sum(

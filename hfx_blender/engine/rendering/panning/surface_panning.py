@@ -42,7 +42,7 @@ class SurfaceNeighbours:
         self._known: dict[tuple[int, int], float] = {}
 
     def lengths_m(self, pairs: I64) -> F64:
-        """Lengths (k,) along the skin between pairs (k, 2); infinity if not to be joined."""
+        """Skin path lengths (k,) of pairs of places (k, 2), m; inf if not to be joined."""
         ordered = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
         new = [pair for pair in dict.fromkeys(ordered) if pair not in self._known]
         if new:
@@ -50,7 +50,10 @@ class SurfaceNeighbours:
         return np.array([self._known[pair] for pair in ordered], np.float64)
 
     def _measured(self, pairs: I64) -> F64:
-        """Lengths (k,) of unmeasured pairs (k, 2)."""
+        """Edge path lengths (k,) of pairs (k, 2), m; infinity for pairs not to be joined.
+
+        Joined: one limb, path at most 200 mm and 1.7 times the straight path, not through the air.
+        """
         places = self._model.vertices[self._anchors].astype(np.float64)
         first, second = pairs.T
         straight_m = np.linalg.norm(places[first] - places[second], axis=1)
@@ -78,17 +81,11 @@ class SurfaceGains:
 
 
 def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> SurfaceGains:
-    """Panning between actuators on the skin.
+    """Panning between actuators on the skin, at the vertices ``anchors`` (A,), possibly repeated.
 
     Within a triangle of neighbours a vertex has the barycentric shares of the nearest point. Beyond
     all triangles the nearest point counts, faded out between one and two spacings from the nearest
     actuator, with a crossfade between triangles that are about equally near.
-
-    Parameters
-    ----------
-    anchors : (A,) int64
-        Vertex of ``model`` under each actuator; may repeat.
-    law : {"linear", "log", "power"}
     """
     points = model.vertices.astype(np.float64)
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
@@ -126,7 +123,10 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
 
 
 def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
-    """Nearest anchor of each vertex along edges (-1: out of reach), and its distance."""
+    """Index (V,) of the anchor nearest along edges (-1: beyond 400 mm), and distance (V,), m.
+
+    ``anchors`` are ascending vertices.
+    """
     from scipy.sparse.csgraph import dijkstra
 
     distance, _, source = dijkstra(
@@ -142,15 +142,18 @@ def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
 
 
 def _meeting(triangles: I64, nearest: I64) -> I64:
-    """Triples of cells that meet in a triangle of skin, (n, 3), ascending in each row."""
+    """Distinct triples of cells (n, 3) at the corners of a skin triangle, ascending in each row.
+
+    Cells may repeat in a row; triangles with a vertex in no cell (-1) are left out.
+    """
     cells = nearest[triangles]
     return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
 
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
-    """Test pairs of places, (k,), for a straight path outside the body, as between two fingertips.
+    """Mask (k,) of pairs of places whose straight path is outside the body, as between fingertips.
 
-    Skin is hollow in places, so the path may be above the skin by a tenth of its length.
+    Tested at three points; outside: above skin by more than a tenth of the path's length.
     """
     from scipy.spatial import cKDTree
 
@@ -170,14 +173,8 @@ def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDA
 def _dual(cells: I64, pairs: I64, count: int) -> I64:
     """Simplices (S, 3) of meeting cells: triangles, then edges and points outside all triangles.
 
-    Parameters
-    ----------
-    cells : (n, 3) int64
-        Meeting cells, ascending in each row.
-    pairs : (k, 2) int64
-        Joined cells, the smaller first.
-    count : int
-        Number of cells.
+    ``cells`` (n, 3) meet, ascending in each row; ``pairs`` (k, 2) are joined, the smaller first;
+    ``count`` is the number of cells. A triangle needs three joined pairs.
     """
     i, j, k = cells.T
     joined = pairs @ [count, 1]
@@ -194,7 +191,7 @@ def _dual(cells: I64, pairs: I64, count: int) -> I64:
 
 
 def _spacing(pairs: I64, length_m: F64, count: int) -> F64:
-    """Distance of each anchor to the farthest neighbour; a quarter span for a lone anchor."""
+    """Largest length (count,) of the ``pairs`` (k, 2) of each anchor; 50 mm for a lone anchor."""
     longest = np.zeros(count)
     for end in pairs.T:
         np.maximum.at(longest, end, length_m)

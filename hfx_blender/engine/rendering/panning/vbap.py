@@ -25,17 +25,10 @@ _PAIRS_AT_ONCE: Final = 1 << 17
 class VectorBasePanning:
     """Panning of directions over A sources around a listener or a limb.
 
-    Parameters
-    ----------
-    directions : (A, 2) or (A, 3) float64
-        Towards the sources, of any length but 0. In space at least three, not coplanar with the
-        centre; pass a flat layout as (A, 2). Neighbours in the plane that are half a circle or more
-        apart share power by the angle.
-
-    Raises
-    ------
-    ValueError
-        The directions are unusable.
+    ``directions``: (A, 2) or (A, 3) towards the sources, of any length but 0. In space at least
+    three, not coplanar with the centre; pass a flat layout as (A, 2). Neighbours in the plane that
+    are half a circle or more apart share power by the angle. Raises ValueError for unusable
+    directions.
     """
 
     def __init__(self, directions: F64) -> None:
@@ -69,7 +62,7 @@ class VectorBasePanning:
         return np.asarray((gains / self._crowd)[:, self._place_of])
 
     def _of_units(self, units: F64) -> F64:
-        """Gains (n, P) of places for unit vectors (n, D)."""
+        """Gains (n, P) of the distinct places for unit vectors (n, D), squares summing to 1."""
         gains = np.zeros((len(units), len(self._units)))
         is_known = np.zeros(len(units), np.bool_)
         if len(self._bases):
@@ -87,14 +80,14 @@ class VectorBasePanning:
         return np.divide(gains, norms, out=np.zeros_like(gains), where=norms > 0.0)
 
     def _beyond(self, units: F64) -> F64:
-        """Gains for unit vectors that no base surrounds."""
+        """Gains (n, P) for unit vectors outside all bases: by angle in 2-D, else at the rim."""
         if self._is_flat:
             return self._arcs.gains(np.arctan2(units[:, 1], units[:, 0])[:, None])
         return _on_rim(units, self._units, self._rim)
 
 
 def _pairs(units: F64) -> I64:
-    """Pairs of neighbours in the plane less than half a circle apart, (S, 2)."""
+    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart."""
     if len(units) == 1:
         return np.zeros((0, 2), np.int64)
     angles = np.arctan2(units[:, 1], units[:, 0])
@@ -106,7 +99,10 @@ def _pairs(units: F64) -> I64:
 
 
 def _triplets(units: F64) -> tuple[I64, I64]:
-    """Hull triangles that face away from the centre, (S, 3), and edges of their rim, (E, 2)."""
+    """Hull triangles that face away from the centre, (S, 3), and edges of their rim, (E, 2).
+
+    Raises ValueError without such a triangle.
+    """
     triangles = _hull(units)
     corners = units[triangles]
     volumes = np.linalg.det(corners)
@@ -128,7 +124,7 @@ def _triplets(units: F64) -> tuple[I64, I64]:
 
 
 def _hull(units: F64) -> I64:
-    """Triangles (S, 3) of the convex hull, or of the own plane of flat sources."""
+    """Triangles (S, 3) of the convex hull of units (P, 3), or in the plane of coplanar units."""
     if len(units) == 3:
         return np.array([[0, 1, 2]], np.int64)
     from scipy.spatial import ConvexHull, QhullError
@@ -146,7 +142,10 @@ def _hull(units: F64) -> I64:
 
 
 def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
-    """Gains (n, P) at the nearest direction on the rim's arcs."""
+    """Gains (n, P), unnormalized, at the nearest direction on the arcs ``rim`` (E, 2) of sources.
+
+    The nearest source alone without a rim.
+    """
     # Start from the nearest source; also the result without a rim, where only rounding led here.
     gains = np.eye(len(sources))[np.argmax(units @ sources.T, axis=1)]
     best = np.full(len(units), -np.inf)

@@ -30,6 +30,6 @@ def luminance(linear_rgb: npt.ArrayLike) -> F64:
 
 
 def height_from_colour(srgb: npt.ArrayLike) -> F64:
-    """Heights 0..1 of an albedo picture (..., 3 or 4), sRGB; bright is high."""
+    """Heights 0..1 of an albedo picture (..., 3 or 4), sRGB: the luminance, so bright is high."""
     values = np.asarray(srgb, np.float64)
     return luminance(srgb_to_linear(values[..., :3]))

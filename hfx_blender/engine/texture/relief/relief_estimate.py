@@ -43,21 +43,11 @@ def estimate(
     tiles: bool = False,
     weights: Weights | None = None,
 ) -> EstimatedRelief:
-    """Estimate the relief of a picture of a material.
+    """Estimate the relief of a picture of a material, ``srgb`` (H, W, 3), 0..1, bottom row first.
 
-    Parameters
-    ----------
-    srgb : (H, W, 3)
-        sRGB 0..1, bottom row first.
-    size_m : (float, float)
-        Width and height of the pictured area.
-    tiles : bool
-        Picture and relief continue at the opposite edge.
-
-    Raises
-    ------
-    InputError
-        The array is no picture of finite numbers, or has no size.
+    ``size_m`` is width and height of the pictured area; ``tiles``: picture and relief continue at
+    the opposite edge; ``weights`` None: the stored network. Raises InputError for no picture of
+    finite numbers, or without size.
     """
     colours = np.asarray(srgb, np.float64)
     if colours.ndim != 3 or colours.shape[2] < 3 or 0 in colours.shape:
@@ -91,7 +81,7 @@ def _network_shape(size_m: tuple[float, float], texel_m: float) -> tuple[int, in
 
 
 def _resampled(grid: F64, shape: tuple[int, int], tiles: bool) -> F64:
-    """Grid (H, W, C) with another number of rows and columns; averaged when reduced."""
+    """Grid (H, W, C) resampled linearly to ``shape``, rows and columns; blurred if reduced."""
     from scipy import ndimage
 
     rows, columns = grid.shape[:2]

@@ -91,6 +91,7 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
 
     Slopes have no scale; the picture at half its resolution gives a second estimate of their mean,
     and the geometric mean of both is used. ``tiles`` continues the picture at its opposite edge.
+    ``weights`` None: :func:`stored_weights`.
     """
     weights = stored_weights() if weights is None else weights
     colours = np.asarray(srgb, np.float32)
@@ -101,7 +102,7 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
 
 
 def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
-    """Mean of the estimates for the four rotations of a picture by 90 degrees."""
+    """Mean of the estimates for four rotations by 90 degrees; faint slopes are reduced."""
     inputs = prepared(srgb)
     total = np.zeros_like(inputs)
     for turns in range(4):
@@ -169,9 +170,10 @@ def _shuffled(x: F32) -> F32:
 
 
 def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
-    """Convolution (O, H, W) of (C, H, W) with a 3 x 3 kernel, by a matrix product per kernel row.
+    """Convolution (O, H, W) of (C, H, W) with a kernel (O, C, 3, 3), by matrix products.
 
-    The three column shifts are stacked, so that row shifts are slices of the same array.
+    The three column shifts are stacked, so that row shifts are slices of the same array. Edges wrap
+    for ``tiles``, else continue.
     """
     channels, rows, columns = x.shape
     outputs = len(kernel)

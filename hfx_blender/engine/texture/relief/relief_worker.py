@@ -20,7 +20,7 @@ from .relief_estimate import estimate
 
 
 def main(source: str, target: str) -> None:
-    """Estimate the relief; sends the error of an unusable picture to the owner."""
+    """Estimate the relief of ``source`` into ``target``; an HfxError is sent to the owner."""
     owner = Owner()
     with np.load(source) as file:
         srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])
