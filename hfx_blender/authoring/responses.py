@@ -173,7 +173,7 @@ def _recipe(
 
 
 def _scale(name: str, unit_m: float) -> float:
-    """Factor from a property to the engine's unit."""
+    """Factor to the engine's unit: metres per unit for lengths, else 1."""
     return unit_m if name in LENGTHS else 1.0
 
 

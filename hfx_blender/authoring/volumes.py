@@ -89,7 +89,9 @@ def refresh_display(effect: bpy.types.Object) -> None:
 
 
 def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
-    """Points and edges of a volume's wireframe, the object's local space."""
+    """Points and edges of a volume's wireframe, local space: box edges, or circles and outlines of
+    32 segments.
+    """
     if hfx.shape == "CUBOID":
         x, y, z = (edge / 2 for edge in hfx.size)
         points = [(a * x, b * y, c * z) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]

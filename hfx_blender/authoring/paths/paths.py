@@ -45,7 +45,7 @@ _skin: SkinPaths | None = None
 
 
 def skin() -> SkinPaths:
-    """Skin for paths, cached."""
+    """Path search on the skin of the canonical body, created at the first call."""
     from ...engine.body.model import load_model
     from ...engine.body.skin_path import SkinPaths
 
@@ -89,7 +89,7 @@ def path_of(effect: bpy.types.Object) -> F64:
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """Path without the temporary extension, (n, 3)."""
+    """Stored path without its temporary extension, (n, 3) metres; (0, 3) without a path."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
@@ -173,7 +173,9 @@ def draw(
 
 
 def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
-    """Points projected onto the skin (n, 3), and a path (m, 3) through these; see :func:`draw`."""
+    """Points projected onto the skin (n, 3), and a path (m, 3) through these, parameters of
+    :func:`draw`. InputError for a point not on the body.
+    """
     import numpy as np
 
     # "curve" and "straight" follow the surface; "traced" joins projected points directly.
@@ -242,7 +244,7 @@ def reverse(effect: bpy.types.Object) -> None:
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Mirror path and control points to the opposite side of the body, x -> -x."""
+    """Mirror path and control points at the body's middle, x -> -x; drops an extension."""
     import numpy as np
 
     mirrored = np.array([-1.0, 1.0, 1.0])

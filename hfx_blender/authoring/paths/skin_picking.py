@@ -42,7 +42,7 @@ class Anchors:
 
     @classmethod
     def of(cls, places: F64) -> Anchors:
-        """Anchors of the skin nearest to ``places`` (n, 3), rest space of the canonical body."""
+        """Nearest points of the canonical skin in rest to ``places`` (n, 3), metres, as anchors."""
         triangles, locator = _skin()
         feet = locator.nearest(places)
         return cls(triangles[feet.triangle], feet.weights)

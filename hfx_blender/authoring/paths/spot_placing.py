@@ -39,7 +39,9 @@ def place_of(effect: bpy.types.Object) -> F64 | None:
 
 
 def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
-    """Raise InputError if a driver or NLA strip controls a property."""
+    """Raise InputError if an unmuted driver, or a strip of an unmuted NLA track outside of tweak
+    mode, controls a property; ``label`` names the property.
+    """
     data = effect.animation_data
     if data is None:
         return
@@ -57,7 +59,9 @@ def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
 
 
 def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_path: str) -> bool:
-    """Test for Auto Keying of an effect's property at the current frame, by Blender's settings."""
+    """Test that Auto Keying would key a property at the current frame: Replace needs a keyframe
+    there, Only Insert Available an F-curve.
+    """
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
@@ -72,7 +76,7 @@ def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_pat
 
 
 def action_frame(scene: bpy.types.Scene, effect: bpy.types.Object) -> float:
-    """Current frame in the time of the effect's action."""
+    """Current frame with subframe, in tweak mode converted to the time of the strip's action."""
     # In tweak mode keyframes count from the start of the strip.
     data = effect.animation_data
     frame = float(scene.frame_current_final)
@@ -227,7 +231,9 @@ def remove_extension(effect: bpy.types.Object) -> None:
 
 
 def _extend_to(effect: bpy.types.Object, place: F64) -> None:
-    """Move a keyed point until the frame changes: to the end of a temporary path extension."""
+    """Append ``place`` to the path as a temporary extension, and move the point there; keyframes
+    are rescaled to their old positions. No extension if the path ends there.
+    """
     path = paths.path_of(effect)
     if np.linalg.norm(place - path[-1]) < _SAME_PLACE_M:
         effect.hfx.path_position = 1.0
@@ -247,7 +253,9 @@ def _extend_to(effect: bpy.types.Object, place: F64) -> None:
 
 
 def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
-    """Move a point without keyframes, and bend the path to lead through the new position."""
+    """Move a point without keyframes to ``place``, and draw its path again through it: control
+    points within 1 cm, of traced paths within the length of the move, are dropped.
+    """
     path, knots = paths.path_of(effect), paths.knots_of(effect)
     if len(knots) < 2:
         paths.set_path(effect, place[None])
@@ -282,7 +290,9 @@ def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
 def _key_position(
     scene: bpy.types.Scene, effect: bpy.types.Object, curve: bpy.types.FCurve, place: F64
 ) -> None:
-    """Change the keyframe at the current frame, or insert a keyframe, and reroute the path."""
+    """Key the point at ``place`` at the current frame, with a path rerouted by shortest ways to the
+    neighbouring keyframes, whose values change. InputError for more than MAX_POINTS points.
+    """
     path = paths.path_of(effect)
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])

@@ -44,7 +44,9 @@ def _relief(files: GeneratedFiles) -> surface_sources.SurfaceRelief:
 
 
 def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:
-    """Material with images for colour, roughness and displacement at their real size."""
+    """New material with the packed images as colour, roughness and displacement in real size; box
+    projection without a UV map. The record is stored as a custom property.
+    """
     name = (files.words or files.name)[:_TITLE]
     material = bpy.data.materials.new(name)
     if material.node_tree is None:  # before 5.0 a material can be without nodes
@@ -87,7 +89,9 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
 def _tile_coordinates(
     files: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
 ) -> bpy.types.NodeSocket:
-    """Texture coordinates in tiles, from the UV map, or object coordinates without a UV map."""
+    """Socket of texture coordinates, 1 per generated tile, from nodes added to ``tree``: UV map
+    scaled by its size, or object coordinates without one.
+    """
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)

@@ -85,7 +85,9 @@ def _struct(struct: bpy.types.bpy_struct, depth: int, without: frozenset[str]) -
 
 
 def _plain(value: object, depth: int) -> object:
-    """A property's value as numbers, strings and nested lists; None below ``depth`` levels."""
+    """Value as numbers, strings and nested lists; datablocks by name, structures to ``depth``
+    levels, then None.
+    """
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, bpy.types.Image):

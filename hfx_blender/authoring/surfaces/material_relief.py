@@ -67,7 +67,7 @@ def prepare(material: bpy.types.Material, name: str) -> None:
 
 
 def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
-    """Set the image that Cycles bakes a material to."""
+    """Add an image node as the only selected and active node: the target of Cycles' bakes."""
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
@@ -171,7 +171,9 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 
 
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
-    """Label of the first input of materials besides a UV map; empty if missing."""
+    """Label of the first input besides UV map ``uv_map``, as other coordinates, attributes or
+    projections; "" if UVs alone matter.
+    """
     for material in materials:
         for node in nodes_of(material.node_tree):
             dependency = _dependency(node, uv_map)
@@ -232,7 +234,9 @@ def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
 def _tallest(
     obj: bpy.types.Object,
 ) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
-    """Height (m), material and node of the largest implausible relief; None if missing."""
+    """Height (m), material and node of the tallest Bump or Displacement of 1 cm or more, by
+    constant distance, scale and strength; None without any.
+    """
     unit = metres_of(bpy.context.scene)
     candidates = []
     for slot in obj.material_slots:
@@ -260,7 +264,7 @@ def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
 
 
 def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
-    """Shader of the whole surface; None for a mix, a group or an unlinked output."""
+    """Shader node at the Cycles output; None for a mix, sum, group or unlinked output."""
     source = _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])
     if source is None or source.node.type in ("MIX_SHADER", "ADD_SHADER", "GROUP"):
         return None
@@ -277,7 +281,9 @@ def _along_normal(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket) -> Val
 
 
 def _bump_height(tree: bpy.types.NodeTree, bump: bpy.types.Node) -> Value:
-    """Height of a Bump node: its Strength scales the slope, and so the height; None if unlinked."""
+    """Height of a Bump node, in added nodes: Height * Strength * Distance, negative if inverted;
+    None without a linked Height.
+    """
     height = bump.inputs["Height"]
     if not height.is_linked:
         return None

@@ -135,7 +135,7 @@ def _luminance(scratch: _Scratch) -> F32:
 
 
 def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
-    """Fault of the UV map that prevents baking the object itself; empty if missing."""
+    """Fault of the UV map: UVs beyond 0..1, or by a test bake more than 2 % of overlap; else ""."""
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
     scratch.new_image(_COVERAGE, _COVERAGE)
@@ -190,7 +190,10 @@ class _Scratch:
         return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
-        """Give the copy separate materials, in a slot per material slot with faces."""
+        """Give the copy copies of the materials with faces, by falling area; ``owner``: object's
+        name.
+        Raises InputError: faces without a material.
+        """
         mesh = self.copy.data
         new_slots: dict[int, int] = {}
         last = len(self._slots) - 1
@@ -215,7 +218,7 @@ class _Scratch:
         mesh.polygons.foreach_set("material_index", new_indices)
 
     def make_tile(self, charts: Charts) -> None:
-        """Replace the copy's mesh by a face with a whole UV tile."""
+        """Replace the copy's mesh by a square face of one UV unit in real size."""
         scale = abs(self.copy.matrix_world.determinant()) ** (1.0 / 3.0)
         self.copy.matrix_world = Matrix.Scale(scale, 4)
         surface_uv.make_tile(self.copy.data, charts, scale)
@@ -243,7 +246,9 @@ class _Scratch:
         return np.divide(normals, lengths, out=np.full_like(normals, np.nan), where=lengths > 0.5)
 
     def baked(self, kind: str) -> F32:
-        """Pixels (H, W, 4) of a bake; 0 outside of faces."""
+        """Bake a type such as "EMIT" to the target image, (H, W, 4), 0 outside of faces; InputError
+        if Cycles fails.
+        """
         image, layer = self._image, self.scene.view_layers[0]
         assert image is not None
         width, height = image.size
@@ -285,7 +290,9 @@ def _wired(
     wire: Callable[[bpy.types.Material, Any], Callable[[], None]],
     values: Sequence[Any],
 ) -> Iterator[None]:
-    """Rewire materials to temporary surface shaders until the end of the context."""
+    """Context in which ``wire(material, value)`` has rewired each material; the returned undo
+    functions are called at the end.
+    """
     # Materials are restored in any case, as the next bake rewires them again.
     undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
     try:

@@ -44,14 +44,16 @@ def request(obj: bpy.types.Object) -> None:
 
 
 def on_shown(obj: bpy.types.Object) -> None:
-    """Note the display of an object's maps, and schedule a bake of outdated maps."""
+    """Store the time of display; schedule a bake of outdated maps if the last bake was quick."""
     shown_s[obj.name] = time.monotonic()
     if obj.hfx.surface.is_outdated and may_bake(obj):
         call_soon(bake_outdated, BAKE_DELAY_S)
 
 
 def may_bake(obj: bpy.types.Object) -> bool:
-    """Test for displayed maps with a quick last bake, for an automatic bake."""
+    """Test that maps were displayed within 2 s and the last bake took 1.5 s at most; False if
+    never.
+    """
     from . import surfaces
 
     is_shown = time.monotonic() - shown_s.get(obj.name, -_SHOWN_S) < _SHOWN_S
@@ -60,7 +62,9 @@ def may_bake(obj: bpy.types.Object) -> bool:
 
 @bpy.app.handlers.persistent
 def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
-    """React to an edit. Called at each update of the scene: must be quick."""
+    """Handler: schedule a bake 0.8 s after the last edit of a material, node tree or image; nothing
+    in background mode.
+    """
     if bpy.app.background or not is_material_update(graph):
         return
     # Each edit delays the bake, so that a slider is dragged without a bake per step.
@@ -75,7 +79,7 @@ def is_material_update(graph: bpy.types.Depsgraph) -> bool:
 
 
 def note_painted(graph: bpy.types.Depsgraph) -> None:
-    """Store the names of updated images."""
+    """Add the full names of updated images to :data:`painted_images`."""
     if graph.id_type_updated("IMAGE"):
         painted_images.update(
             update.id.name_full

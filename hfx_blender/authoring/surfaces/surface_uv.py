@@ -36,7 +36,7 @@ class Charts:
 
     @property
     def leaves_unit_square(self) -> bool:
-        """Test for UVs outside of 0 to 1, which repeat the map."""
+        """Test for UVs beyond 0..1 by more than 1e-4."""
         return bool((self.uv < -_OUTSIDE).any() or (self.uv > 1.0 + _OUTSIDE).any())
 
     @property

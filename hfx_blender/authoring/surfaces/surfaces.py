@@ -164,7 +164,7 @@ def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
 
 
 def _roughness_on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
-    """Roughness resampled to the grid of the heights; the default roughness for None."""
+    """Roughness 0..1 on the grid of ``field``, resampled; constant default roughness for None."""
     import numpy as np
 
     from ...engine.texture.mcha import MapSettings, make_map
@@ -175,7 +175,9 @@ def _roughness_on_grid(roughness: np.ndarray | None, field: HeightField) -> np.n
 
 
 def _update_layers(obj: bpy.types.Object) -> None:
-    """Make and store the layers of the map, unless their settings are unchanged."""
+    """Make, store and preview the layers of the map, with a warning on saturation, unless their
+    settings are unchanged; imported layers are not stored again.
+    """
     from . import image_values, material_relief
 
     settings = obj.hfx.surface
@@ -273,7 +275,9 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
-    """Haptic map of a stored relief, or of imported layers."""
+    """Haptic map of the stored relief, or for ``field`` None of imported layers, with the present
+    settings. InputError if layers or packages are missing.
+    """
     import numpy as np
 
     from ...engine.texture.haptic_map import HapticMap, NoticeableSteps
@@ -344,7 +348,7 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 
 
 def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> None:
-    """Store an imported map as the object's surface."""
+    """Store an imported map as the object's surface, with its size, frequencies and amplitude."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY
 
     settings = obj.hfx.surface
