@@ -133,7 +133,7 @@ def choosing_skin(
 
 
 def layer_of(armature: bpy.types.Object) -> Layer:
-    """Layer for haptics where clothes cover skin."""
+    """Layer to fit where clothes cover skin, by the armature's setting: "skin" or "visible"."""
     return "skin" if armature.hfx.felt_layer == "SKIN" else "visible"
 
 
@@ -338,7 +338,9 @@ def _skin_weights(
 
 
 def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
-    """Weights of a mesh's vertices, normalised per vertex; bones are positions in ``groups``."""
+    """Positive weights of a mesh in the vertex groups ``groups`` (indices), with sum 1 per vertex,
+    none for a vertex without; bone k is ``groups[k]``.
+    """
     column = {group: number for number, group in enumerate(groups)}
     counts, bones, values = [0], [], []
     for vertex in mesh.vertices:

@@ -202,7 +202,7 @@ def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector
 
 
 def _overlap(a: F64, b: F64) -> bool:
-    """Test for boxes that overlap by more than 2 cm: a floor under the feet does not count."""
+    """Test that boxes (2, 3), lowest and highest corner, overlap by more than 0.02 on all axes."""
     return bool((a[0] < b[1] - _INSIDE_M).all() and (b[0] < a[1] - _INSIDE_M).all())
 
 
@@ -241,7 +241,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
 
 
 def _hide_small_bones(armature: bpy.types.Armature) -> None:
-    """Sort bones into two collections, and hide the small bones of face, fingers and so on."""
+    """Sort bones by name into collections: "Body" (trunk, limbs), "Small Bones" (hidden)."""
     large = armature.collections.new("Body")
     small = armature.collections.new("Small Bones")
     for bone in armature.bones:

@@ -165,7 +165,9 @@ def _armatures(body: bpy.types.Object, mesh: bpy.types.Object) -> list[bpy.types
 
 
 def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
-    """Suspected causes of a pose beyond bones, by modifier name, "armature", "bones" or "keys"."""
+    """Causes why bones alone may not pose a mesh, in words, by modifier name, "armature", "bones"
+    or "keys": enabled modifiers, special armature settings, shape keys. Empty for plain skinning.
+    """
     armatures = _armatures(body, mesh)
     suspects = _armature_suspects(body, mesh, armatures) if armatures else {}
     exact = [*armatures, *mesh_copies.mirrors_of(mesh)]  # exact with bones
@@ -205,7 +207,9 @@ def _armature_suspects(
 
 
 def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
-    """Nearest points of the avatar's undeformed meshes to each vertex of a model."""
+    """Anchors of each vertex of a model on the nearest triangle of the avatar's undeformed meshes;
+    InputError without faces.
+    """
     avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
     rest = [avatar_meshes.rest_surface(mesh, {}) for mesh in meshes]
     vertices = _joined_vertices(
@@ -229,7 +233,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
 
 
 def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
-    """Join the vertices of several meshes in the local space of the first."""
+    """Concatenate vertices (A, 3) of meshes, converted to the first mesh's local space, float32."""
     joined = [vertices[0]]
     # Anchors refer to a common surface, in the space of the main mesh.
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):

@@ -150,7 +150,9 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
 
 
 def _mapping(convention: str, bones: dict[str, str]) -> BoneMapping:
-    """Mapping with fallbacks for joints without a bone."""
+    """Mapping of ``bones`` (bone by joint), with a fallback joint for each joint without a bone;
+    convention "by hand" for "".
+    """
     return with_corrections(BoneMapping(convention or BY_HAND, {}, {}, ()), bones)
 
 

@@ -115,5 +115,5 @@ def _without_arrays(
 
 
 def _path(key: str) -> Path:
-    """File of a cache entry."""
+    """Path of the entry's .npz in the user's data folder."""
     return resources.kept_fits() / f"{key}.npz"

@@ -127,7 +127,7 @@ def _prop_notes(
     targets: Sequence[TargetAvatar],
     left_out: Sequence[props.Prop],
 ) -> list[str]:
-    """Notes on props left out of a mesh, per bone."""
+    """Sentence for each prop in ``left_out``; none for a mesh without remaining triangles."""
     return [
         f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
         f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "

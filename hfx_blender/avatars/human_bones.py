@@ -38,7 +38,9 @@ def human_bones_of(armature: bpy.types.Object) -> dict[str, str]:
 
 
 def _valid_rows(armature: bpy.types.Object, pairs: Iterable[tuple[Any, Any]]) -> dict[str, str]:
-    """Human bones by bone name, from (human bone, bone) rows. Unknown names and repetitions go."""
+    """VRM names by bone name, from (VRM name, bone) rows; unknown names, missing bones, other types
+    and repetitions are left out, the first row counts.
+    """
     bones: dict[str, str] = {}
     # Custom properties hold anything, so every value is checked.
     for human_bone, bone in pairs:
@@ -89,7 +91,9 @@ def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
 
 
 def _bone_of(node: Any, uuids: dict[Any, str]) -> str | None:
-    """Bone name of a node, stored by name or by a bone's uuid; None for an empty node."""
+    """Name in ``bone_name`` or ``value`` of a node, else by ``uuids`` (name by uuid); None if
+    empty.
+    """
     for field in ("bone_name", "value"):
         if isinstance(name := _field(node, field), str) and name:
             return name
@@ -114,7 +118,7 @@ def _rows_of_gltf(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
 
 
 def _rows_of_properties(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
-    """Custom properties of an armature as rows (name, value)."""
+    """Custom properties (name, value) of the armature's data, then of the object."""
     return [(name, value) for holder in (armature.data, armature) for name, value in holder.items()]
 
 

@@ -66,10 +66,8 @@ def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
 
 
 def _check_numbers(numbers: I64) -> I64:
-    """Check numbers of vertices.
-
-    An interpolated vertex has the mean number of the sources, but not the check number of that
-    mean.
+    """Hash of vertex numbers, int64 below 2^30. A vertex that a modifier interpolates has a mean of
+    hashes, which is not the hash of its mean number.
     """
     return (numbers * 2654435761 + 40503) % (1 << 30)
 

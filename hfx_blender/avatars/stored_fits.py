@@ -129,7 +129,7 @@ def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
 
 
 def _qualities(document: Mapping[str, Any]) -> tuple[FitQuality, ...]:
-    """Quality of each model in a document."""
+    """Quality of each model, in order, from a stored fit."""
     qualities = []
     for model_id, stored in document["quality"].items():
         columns = [list(stored[name]) for name in _MEASURES]
@@ -153,7 +153,9 @@ def worst_first(qualities: Sequence[FitQuality]) -> list[PartQuality]:
 
 
 def _badness(part: PartQuality) -> float:
-    """Badness of a body part's fit: 0 is perfect, above 1 a fault is reported."""
+    """Largest of distance, misplaced share and log area ratio, each over its limit: 0 perfect,
+    above 1 a fault.
+    """
     spread = abs(np.log(max(part.area_ratio, 1e-9)))
     return max(
         part.distance_p95_mm / FARTHEST_MM,
@@ -180,7 +182,9 @@ def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, fl
 
 
 def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
-    """Flat arrays of a fitted model, in the types of ``_ARRAYS``."""
+    """Flat arrays by name of a fitted model: vertices, skin weights (offsets, bones, values),
+    anchors (corners, places, heights).
+    """
     weights, anchors = fitted.weights, fitted.anchors
     arrays = {
         "vertices": fitted.vertices,
@@ -238,7 +242,7 @@ def is_of_other_layer(armature: bpy.types.Object) -> bool:
 
 
 def _stored_fit(armature: bpy.types.Object) -> Any:
-    """ID property group of an armature's fit; None without a fit."""
+    """ID property group of a fit, of the storage mesh, else of the armature; None without one."""
     override_owner = armature.hfx.fit_kept
     return (
         armature if override_owner is None or FIT not in override_owner else override_owner
@@ -271,7 +275,9 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
 
 
 def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:
-    """Raise InputError if an avatar's meshes or their numbers of vertices changed after the fit."""
+    """Raise InputError if an avatar has another number of meshes or vertices than at fitting;
+    ``again`` ends the message. An avatar without a main mesh passes.
+    """
     meshes = avatar_meshes.meshes_of(armature)
     if armature.hfx.avatar is None:  # the bones alone are followed
         return
