@@ -97,7 +97,7 @@ def _absolute(path: str, folder: str) -> str:
 
 
 def _opened(blend: Path) -> BinaryIO:
-    """Open a .blend for reading from the beginning, decompressed."""
+    """Open a .blend for reading, decompressed if gzip or Zstandard by its first bytes."""
     file = blend.open("rb")
     start = file.read(4)
     file.seek(0)
@@ -198,7 +198,9 @@ def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
 
 
 def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
-    """Null-terminated strings of a part of DNA1."""
+    """ASCII strings of the part ``mark`` of DNA1, its count first; EOFError or ValueError if
+    damaged.
+    """
     (count,) = _numbers(file, mark, "<i")
     texts = re.match(rb"(?:[^\0]*\0){%d}" % count, file.getbuffer()[file.tell() :])
     if texts is None:
@@ -208,7 +210,7 @@ def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
 
 
 def _raw_paths(content: bytes, structure: _Structure) -> Iterator[bytes]:
-    """Non-empty paths of unpacked files in the structures of a block."""
+    """Yield the non-empty paths in a block of structures, without structures of packed files."""
     for start in range(0, len(content) - structure.size + 1, structure.size):
         # A non-zero pointer means packed data; the first four bytes suffice.
         if any(

@@ -60,7 +60,9 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """Collections of F-curves of all actions used by a datablock and the NLA strips."""
+    """Collections of F-curves of a datablock's action and of its NLA strips' actions, with their
+    slots; each once.
+    """
     data = owner.animation_data
     if data is None:
         return []
@@ -203,7 +205,7 @@ def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[Callable[[Any], None], Any]]:
-    """Input values of a Geometry Nodes modifier, each after the setter function."""
+    """Pairs (setter, present value) of the inputs of a Geometry Nodes modifier."""
     holder = getattr(getattr(modifier, "properties", None), "inputs", None)
     if holder is None:  # before Blender 5.2
         return [(partial(modifier.__setitem__, key), modifier[key]) for key in modifier.keys()]

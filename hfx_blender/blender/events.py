@@ -51,7 +51,7 @@ def call_soon(
 
 
 def is_waiting(function: Callable[[], Any]) -> bool:
-    """Test for a function with a pending timer."""
+    """Test that :func:`call_soon` has a pending timer for the function or an equal method."""
     # Blender compares identities, and each access to a bound method creates a new object.
     registered, _ = _timers.get(function, (function, False))
     return bpy.app.timers.is_registered(registered)
@@ -106,7 +106,7 @@ def redraw(*kinds: str) -> None:
 
 
 def remove_timers(*functions: Callable[[], Any]) -> None:
-    """Cancel the pending timers of functions."""
+    """Cancel the timers of functions; functions without a pending timer are ignored."""
     for function in functions:
         if is_waiting(function):
             bpy.app.timers.unregister(_timers.pop(function, (function, False))[0])

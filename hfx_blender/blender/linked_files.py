@@ -86,7 +86,9 @@ def warnings_of_files() -> list[str]:
 
 
 def _is_missing(path: Path) -> bool:
-    """Test for a path without a file, or a sequence or tiles without any file."""
+    """Test that a path does not exist; for a sequence or tiles, that no file has the start of its
+    name.
+    """
     if path.exists():
         return False
     # A sequence or tiled image exists if any of the files does.
@@ -157,7 +159,9 @@ def _paths_of_nodes() -> Iterator[_Path]:
 
 
 def _paths_of_caches() -> Iterator[_Path]:
-    """Folders of point caches next to the .blend and the libraries."""
+    """Yield the folders ``blendcache_<stem>`` of point caches next to the saved .blend, for the
+    first object, and next to each library; they need not exist.
+    """
     source = Path(bpy.data.filepath)
     if bpy.data.filepath and bpy.data.objects:
         yield bpy.data.objects[0], f"//blendcache_{source.stem}", False
@@ -190,7 +194,7 @@ def _folders_of(obj: bpy.types.Object) -> set[str]:
 
 
 def _is_sequence(owner: bpy.types.ID, path: Path) -> bool:
-    """Test for a path into a numbered sequence of files."""
+    """Test for an image or cache of a numbered sequence whose file name has a digit."""
     is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
     return bool(is_row) and re.search(r"\d", path.name) is not None
 

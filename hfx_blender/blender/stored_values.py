@@ -42,7 +42,7 @@ class BadValue:
 
 
 def bad_values(owner: bpy.types.ID) -> list[BadValue]:
-    """Values of ``owner.hfx`` and nested groups that are not allowed."""
+    """Stored values of ``owner.hfx`` and nested groups of a type or range that is not allowed."""
     # Reading through RNA would clamp or erase the value.
     stored = compat.stored_properties(owner).get("hfx")
     if stored is None:
@@ -113,7 +113,7 @@ def _bad_entries(entries: Any, stored: Any, path: str) -> Iterator[BadValue]:
 
 
 def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadValue | None:
-    """Fault of a stored number, array or menu item; None if allowed."""
+    """Fault of a stored number, array or menu item in type, length or range; None if allowed."""
     allowed = _allowed(definition)
     count = 0 if definition.type == "ENUM" else definition.array_length
     # Blender stores an array with an element type.

@@ -85,7 +85,7 @@ def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
 
 
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
-    """Float property with the range, default and unit of a modality's parameter."""
+    """Overridable float property with a parameter's default and range, its unit in the tooltip."""
     parameter = {p.name: p for p in MODALITIES[modality].parameters}[name]
     return FloatProperty(
         name=label,
@@ -99,7 +99,7 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
 
 
 def _share(name: str, tip: str, default: float, **options: object) -> FloatProperty:
-    """Float property for a factor from 0 to 1, editable in library overrides."""
+    """Float property with slider from 0 to 1, editable in library overrides; ``tip``: tooltip."""
     return FloatProperty(
         name=name,
         description=tip,

@@ -109,7 +109,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
         colouring.set_own_palette(chosen)
 
     def apply_folders(self) -> None:
-        """Set the search folders of this process and of later helper processes."""
+        """Set the environment variables of the search folders; "" restores the initial value."""
         for name, variable in _VARIABLES.items():
             # The value before the add-on is restored when a preference is cleared.
             _initial_values.setdefault(variable, os.environ.get(variable))
@@ -138,7 +138,7 @@ def _draw_scripts(layout: bpy.types.UILayout) -> None:
 
 
 def preferences() -> HfxPreferences | None:
-    """Preferences of the user; None if the package is not an enabled extension, as in a script."""
+    """Preferences of this extension; None if it is not enabled, as in a script."""
     addon = bpy.context.preferences.addons.get(_ADDON)
     return None if addon is None else addon.preferences
 

@@ -24,7 +24,7 @@ DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHA
 
 
 def _control(kind: str, control: str, label: str, tip: str, **options: object) -> FloatProperty:
-    """Float property with the range and default of a filter control of the engine."""
+    """Overridable float property with a filter control's default and range; lengths up to 1e6."""
     control_info = {info.name: info for info in CONTROLS[FilterKind(kind)]}[control]
     return FloatProperty(
         name=label,

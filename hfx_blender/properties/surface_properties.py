@@ -50,7 +50,7 @@ def _request_update(self: HfxSurfaceProperties, _context: bpy.types.Context) -> 
 
 
 def _enum_value(name: str) -> int:
-    """Number of a material's name for a .blend, independent of further materials."""
+    """Enum number of a material: CRC-32 of its name without the lowest bit."""
     # Blender stores enum numbers: a position in the list would change with new materials.
     return zlib.crc32(name.encode()) >> 1
 
