@@ -59,7 +59,8 @@ def nearest(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64, F64]:
 
 
 def support(shape: Shape, directions: F64) -> F64:
-    """Support function: largest ``w . x`` of a convex shape for directions w (3, ...)."""
+    """Support function (...) of a convex shape in shape space: largest ``w . x`` over points x, for
+    directions w (3, ...). Meshes have none."""
     x, y, z = np.abs(directions)
     if isinstance(shape, Cuboid):
         return np.asarray(x + y + z)
@@ -71,7 +72,8 @@ def support(shape: Shape, directions: F64) -> F64:
 
 
 def _distances(shape: Shape, points: F64, to_world: F64, directions: F64) -> F64:
-    """World distances of points (3, N) to the supporting planes of normals (3, N, ...)."""
+    """World distances (N, ...) of points (3, N) to the supporting planes of normals (3, N, ...),
+    shape space; negative beyond a plane."""
     stretched = np.tensordot(np.linalg.inv(to_world[:3, :3]).T, directions, 1)
     extra_axes = directions.ndim - points.ndim
     projections = (directions * points.reshape(*points.shape, *[1] * extra_axes)).sum(axis=0)
@@ -82,12 +84,10 @@ def _distances(shape: Shape, points: F64, to_world: F64, directions: F64) -> F64
 
 
 def _nearest_plane(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Normals (3, N) of the nearest supporting planes, shape space.
-
-    H has kinks at flat faces, where the minimum may lie: along the axes of a cuboid and of
-    caps. H is smooth elsewhere, so a search from many directions finds the minimum: around the
-    side of a cylinder or capsule, and over the sphere.
-    """
+    """Normals (3, N) of the nearest supporting planes, shape space, not of unit length in the
+    world. H has kinks at flat faces, where the minimum may lie: along the axes of a cuboid and of
+    caps. H is smooth elsewhere, so a search from many directions finds the minimum: around the side
+    of a cylinder or capsule, and over the sphere."""
     count, candidates = points.shape[1], []
     if isinstance(shape, Cuboid | Cylinder):
         faces = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
@@ -114,11 +114,9 @@ def _directions() -> F64:
 
 
 def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat: bool) -> F64:
-    """Local minima (3, N, K) near the best starting directions, by shrinking steps.
-
-    Starting directions are even in shape space and even in the world, where the shape may be a
-    needle.
-    """
+    """Local minima (3, N, 4), unit normals in shape space, by shrinking steps from the best of the
+    starting directions (3, S). Starts are even in shape space and even in the world, where the
+    shape may be a needle. ``is_flat``: only directions normal to the axis."""
     in_world = to_world[:3, :3].T @ starts
     # In the plane normal to the axis the world metric is 2 x 2: its singular vectors map directions
     # between both spaces.
@@ -143,7 +141,8 @@ def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat:
 def _moved_to_least(
     shape: Shape, points: F64, to_world: F64, directions: F64, step: float, is_flat: bool
 ) -> F64:
-    """Best of directions (3, N, K) and the neighbours at a distance ``step``."""
+    """Directions (3, N, K), unit length, of the least distance among each direction and its
+    neighbours at ``step``: two along the equator if ``is_flat``, else four."""
     axis = np.zeros_like(directions)
     axis[2] = 1.0
     if not is_flat:

@@ -58,10 +58,8 @@ class Skin:
 
     @classmethod
     def of(cls, model: PerceptualModel, finer: PerceptualModel | None = None) -> Skin:
-        """Skin of a model, sampled on its own triangles or on those of a finer model.
-
-        On limbs, temperature vertices are 150 mm apart, too far to approximate the skin.
-        """
+        """Skin of a model, sampled on its own triangles or on those of a finer model (not None). On
+        limbs, temperature vertices are 150 mm apart, too far to approximate the skin."""
         if finer is None:
             return cls(model, model, np.arange(len(model), dtype=np.int32))
         return cls(model, finer, cell_of_skin(model)[1])
@@ -92,7 +90,8 @@ class Samples:
 
 
 def vertex_samples(model: PerceptualModel) -> Samples:
-    """Samples of HFX Studio's test (Danieau et al., 2018): each vertex represents its cell."""
+    """One sample per vertex of a model, for its whole cell: the test of HFX Studio (Danieau et al.,
+    2018)."""
     indices, count = np.arange(len(model)), len(model)
     shares = np.stack([np.ones(count), np.zeros(count), np.zeros(count)])
     return Samples(indices, np.stack([indices] * 3), shares, np.zeros(count), np.ones(count))
@@ -130,19 +129,18 @@ class Cells:
         self._bulges[:, is_flat] = 0.0
 
     def _steps_within(self, squares: tuple[F64, F64, F64], distance: F64) -> I64:
-        """Samples along each side (Q,), so that skin is no farther than ``distance`` from
-        its sample."""
+        """Samples along each side (Q,) of Q quads, 1 to 256, so that skin is no farther than
+        ``distance`` (Q,) metres from its sample. ``squares`` as in :meth:`_reach`."""
         most = np.ceil(self._reach(squares, np.inf) / distance - 1e-9)
         steps = np.ceil(self._reach(squares, most) / distance - 1e-9)
         return np.clip(steps, 1, _MOST).astype(np.int64)
 
     def _reach(self, squares: tuple[F64, F64, F64], steps: F64 | float) -> F64:
-        """Largest distance from a sample to a corner of the part, times ``steps``, (Q,)
-        metres.
-
-        The position is bilinear in (s, t): the distance is half a step in s and in t times
+        """Largest distance (Q,) from a sample to a corner of its part of the quad, times ``steps``,
+        metres. The position is bilinear in (s, t): the distance is half a step in s and in t times
         the derivatives there, largest towards a corner of the quad, a quarter step from it.
-        """
+        ``squares`` are the dot products (Q,) of the edges from the quad's corner: first with
+        itself, with the second, second with itself."""
         longest = np.zeros(len(self._doubled))
         low, high = 0.25 / np.maximum(steps, 1.0), 1.0 - 0.25 / np.maximum(steps, 1.0)
         for s in (low, high):
@@ -157,7 +155,8 @@ class Cells:
         return reach
 
     def samples(self, cells: I64 | None = None) -> Iterator[Samples]:
-        """Yield all samples, or those of some cells, in blocks of bounded size with whole cells."""
+        """Yield all samples (``cells`` None), or those of the given cells, in blocks of bounded
+        size with whole cells."""
         owner, count = self._skin.owner.astype(np.int64), len(self._skin.model)
         sizes = np.bincount(owner[self._corners[0]], self._steps**2, count)
         is_selected = np.full(count, cells is None)
@@ -170,7 +169,8 @@ class Cells:
             yield self._samples_of(quads, np.flatnonzero(unit_block == number))
 
     def _samples_of(self, quads: I64, units: I64) -> Samples:
-        """Samples of some quads and of the surface vertices that the quads surround."""
+        """Samples of the quads ``quads``, and one of each surface vertex in ``units``, the corners
+        of these quads: first the vertices, then the quads' samples."""
         owner, total = self._skin.owner.astype(np.int64), len(self._skin.surface)
         counts = self._steps[quads] ** 2
         quad = np.repeat(quads, counts)
@@ -215,19 +215,17 @@ class Cells:
 
 @lru_cache(maxsize=4)
 def cells_of(skin: Skin, fineness: Fineness) -> Cells:
-    """Cells of a skin, cached, because every time needs them."""
+    """Cells of a skin at a fineness; the last four are cached, because every time needs them."""
     return Cells(skin, fineness)
 
 
 def _bulges(points: list[F64], normals: list[F64], cross: F64, doubled: F64) -> F64:
-    """Bulge coefficients of skin above the triangles, (3, Q): edges 01, 02 and 12.
-
-    Phong tessellation (Boubekeur and Alexa, 2008) moves a point with barycentric coordinates l
-    to the mean, weighted by l, of the projections onto the planes at the corners. Its height
-    above the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``, with
-    ``m_i`` the corner's normal times its cosine to the triangle's normal. Half of it equals the
-    sagitta of a circle and of a sphere, to second order. Clipped at creases; 0 for NaN.
-    """
+    """Bulge coefficients of skin above the triangles, (3, Q): edges 01, 02 and 12, in units of
+    sqrt(2 * area). Phong tessellation (Boubekeur and Alexa, 2008) moves a point with barycentric
+    coordinates l to the mean, weighted by l, of the projections onto the planes at the corners. Its
+    height above the triangle is the sum over edges ij of ``l_i l_j (p_j - p_i) . (m_j - m_i)``,
+    with ``m_i`` the corner's normal times its cosine to the triangle's normal. Half of it equals
+    the sagitta of a circle and of a sphere, to second order. Clipped at creases; 0 for NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
         upright = [normal * (_dot(normal, cross) / doubled) for normal in normals]
         bulges = np.stack(

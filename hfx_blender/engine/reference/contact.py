@@ -39,14 +39,16 @@ class Body:
     cells: I64 | None = None  # only cells that may be in contact; None: all
 
     def samples(self) -> Iterator[Samples]:
-        """Yield the samples of ``cells``, or of all cells, in blocks with whole cells."""
+        """Yield the samples of ``cells``, or of all cells, in blocks with whole cells; with
+        ``fineness`` None one sample per vertex of the model."""
         if self.fineness is None:
             yield vertex_samples(self.skin.model)
         else:
             yield from cells_of(self.skin, self.fineness).samples(self.cells)
 
     def world_points(self, row: int, samples: Samples | None = None) -> F64:
-        """World positions (3, N) of samples, or of the model's vertices."""
+        """World positions (3, N) of samples at a row of the pose, or (3, V) of the model's vertices
+        for None; metres."""
         if samples is None:
             return world_points(self.skin.model, self.binding, self.pose, row)
         points = world_points(self.skin.surface, self.binding, self.pose, row)
@@ -72,7 +74,8 @@ class Volume:
         return matrix
 
     def strength(self, points: F64, row: int) -> F64:
-        """Strengths 0..1 (N,) at points (3, N) in the shape space of a row."""
+        """Strengths 0..1 (N,) at points (3, N) in shape space, with shape and falloff at a row; 0
+        outside."""
         return strength(self.shape(row), self.falloff, points)
 
 
@@ -140,12 +143,14 @@ def contact(
 
 
 def _summed(samples: Samples, weights: F64, count: int) -> F64:
-    """Area-weighted sums (V,) over the samples of each cell."""
+    """Sums (V,) of sample ``weights`` (N,) times area fractions in each of ``count`` cells; 0 in
+    empty cells."""
     return np.asarray(np.bincount(samples.cells, samples.areas * weights, count), np.float64)
 
 
 def _place(result: Contact, volume: Volume, row: int, cells: I64, points: F64) -> None:
-    """Set contact positions to the deepest of points (3, N) of the cells (N,), in place."""
+    """Set contact positions, if details are kept, to the deepest of points (3, N), shape space, in
+    each of their cells (N,), in place."""
     if result.details is None:
         return
     depths = nearest(volume.shape(row), points, volume.matrix(row))[2]
@@ -162,7 +167,9 @@ def _follow(
     rows: tuple[int, int],
     steps: int | None,
 ) -> None:
-    """Add contacts between two rows, for cells without contact at the first row, in place."""
+    """Add contacts between rows ``rows`` (earlier, later) to ``result``, in place, for cells
+    without contact at the earlier row: the largest area fraction inside at one moment, if above the
+    weight, and begin and entry for details."""
     before, row = rows
     path = _path(body, volume, samples, rows, steps)
     start = volume.strength(path[0], before)
@@ -199,10 +206,9 @@ def _follow(
 def _path(
     body: Body, volume: Volume, samples: Samples, rows: tuple[int, int], steps: int | None
 ) -> F64:
-    """Paths of samples between two rows in straight steps, (steps + 1, 3, N) shape space.
-
-    Skin moves straight in the body's space between its positions there at both rows.
-    """
+    """Paths (steps + 1, 3, N) of samples between two rows in shape space. ``steps`` None: 64 if
+    volume or body rotates, else 1. Skin moves straight in the body's space between its positions
+    there at both rows."""
     ends = [body.world_points(row, samples) for row in rows]
     volumes = [volume.matrix(row) for row in rows]
     bodies = [body.pose.to_world[row] for row in rows]
@@ -224,11 +230,9 @@ def _path(
 
 
 def _peaks(cells: I64, first: F64, last: F64, shares: F64, count: int) -> F64:
-    """Largest sum of fractions (V,) of a cell's samples inside at one moment.
-
-    Fractions are added at first and subtracted at last times; at equal times additions come
-    first.
-    """
+    """Largest sum (V,) of the fractions ``shares`` (N,) of a cell's samples inside at one moment,
+    for ``count`` cells; 0 in other cells. Fractions are added at ``first`` and subtracted at
+    ``last`` (N,); at equal times additions come first."""
     key, when = np.tile(cells, 2), np.concatenate([first, last])
     change = np.concatenate([shares, -shares])
     order = np.lexsort((change < 0.0, when, key))

@@ -38,7 +38,7 @@ def world_points(
 
 
 def moved(matrix: F64, points: F64) -> F64:
-    """Points (3, N) under an affine matrix (4, 4) or (3, 4)."""
+    """Points (3, N) under an affine matrix (4, 4) or (3, 4), as a new array."""
     transformed: F64 = matrix[:3, :3] @ points + matrix[:3, 3:]
     return transformed
 
@@ -74,10 +74,9 @@ def by_bones(model: PerceptualModel, bone_names: tuple[str, ...], bones: F64) ->
 
 
 def on_surface(anchors: SurfaceAnchors, surface: npt.NDArray[np.float32]) -> F64:
-    """Positions (3, V) of vertices anchored to triangles of an avatar's evaluated mesh (A, 3).
-
-    Barycentric coordinates and the height along the unit normal are kept.
-    """
+    """Positions (3, V) of V vertices anchored to triangles of an avatar's evaluated mesh (A, 3),
+    same space: barycentric point plus the offset along the triangle's unit normal; none for a
+    degenerate triangle."""
     corners = surface.astype(np.float64)[anchors.corners]  # (V, 3, 3): vertex, corner, coordinate
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -87,7 +86,8 @@ def on_surface(anchors: SurfaceAnchors, surface: npt.NDArray[np.float32]) -> F64
 
 
 def placement_between(before: F64, after: F64, share: float) -> F64:
-    """Placement (4, 4) at a fraction of the time between two placements."""
+    """Placement (4, 4) at a fraction 0..1 of the time: origin and stretch linear, rotation by the
+    shortest way at constant speed."""
     turn, stretch = _polar(before[:3, :3])
     turn_after, stretch_after = _polar(after[:3, :3])
     matrix = (1.0 - share) * before + share * after
@@ -98,13 +98,15 @@ def placement_between(before: F64, after: F64, share: float) -> F64:
 
 
 def is_rotating(before: F64, after: F64) -> bool:
-    """Test for a rotation between two placements beyond rounding."""
+    """Test for a rotation by more than 1e-9 radians between two placements (4, 4); stretch and
+    translation do not count."""
     relative = _polar(after[:3, :3])[0] @ _polar(before[:3, :3])[0].T
     return bool((before[:3, :3] != after[:3, :3]).any() and _axis_angle(relative)[1] > 1e-9)
 
 
 def _polar(linear: F64) -> tuple[F64, F64]:
-    """Rotation and symmetric stretch of a linear map; a reflection is part of the stretch."""
+    """Rotation and symmetric stretch (3, 3) each of a linear map, in this order of factors; a
+    reflection is part of the stretch."""
     # With A = U S V^T, the rotation is U V^T and the stretch V S V^T.
     u, sizes, vt = np.linalg.svd(linear)
     sign = 1.0 if np.linalg.det(u @ vt) > 0.0 else -1.0
@@ -112,7 +114,7 @@ def _polar(linear: F64) -> tuple[F64, F64]:
 
 
 def _axis_angle(turn: F64) -> tuple[F64, float]:
-    """Unit axis and angle (0..pi) of a rotation matrix."""
+    """Unit axis (3,) and angle (0..pi) of a rotation matrix; without rotation any axis and 0."""
     skew = 0.5 * np.array(
         [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
     )
@@ -125,7 +127,7 @@ def _axis_angle(turn: F64) -> tuple[F64, float]:
 
 
 def _rotation(axis: F64, angle: float) -> F64:
-    """Rotation matrix by Rodrigues' formula."""
+    """Rotation matrix (3, 3) about a unit axis by an angle, radians (Rodrigues' formula)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn: F64 = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross

@@ -120,8 +120,8 @@ def nearest_on_triangles(corners: F64, points: F64) -> tuple[F64, F64]:
 
 
 def _keep_nearer(points: F64, feet: F64, places: F64, least: F64) -> None:
-    """Replace nearest points and squared distances by nearer feet, in place; infinite feet
-    never win."""
+    """Replace nearest points ``places`` (3, N) and squared distances ``least`` (N,) where ``feet``
+    (3, N) are nearer to points, in place; infinite feet never win."""
     away = feet - points
     squared = np.einsum("in,in->n", away, away)
     nearer = squared < least

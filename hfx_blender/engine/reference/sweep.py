@@ -22,18 +22,8 @@ Interval = tuple[F64, F64]
 
 
 def passage(shape: Shape, path: F64) -> Interval:
-    """First and last time at which points are inside, on paths of even steps.
-
-    Parameters
-    ----------
-    path : (steps + 1, 3, N) float64
-        Shape space.
-
-    Returns
-    -------
-    first, last : (N,) float64
-        From 0 at the start to 1 at the end; (inf, -inf) if never inside.
-    """
+    """First and last time (N,) at which points are inside, on paths (steps + 1, 3, N) in shape
+    space of even steps: from 0 at the start to 1 at the end; (inf, -inf) if never inside."""
     steps = len(path) - 1
     interval: Interval = np.full(path.shape[2], np.inf), np.full(path.shape[2], -np.inf)
     for k in range(steps):
@@ -43,7 +33,8 @@ def passage(shape: Shape, path: F64) -> Interval:
 
 
 def along(path: F64, share: F64) -> tuple[F64, F64]:
-    """Positions on paths at fractions (N,) of the time, and velocities per whole time, (3, N)."""
+    """Positions (3, N) on paths (steps + 1, 3, N) at fractions (N,) of the time, and velocities per
+    whole time."""
     steps, which = len(path) - 1, np.arange(path.shape[2])
     step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     start: F64 = path[step, :, which].T
@@ -52,7 +43,8 @@ def along(path: F64, share: F64) -> tuple[F64, F64]:
 
 
 def _passage(shape: Shape, start: F64, end: F64) -> Interval:
-    """First and last time inside during one straight step."""
+    """First and last time (N,), 0 to 1, inside during one straight step from ``start`` to ``end``
+    (3, N)."""
     way = end - start
     with np.errstate(all="ignore"):  # a way along a plane divides by 0
         if isinstance(shape, Cuboid):
@@ -79,7 +71,7 @@ def _passage(shape: Shape, start: F64, end: F64) -> Interval:
 
 
 def _unless_empty(first: F64, last: F64) -> Interval:
-    """Interval, or (inf, -inf) if first > last or NaN."""
+    """Interval ``first`` to ``last``, or (inf, -inf) where first > last or either is NaN."""
     is_some = first <= last  # False for what is not a number
     return np.where(is_some, first, np.inf), np.where(is_some, last, -np.inf)
 
@@ -90,17 +82,18 @@ def _both(first: Interval, second: Interval) -> Interval:
 
 
 def _union(first: Interval, second: Interval) -> Interval:
-    """Smallest interval with both intervals."""
+    """Smallest interval with both intervals, the gap between included; empty only if both are."""
     return np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
 
 
 def _at(is_inside: Bool, time: float) -> Interval:
-    """Interval of a single time, empty where not inside."""
+    """Interval of the single ``time``, empty where not ``is_inside`` (N,)."""
     return np.where(is_inside, time, np.inf), np.where(is_inside, time, -np.inf)
 
 
 def _in_slabs(start: F64, way: F64, half: float) -> Interval:
-    """Time interval with all coordinates between -half and half, unclamped; may be infinite."""
+    """Time interval (N,) with all coordinates between -half and half, on lines start + t * way (K,
+    N); not limited to 0..1, infinite at rest inside."""
     to_low, to_high = (-half - start) / way, (half - start) / way
     # A point at rest along an axis is inside the slab always or never.
     rests = np.where(np.abs(start) <= half, -np.inf, np.inf)
@@ -110,7 +103,8 @@ def _in_slabs(start: F64, way: F64, half: float) -> Interval:
 
 
 def _in_ball(start: F64, way: F64) -> Interval:
-    """Time interval with a norm of at most 1: half a chord around the nearest moment, unclamped."""
+    """Time interval (N,) with a norm of at most 1 on lines start + t * way (K, N): half a chord
+    around the nearest moment, not limited to 0..1, infinite at rest inside."""
     squared = (way * way).sum(axis=0)
     rests = np.where((start * start).sum(axis=0) <= 1.0, -np.inf, np.inf)
     nearest = -(start * way).sum(axis=0) / squared
@@ -122,10 +116,9 @@ def _in_ball(start: F64, way: F64) -> Interval:
 
 
 def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
-    """First and last crossing of triangles (F, 3, 3), extended by a grain beyond their edges.
-
-    Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
-    """
+    """First and last time, 0 to 1, of crossing triangles (F, 3, 3) on the way from ``start``, with
+    1e-9 beyond their edges; empty without. Moeller and Trumbore, "Fast, minimum storage
+    ray/triangle intersection", 1997."""
     interval = np.full(start.shape[1], np.inf), np.full(start.shape[1], -np.inf)
     grain = 1e-9
     for a, b, c in corners:

@@ -41,11 +41,9 @@ class Answering:
 
     @property
     def memory_s(self) -> float:
-        """Longest duration of an impact of any response, seconds; 0 without impacts.
-
-        A part of a scene equals the whole only after evaluation of this time, and one
-        sample more, before the part.
-        """
+        """Largest upper bound of an impact's duration over all responses, seconds; 0 without
+        impacts. A part of a scene equals the whole only after evaluation of this time, and one
+        sample more, before the part."""
         return max(
             (
                 filter_.rings_s
@@ -72,11 +70,11 @@ class Answering:
         *,
         is_clear: bool,
     ) -> SampleRun | None:
-        """Apply the response of a volume to the contacts with a body; None without samples.
-
-        ``rows`` may include rows of neighbouring blocks; samples are those of the block
-        itself. ``is_clear``: no contact is possible, also not between rows.
-        """
+        """Apply the response of volume ``effect`` to the contacts ``run`` (None: none) with a body;
+        None without a sample above 0. ``rows`` with the effect on may include rows of neighbouring
+        blocks; samples are those of the own block. ``posed`` are rows with a pose. ``contacts``
+        evaluates contacts at moments in between. ``is_clear``: no contact is possible, also not
+        between rows. Updates the impacts of the stream."""
         assert isinstance(effect.area, HapticVolume)
         stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
         own = np.searchsorted(rows, [block.own.start, block.own.stop]).tolist()
@@ -122,7 +120,8 @@ class Answering:
         return replace(samples, times_s=self.scene.time.times_s(samples.indices))
 
     def _places_of(self, bounds: ReachableBounds, skin: BodySkin, pose: PoseBlock) -> BodyPlaces:
-        """Cached positions of a body's clusters in a block, shared by all volumes."""
+        """World positions of a body's clusters in a block, shared by all volumes: cached until
+        ``bounds`` is another object."""
         if self._places is None or self._places[0] is not bounds:
             self._places = bounds, BodyPlaces(skin, pose, bounds.rows)
         return self._places[1]
@@ -135,7 +134,8 @@ class Answering:
         bounds: ReachableBounds,
         effect: EffectDescription,
     ) -> bool:
-        """Quick test, for the common case, that a volume without contacts has no samples here."""
+        """Quick test that a volume without contacts has no samples at ``rows``: no ringing impact,
+        and no body box within the largest range of a proximity filter. False if undecided."""
         if self.settling.rings(stream) or len(animated.shapes) != 1 or not len(bounds.rows):
             return False
         assert isinstance(effect.area, HapticVolume) and animated.response is not None
@@ -156,7 +156,8 @@ class Answering:
 
 
 def with_own_sets(run: SampleRun) -> SampleRun:
-    """Copy of a run with a separate vertex set for each sample."""
+    """Copy of a run with a separate vertex set for each sample (``sets`` None); the run itself if
+    already so."""
     if run.sets is None:
         return run
     parts = [slice(int(a), int(b)) for a, b in pairwise(run.offsets)]
@@ -171,10 +172,9 @@ def with_own_sets(run: SampleRun) -> SampleRun:
 
 
 def depths_of(samples: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
-    """Depths (total,) at the vertices of samples with separate sets; 0 without contact.
-
-    ``contacts`` are the contacts before the response, with depths.
-    """
+    """Depths (total,) in metres at the vertices of ``samples``, which have separate sets, from
+    ``contacts`` with depths of before the response; 0 without contact there, or if ``contacts`` is
+    None."""
     depths = np.zeros(len(samples.vertices), np.float32)
     if contacts is None or contacts.depth_m is None:
         return depths

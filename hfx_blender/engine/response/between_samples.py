@@ -92,7 +92,9 @@ def _looked_closely(
     *,
     is_live: bool,
 ) -> tuple[Touches, list[TouchedSets]]:
-    """Add onsets and speeds of impacts to touches, and collect touched skin inside intervals."""
+    """Add onsets and speeds of impacts to touches, and collect touched skin inside intervals: first
+    at ``count`` steps, then at finer steps around beginnings (``begins`` (n,)) and strongest
+    moments."""
     chosen = intervals.chosen
     slow_s = _slow_s(touches, chosen) / intervals.lengths_s
     steps = intervals.steps(np.arange(len(chosen)), intervals.with_keys(_grid(count)))
@@ -150,11 +152,9 @@ def _changes(
     is_bent: Bool,
     loud_until_s: float,
 ) -> tuple[Bool, Bool]:
-    """Rows (n,) with changing contacts in the interval before, while an impact is loud.
-
-    The first mask selects the neighbourhood of local maxima, possible pauses and turns; the
-    second all other changes.
-    """
+    """Two masks (n,) of loud intervals before samples, in which contacts change: near a maximum of
+    the summed weights, at possible pauses and turns; and all further changes. ``run`` None: both
+    False."""
     impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     loudest_s = LOUD * touches.controls[:, impacts, 1:3].sum(axis=2).max(axis=1)
     until_s = np.where(begins, touches.times_s + loudest_s, loud_until_s)
@@ -188,8 +188,8 @@ def _changes(
 
 
 def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
-    """Tests whether any vertex gains weight from set ``one`` to set ``other`` of a run, and
-    loses any."""
+    """Whether any vertex gains weight from set number ``one`` to number ``other`` of a run, and
+    whether any loses weight; a missing vertex has weight 0."""
     parts = [slice(int(run.offsets[j]), int(run.offsets[j + 1])) for j in (one, other)]
     ids = np.concatenate([run.vertices[part] for part in parts])
     order = np.argsort(ids, kind="stable")
@@ -202,7 +202,9 @@ def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
 def _by_steps(
     moments: Moments, touches: Touches, rows: Bool, longest_s: float
 ) -> Iterator[tuple[I64, int]]:
-    """Yield (rows, step count) of selected intervals (n,), with steps of at most ``longest_s``."""
+    """Yield (rows, step count) of the intervals selected by ``rows`` (n,), grouped by count,
+    ascending. Steps take at most ``longest_s`` and 2 % of the shortest impact's time constant; 2 to
+    100 steps."""
     chosen = np.flatnonzero(rows)
     ends = moments.rows[chosen]
     lengths_s = moments.times_s[ends] - moments.times_s[ends - 1]
@@ -219,14 +221,16 @@ def _grid(count: int) -> F64:
 
 
 def _slow_s(touches: Touches, rows: I64) -> F64:
-    """Shortest of the impacts' slower time constants (n,) at rows, seconds."""
+    """Slower time constant, of attack and decay, at rows (n,), seconds; the shortest among the
+    impacts."""
     impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     slow_s: F64 = touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1)
     return slow_s
 
 
 def _closer_shares(steps: IntervalSteps, new: I64, strong: I64, slow: F64) -> tuple[I64, F64]:
-    """Intervals and fine fractions (m, 17): around beginnings, then around strongest moments."""
+    """Intervals (m,) and 17 fractions each (m, 17): between the steps around the first touch for
+    intervals ``new``, then around the largest decayed weight for intervals ``strong``."""
     touched, count = steps.is_touched, steps.shares.shape[1] - 1
     first = np.where(touched.any(axis=1), touched.argmax(axis=1), count)[new]
     most = np.where(touched, steps.strengths(slow), 0.0)[strong].argmax(axis=1)
@@ -237,10 +241,8 @@ def _closer_shares(steps: IntervalSteps, new: I64, strong: I64, slow: F64) -> tu
 
 
 def _with_between(touches: Touches, parts: list[TouchedSets]) -> Touches:
-    """Touches with moments between samples, sorted by row, then time, and with the moments' sets.
-
-    Of successive moments with equal sets only the first and the last are kept.
-    """
+    """Touches with moments between samples, sorted by row, then time, and with the moments' vertex
+    sets appended. Of successive moments with equal sets only the first and the last remain."""
     if not parts:
         return touches
     counts = np.cumsum([len(touches.offsets) - 1, *(len(part.offsets) - 1 for part in parts)])

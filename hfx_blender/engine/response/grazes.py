@@ -30,7 +30,8 @@ Contacts = Callable[[Moments, Bool], SampleRun | None]
 
 
 def may_graze(moments: Moments) -> Bool:
-    """Rows (n,) with a possible touch on a bent path before, by boxes of volume and clusters."""
+    """Mask (n,) of rows before which a bent path may have touched skin, by boxes of volume and
+    clusters. False for paths bent by less than 0.1 mm and below three rows."""
     assert moments.effect.matrices is not None
     rows, is_bent = moments.rows, np.zeros(len(moments.rows), np.bool_)
     if len(rows) < 3:
@@ -56,10 +57,8 @@ def may_graze(moments: Moments) -> Bool:
 
 
 def may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
-    """Select rows (n,) at which the volume, enlarged by half of all motion, touches skin.
-
-    With mesh volumes ``grazes`` is returned unchanged.
-    """
+    """Part of the mask ``grazes`` (n,): rows at which, or before which, the volume touches skin
+    when enlarged by half of all motion and the bend. With mesh volumes ``grazes`` itself."""
     effect, chosen = moments.effect, np.flatnonzero(grazes)
     if not len(chosen) or any(isinstance(shape, MeshVolume) for shape in effect.shapes):
         return grazes
@@ -86,7 +85,8 @@ def may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
 
 
 def _meets(boxes: F64, bodies: F64, reach: float) -> Bool:
-    """Test boxes (n, 2, 3) for a distance within ``reach`` at a row or at the row before, (n,)."""
+    """Mask (n,): box of ``boxes`` (n, 2, 3), enlarged by ``reach`` on all sides, meets that of
+    ``bodies`` (n, 2, 3) at the row or at the row before; False at the first row."""
     both = []
     for part in (slice(None, -1), slice(1, None)):
         low = boxes[part, 0] - reach <= bodies[part, 1]
@@ -96,7 +96,8 @@ def _meets(boxes: F64, bodies: F64, reach: float) -> Bool:
 
 
 def follow_on(moments: Moments) -> Bool:
-    """Rows (n,) that follow the row before: consecutive samples with the effect on."""
+    """Mask (n,) of rows whose row and sample index both continue the row before by 1; False at the
+    first."""
     rows = moments.rows
     steps = (np.diff(rows) == 1) & (np.diff(moments.indices[rows]) == 1)
     return np.concatenate([[False], steps])

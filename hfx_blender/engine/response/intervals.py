@@ -42,15 +42,16 @@ class IntervalSteps:
 
     @property
     def is_touched(self) -> Bool:
-        """Steps (n, S + 1) with touched skin; False at the start, which belongs to the
-        sample before."""
+        """Mask (n, S + 1) of steps with a weight sum above 0; False at the start, which belongs to
+        the sample before."""
         touched = self.sums > 0.0
         touched[:, 0] = False
         return touched
 
     @property
     def sets(self) -> list[TouchedSets]:
-        """Touched skin at steps inside the intervals; empty without any."""
+        """Touched skin at steps strictly inside the intervals, as a single list entry; an empty
+        list without contacts."""
         if self.run is None:
             return []
         inside = (self.rows % self.shares.shape[1] > 0) & (self.shares.ravel()[self.rows] < 1.0)
@@ -60,10 +61,8 @@ class IntervalSteps:
         return [TouchedSets(rows, times, *sets)]
 
     def strengths(self, slow: F64) -> F64:
-        """Weight sums (n, S + 1) under exponential decay.
-
-        ``slow`` (N,) are time constants of all intervals, as fractions of the lengths.
-        """
+        """Weight sums (n, S + 1) times exp(-fraction / ``slow``): decay since the interval's start.
+        ``slow`` (N,) are time constants of all N intervals, as fractions of their lengths."""
         return np.asarray(self.sums * np.exp(-self.shares / slow[self.which, None]))
 
 
@@ -104,16 +103,14 @@ class Intervals:
         self._after = 1 + _chain(follows, chosen + 1, 1, is_straight)
 
     def times_s(self, which: I64, shares: F64) -> F64:
-        """Times (n,) at fractions (n,) of intervals."""
+        """Times (n,) in seconds at fractions ``shares`` (n,) of the intervals numbered ``which``
+        (n,)."""
         ends = self._moments.times_s[self._rows[which]]
         return np.asarray(ends - (1.0 - shares) * self.lengths_s[which])
 
     def with_keys(self, grid: F64) -> F64:
-        """Fractions (n, S) of each interval: those of a grid, and keys at which motion may
-        turn.
-
-        Sorted; intervals with fewer keys are padded with 1.
-        """
+        """Fractions (n, S) of each interval: those of ``grid``, and keys of volume and pose inside,
+        ascending; intervals with fewer keys are padded with 1."""
         keyed = [block.keys for block in (self._moments.effect, self._moments.pose)]
         keys = np.concatenate([np.zeros(0), *(values for values in keyed if values is not None)])
         inside = keys - (self._moments.indices[self._rows, None] - 1.0)
@@ -123,7 +120,8 @@ class Intervals:
         return np.sort(together, axis=1)
 
     def steps(self, which: I64, shares: F64) -> IntervalSteps:
-        """Contacts at fractions (n, S + 1), or (S + 1,) for all, of some intervals."""
+        """Contacts without filters at fractions ``shares`` (n, S + 1), or (S + 1,) for all, of the
+        intervals numbered ``which`` (n,)."""
         shares = np.broadcast_to(shares, (len(which), shares.shape[-1]))
         closer = self._closer(which, shares)
         run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
@@ -136,11 +134,9 @@ class Intervals:
         return IntervalSteps(run, rows, which, self.chosen[which], times, shares, sums)
 
     def answered(self, which: I64, shares: F64, step: float, run: SampleRun, sets: I64) -> Touches:
-        """Touches with filters at fractions (n,) of some intervals.
-
-        Speeds are means over ``step``, a fraction of an interval. ``sets`` (n,) are the
-        moments' set numbers in the run, which has no filters.
-        """
+        """Touches with filters at one fraction (n,) of each interval numbered ``which`` (n,).
+        Speeds are means over ``step``, a fraction of an interval. ``sets`` (n,) are the set numbers
+        in ``run``, whose contacts have no filters."""
         closer = self._closer(which, np.stack([shares - np.minimum(step, shares), shares], axis=1))
         rows = closer.rows[1::2]
         touched = replace(
@@ -156,7 +152,9 @@ class Intervals:
         return touches
 
     def _closer(self, which: I64, shares: F64) -> Moments:
-        """Moments at fractions (n, S + 1) of some intervals, as rows of a block of their own."""
+        """Moments at fractions ``shares`` (n, S + 1) of the intervals ``which``, as rows of a block
+        of their own: n times S + 1 rows, levels and controls linear, parameters of the interval's
+        end."""
         moments, count = self._moments, shares.shape[1]
         effect, pose = moments.effect, moments.pose
         assert effect.matrices is not None
@@ -202,11 +200,9 @@ class Intervals:
     def _motion(
         self, name: str, values: F64 | F32, at: Motion | None, which: I64, shares: F64
     ) -> F64:
-        """Values (n S, ...) at fractions (n, S) of some intervals, from the block's (T,
-        ...).
-
-        Computed by ``at``; estimated without it; linear where motion is straight.
-        """
+        """Values (n S, ...) at fractions (n, S) of the intervals ``which``, from samples (T, ...).
+        Computed by ``at``, a function of fractional sample indices; estimated if ``at`` is None or
+        motion is straight."""
         if len(values) and (values == values[0]).all():
             still = values[0].astype(np.float64)
             return np.broadcast_to(still, (shares.size, *still.shape))
@@ -230,7 +226,8 @@ class Intervals:
         return np.concatenate([known[key] for key in keys])
 
     def _path(self, name: str, values: F64 | F32, n: int) -> MotionEstimate:
-        """Cached motion estimate for interval ``n`` of the block's values (T, ...)."""
+        """Motion estimate in interval ``n`` from the samples ``values`` (T, ...), cached by
+        ``name`` and interval; linear if motion is straight."""
         known = self._own_paths if name == "matrices" else self._moments.places.paths
         row, before, after = (int(counts[n]) for counts in (self._rows, self._before, self._after))
         key = name, row, before, after
@@ -243,30 +240,32 @@ class Intervals:
 
 
 def weight_sums(run: SampleRun) -> F64:
-    """Sum of weights (n,) of each sample."""
+    """Sum of vertex weights (n,) of each sample of a run."""
     sums: F64 = np.add.reduceat(run.weights, run.offsets[:-1], dtype=np.float64)[run.set_of]
     return sums
 
 
 def _packed(value: F64 | F32) -> F64:
-    """Rows (N, D) of a matrix, of bones or of points; each row moves independently.
-
-    Matrices are split by columns, so that an axis can keep rotating while the origin bounces.
-    """
+    """Rows (N, D) of a matrix (4 columns), of bones (B, 12) or of points (A, 3); rows move
+    independently. Columns let an axis keep rotating while the origin bounces."""
     if value.shape == (4, 4):
         return value.T.astype(np.float64)
     return value.reshape(len(value), -1).astype(np.float64)
 
 
 def _unpacked(rows: F64, values: F64 | F32) -> F64:
-    """Values (n, ...) with the block's shape (T, ...), from rows (n, N, D)."""
+    """Values (n, ...) shaped like the entries of ``values`` (T, ...), from rows (n, N, D); inverse
+    of :func:`_packed`."""
     if values.shape[1:] == (4, 4):
         return rows.transpose(0, 2, 1)
     return rows.reshape(len(rows), *values.shape[1:])
 
 
 def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:
-    """Numbers (n,) of known samples next to intervals, up to :data:`NEIGHBOURS`; 0 if straight."""
+    """Counts (n,), 0 to :data:`NEIGHBOURS`, of samples beyond an interval's end without a gap; 0 if
+    ``is_straight``. ``follows`` masks rows that continue the row before. Counted are successive
+    True from row ``at`` - 1 downwards for ``way`` -1, and from row ``at`` upwards for 1; none below
+    row 0."""
     count, known = np.zeros(len(at), np.int64), np.full(len(at), not is_straight)
     for k in range(NEIGHBOURS):
         neighbour = at - 1 - k if way < 0 else at + k

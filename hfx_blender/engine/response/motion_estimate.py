@@ -54,7 +54,8 @@ class MotionEstimate:
             self._turns, self._meets = turns, meets[:, None]
 
     def at(self, shares: F64) -> F64:
-        """Values (S, N, D) at fractions (S,)."""
+        """Values (S, N, D) at fractions (S,) of the interval; equal samples give the constant,
+        read-only."""
         if self._is_still:
             return np.broadcast_to(self._nodes[0], (len(shares), *self._nodes.shape[1:]))
         basis = np.vander(shares, len(_NODES)) @ _CUBICS
@@ -70,7 +71,9 @@ class MotionEstimate:
 
 
 def _smooth(before: list[F64], after: list[F64]) -> tuple[F64, I64]:
-    """Values (4, N, D) at the nodes, and numbers of turning rows, whose values are linear."""
+    """Values (4, N, D) at fractions 0, 1/3, 2/3, 1, and numbers of turning rows, explained by
+    neither side's extrapolation and kept linear. Without neighbours all rows are linear, and the
+    numbers empty."""
     start, end = before[0], after[0]
     s = _NODES[:, None, None]
     values: F64 = start + s * (end - start)
@@ -113,13 +116,15 @@ class _Leg:
         self.bend = _length(self.change)
 
     def at(self, share: F64 | float) -> F64:
-        """Values at fractions of the interval, counted from this leg's own end."""
+        """Values at fractions of the interval, counted from this leg's own end inwards, by a
+        parabola."""
         values: F64 = self.start + share * self.step + 0.5 * share * (share + 1.0) * self.change
         return values
 
 
 def _turn(left: _Leg, right: _Leg) -> tuple[F64, Bool]:
-    """Fractions (N,) at which two legs are nearest, and whether they meet there."""
+    """Fractions (N,) from the left at which two legs are nearest, and a mask (N,): nearer than a
+    fifth of the longer step, else a jump."""
     moments = np.linspace(0.0, 1.0, _MOMENTS)[:, None, None]
     apart = _length(left.at(moments) - right.at(1.0 - moments))
     nearest = apart.argmin(axis=0)

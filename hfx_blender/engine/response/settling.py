@@ -40,7 +40,7 @@ class Memory:
     held: tuple[tuple[float, WeightedSet], ...] = ()  # (onset, kept weights) of each impact
 
     def rings(self, time_s: float) -> bool:
-        """True if an impact is still felt at a time."""
+        """True if any impact ends after a time, seconds."""
         return any(impact.ends_s > time_s for impacts in self.impacts for impact in impacts)
 
 
@@ -51,7 +51,8 @@ class Settling:
         self.memories: dict[Stream, Memory] = {}
 
     def settle(self, touches: Touches) -> SampleRun | None:
-        """Samples of a stream's next touches; None without samples."""
+        """Samples of a stream's next touches, and update of the memory; None without samples above
+        0. Without touched skin and impacts only the last index is remembered."""
         memory = self.memories.get(touches.stream, Memory())
         if not len(touches):
             return None
@@ -63,21 +64,21 @@ class Settling:
         return run
 
     def pass_over(self, stream: Stream, index: int) -> None:
-        """Record that a stream has no touch, no nearness and no impact up to a sample."""
+        """Forget all impacts of a stream: no touch, nearness or impact up to sample ``index``."""
         self.memories[stream] = Memory(index=index)
 
     def rings(self, stream: Stream) -> bool:
-        """True if an impact of a stream may still be felt."""
+        """True if a stream's memory holds any impact, ended or not."""
         memory = self.memories.get(stream)
         return memory is not None and any(memory.impacts)
 
     def loud_until_s(self, stream: Stream) -> float:
-        """Time until which an impact of a stream is loud, seconds; -inf without any."""
+        """Latest time until which an impact of a stream is loud, seconds; -inf without impacts."""
         impacts = self.memories.get(stream, Memory()).impacts
         return max((i.loud_until_s for of_filter in impacts for i in of_filter), default=-np.inf)
 
     def any_rings(self, time_s: float) -> bool:
-        """True if an impact of any stream is still felt at a time."""
+        """True if an impact of any stream ends after a time, seconds."""
         return any(memory.rings(time_s) for memory in self.memories.values())
 
 
@@ -94,7 +95,8 @@ class _Timeline:
 
     @classmethod
     def of(cls, touches: Touches, memory: Memory) -> _Timeline:
-        """Timeline of touches that follow a memory."""
+        """Timeline of the samples of ``touches`` and the moments between, after those of
+        ``memory``."""
         between, rows = touches.between, np.arange(len(touches))
         order = np.argsort(np.concatenate([between.rows, rows]), kind="stable")
         row_of = np.concatenate([between.rows, rows])[order]
@@ -127,7 +129,8 @@ class _Ringing:
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
     """Samples of touches that follow a memory, and the memory after these touches.
 
-    Evaluates impacts and the stack of filters; None without any felt sample.
+    Evaluates impacts and the stack of filters; responses below 1e-4 count as 0. None in place of
+    samples without any above 0.
     """
     filters = touches.filters
     line = _Timeline.of(touches, memory)
@@ -181,7 +184,8 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
 
 
 def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) -> _Ringing:
-    """Add the impacts of samples ``begins`` (n,), and evaluate all impacts over a timeline."""
+    """Evaluate known impacts and a new impact at each sample in ``begins`` (n,), for each impact
+    filter, over a timeline."""
     impacts = _with_new_impacts(touches, memory, begins)
     times, before = line.times_s, line.before_s
     rings = np.zeros(len(times), np.bool_)
@@ -204,7 +208,8 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
 
 
 def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[list[RingingImpact]]:
-    """Impacts by filter: those that may still ring, then new ones."""
+    """Impacts by filter: first those of the memory, then a new one for each True in ``begins``
+    (n,), with strength speed / full speed, at most 1. Empty for filters of another kind."""
     known = memory.impacts or ((),) * len(touches.filters)
     impacts = [list(of_filter) for of_filter in known]
     for f, filter_ in enumerate(touches.filters):
@@ -218,14 +223,17 @@ def _with_new_impacts(touches: Touches, memory: Memory, begins: Bool) -> list[li
 
 
 def _follows(touches: Touches, memory: Memory) -> Bool:
-    """Samples (n,) that follow the sample before without a gap."""
+    """Mask (n,) of samples whose index is the previous index plus 1; the first sample follows the
+    memory."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
     follows: Bool = before == touches.indices - 1
     return follows
 
 
 def _begins(touches: Touches, memory: Memory) -> Bool:
-    """Samples (n,) with the beginning of an impact in the interval before."""
+    """Mask (n,) of samples with the beginning of a touch in the interval before: untouched earlier,
+    speed above 0, no gap, and no touch within ``resumes_s`` before. False without impact
+    filters."""
     if not any(filter_.kind is FilterKind.IMPACT for filter_ in touches.filters):
         return np.zeros(len(touches), np.bool_)
     between = touches.between
@@ -244,18 +252,15 @@ def _begins(touches: Touches, memory: Memory) -> Bool:
 
 
 def _onset_s(touches: Touches, k: int) -> float:
-    """Onset of the touch before sample ``k``; the sample's time if unknown, seconds."""
+    """Onset of the touch before sample ``k``, seconds; the sample's own time if NaN or absent."""
     onset = np.nan if touches.onsets_s is None else float(touches.onsets_s[k])
     return float(touches.times_s[k]) if np.isnan(onset) else onset
 
 
 def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
-    """Values (n, F) with those of speed filters extended: ringing samples keep the last touch's.
-
-    Untouched samples without an impact get 0.
-
-    Only ringing samples may look back, so the memory ends with the last impact.
-    """
+    """Copy of the filter values (n, F). Speed filters hold the last touched sample's value at
+    samples in ``rings`` (n,), and are 0 at further untouched samples. Only ringing samples may look
+    back, so the memory ends with the last impact."""
     values = touches.values.copy()
     columns = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.SPEED]
     if columns and not touches.is_touched.all():
@@ -290,10 +295,9 @@ class _Held:
             self.left = None
 
     def next(self, k: int, *, begins: bool) -> tuple[float, WeightedSet] | None:
-        """Level and weights of sample ``k``, stronger moments of the interval before included.
-
-        Each impact keeps the weights of its own contacts; several are averaged by the envelopes.
-        """
+        """Level and weights of sample ``k``, stronger moments of the interval before included; None
+        without a level or weight above 0. ``begins``: a new impact, without earlier weights. Each
+        impact keeps the weights of its own contacts; several are averaged by the envelopes."""
         line, ringing = self._line, self._ringing
         row = int(line.samples[k])
         first = int(line.samples[k - 1]) + 1 if k else 0
@@ -323,17 +327,15 @@ class _Held:
         return self.left if strongest is None else strongest
 
     def _touched_set(self, number: int) -> WeightedSet | None:
-        """Set of that number, cached from the last call; None for -1."""
+        """Vertex set of a number, cached from the last call; None for -1."""
         if number != self._own[0]:
             self._own = number, self._touches.weighted_set(number) if number >= 0 else None
         return self._own[1]
 
     def _between(self, first: int, row: int) -> tuple[float, WeightedSet] | None:
-        """Strongest moment of each vertex before the sample at ``row``; None if the
-        sample is strongest.
-
-        Merges weights touched from ``first`` on into the weights that impacts keep.
-        """
+        """Level and weights from the strongest moment of each vertex, up to the sample at ``row``
+        of the timeline; None if no earlier moment from ``first`` on is stronger. Adds touched
+        weights to those kept by impacts."""
         line, ringing = self._line, self._ringing
         numbers = line.set_of[first : row + 1].tolist()
         own = [self._touches.weighted_set(j) if j >= 0 else None for j in numbers]
@@ -379,7 +381,7 @@ class _Held:
 
 
 def _spread(weighted_set: WeightedSet | None, vertices: I32) -> F64:
-    """Weights (V,) at ascending ``vertices``, a superset of the set's; 0 elsewhere."""
+    """Weights (V,) at ascending ``vertices``, a superset of the set's; 0 elsewhere and for None."""
     weights = np.zeros(len(vertices))
     if weighted_set is not None:
         weights[np.searchsorted(vertices, weighted_set[0])] = weighted_set[1]
@@ -398,11 +400,9 @@ def _merged(one: WeightedSet, second: WeightedSet) -> WeightedSet:
 def _together(
     now: WeightedSet | None, held: list[WeightedSet], energies: list[float], share: float
 ) -> WeightedSet:
-    """Union of a present set and ringing sets, the latter scaled by ``share``.
-
-    The weights of several impacts are averaged by the energies. ``now`` None: nothing is
-    touched or near.
-    """
+    """Union of a present set and ringing sets, the latter scaled by ``share`` 0..1; the larger
+    weight of a vertex counts, weights 0 are dropped. Weights of several impacts are averaged by
+    ``energies``. ``now`` None: nothing is touched or near."""
     total = sum(energies)
     if len(held) == 1 or not total > 0.0:
         vertices, weights = held[-1]
@@ -423,7 +423,8 @@ def _together(
 def _run(
     touches: Touches, optional_samples: list[tuple[float, WeightedSet] | None]
 ) -> SampleRun | None:
-    """Run of the samples that are not None; None without any."""
+    """Run of the samples (level, set), one per row of the touches, that are not None; None without
+    any."""
     rows = [k for k, sample in enumerate(optional_samples) if sample is not None]
     if not rows:
         return None

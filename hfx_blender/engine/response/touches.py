@@ -43,7 +43,8 @@ class Between:
     set_of: I64  # (m,) set numbers
 
     def part(self, rows: slice) -> Between:
-        """Moments in the intervals before some of the samples."""
+        """Moments in the intervals before the samples ``rows`` (a slice), with rows counted from
+        the slice's start."""
         first, last = np.searchsorted(self.rows, [rows.start, rows.stop]).tolist()
         part = slice(first, last)
         return Between(self.rows[part] - rows.start, self.times_s[part], self.set_of[part])
@@ -82,14 +83,14 @@ class Touches:
         return len(self.indices)
 
     def part(self, rows: slice) -> Touches:
-        """Touches at some of the times, with all sets."""
+        """Touches at times ``rows`` (a slice), with all vertex sets."""
         columns = {
             name: getattr(self, name)[rows] for name in _COLUMNS if getattr(self, name) is not None
         }
         return replace(self, **columns, between=self.between.part(rows))
 
     def weighted_set(self, number: int) -> WeightedSet:
-        """Vertices and weights of a set."""
+        """Vertices and weights of set ``number`` (0 or more), as views."""
         part = slice(int(self.offsets[number]), int(self.offsets[number + 1]))
         return self.vertices[part], self.weights[part]
 
@@ -114,7 +115,8 @@ class BodyPlaces:
         self.motion: dict[tuple[str, int, bytes], F64] = {}
 
     def of(self, cluster: int) -> F64:
-        """World positions (3, rows, vertices) of a cluster."""
+        """World positions (3, rows, vertices) of a cluster in metres, at all rows with a pose;
+        cached."""
         if cluster not in self._known:
             self._known[cluster] = self._skin.vertices.cluster_points(
                 cluster, self._pose, self._rows, self._pose.to_world[self._rows]
@@ -138,16 +140,10 @@ class Moments:
     places: BodyPlaces  # at the rows of the bounds
 
     def touches(self, stream: Stream, parameters: F64, run: SampleRun | None) -> Touches | None:
-        """Touched skin from contacts (``run``), near skin and filter values; None without
-        any time.
-
-        Parameters
-        ----------
-        parameters : (T, P) float64
-            Of the effect, clamped to the modality's ranges.
-        run : SampleRun or None
-            Contacts without a response; None without contacts.
-        """
+        """Touched and near skin with filter values, from contacts ``run`` before the response
+        (None: none). None without any time: with impacts all rows are times, otherwise those with
+        touched or near skin. ``parameters`` (T, P) of the effect are clamped to the modality's
+        ranges."""
         assert self.effect.response is not None and self.effect.matrices is not None
         filters, rows = self.filters, self.rows
         controls = within_limits(filters, self.effect.response[rows])
@@ -200,8 +196,9 @@ class Moments:
         )
 
     def _speeds(self, sets: dict[int, tuple[I32, F64]], count: int) -> F64:
-        """Mean speed (n,) of touched skin relative to the volume since the sample before,
-        m/s; 0 if unknown."""
+        """Mean speed (n,) of touched skin relative to the volume since the sample before, weighted,
+        m/s. 0 if unknown: no such sample, effect off there, no pose; and for stacks without speed
+        and impact."""
         speeds = np.zeros(count)
         if not sets or all(
             filter_.kind not in (FilterKind.SPEED, FilterKind.IMPACT) for filter_ in self.filters
@@ -233,8 +230,9 @@ class Moments:
         return speeds
 
     def _add_near(self, sets: dict[int, tuple[I32, F64]], controls: F64, is_touched: Bool) -> F64:
-        """Add skin within the range of a proximity filter to the sets, in place; nearness
-        (n,) in 0..1."""
+        """Add skin within the range of a proximity filter to ``sets`` by row, in place, with
+        weights relative to the strongest; returns nearness (n,): 1 if touched, else that of the
+        nearest vertex, 0 if none. ``controls`` (n, WIDTH)."""
         assert self.effect.matrices is not None
         nearness = is_touched.astype(np.float64)
         matrices = self.effect.matrices[self.rows]
@@ -273,7 +271,8 @@ class Moments:
         return nearness
 
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
-        """Distances (n, V) from the volume of points (3, n, V) in the shape space, metres."""
+        """Distances (n, V) from the volume, metres, of points (3, n, V) in shape space at rows
+        ``mine`` (n,)."""
         index = self.effect.shape_index
         if index is None:
             return distances_m(self.effect.shapes[0], local, matrices[mine])
@@ -287,7 +286,8 @@ class Moments:
         return distances
 
     def _in_space(self, k: int, vertices: I32, weights: F64, controls: F64) -> tuple[I32, F64]:
-        """Multiply weights by all filters in space; vertices with weight 0 are dropped."""
+        """Vertices and weights of row ``k`` times all filters in space (distance, spatial sine),
+        blended by influence; vertices with weight 0 are dropped. ``controls`` (F, WIDTH)."""
         assert self.effect.matrices is not None
         row = int(self.rows[k])
         points = self.skin.vertices.points(vertices, self.pose, row, self.pose.to_world[row])
@@ -307,7 +307,7 @@ class Moments:
 
 
 def boxes_at(effect: EffectBlock, rows: I64) -> F64:
-    """World boxes (n, 2, 3) of a volume at rows."""
+    """World boxes (n, 2, 3) of a volume at rows (n,): lowest and highest corner, metres."""
     assert effect.matrices is not None
     which, matrices = effect.shapes_at(rows), effect.matrices[rows]
     boxes = np.zeros((len(rows), 2, 3))
@@ -328,7 +328,8 @@ def _distances(offsets: F64, axis: F64 | None) -> F64:
 
 
 def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tuple[I32, F64]:
-    """Union of two weighted sets of vertices with the larger weight of each vertex."""
+    """Union, ascending, of two weighted sets of vertices with the larger weight of each vertex;
+    ``known`` None: the second set itself."""
     if known is None:
         return vertices, weights
     ids = np.concatenate([known[0], vertices])
@@ -339,10 +340,8 @@ def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tup
 
 
 def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
-    """Pack sets into columns: set numbers, offsets, vertices and weights.
-
-    Equal successive sets are stored once; None gets the number -1.
-    """
+    """Pack N sets into columns: set numbers (N,), offsets (m + 1,), vertices and weights (total,).
+    Equal successive sets are stored once; None gets the number -1."""
     numbers: list[int] = []
     stored: list[WeightedSet] = []
     for weighted_set in sets:

@@ -95,6 +95,7 @@ class Filter:
 
     @property
     def is_in_space(self) -> bool:
-        """True if the filter has a separate value for each vertex."""
+        """True for filters with a separate value for each vertex: distance, and sine about centre
+        or axis."""
         in_space = self.kind is FilterKind.SINE and self.about is not About.TIME
         return in_space or self.kind is FilterKind.DISTANCE

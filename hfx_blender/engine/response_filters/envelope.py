@@ -45,7 +45,8 @@ class RingingImpact:
 
     @property
     def loud_until_s(self) -> float:
-        """Time until which moments between samples are relevant, seconds."""
+        """Time until which the impact is loud, :data:`LOUD` times attack plus decay after it,
+        seconds."""
         return self.time_s + LOUD * (self.attack_s + self.decay_s)
 
     @property
@@ -54,23 +55,23 @@ class RingingImpact:
         return self.time_s + peak_s(self.attack_s, self.decay_s)
 
     def rings(self, times_s: F64, before_s: F64) -> Bool:
-        """Mask of times (n,) at which the impact is felt: from the beginning until peak and
-        decay have passed.
-
-        ``before_s`` (n,) are the times of the samples before.
-        """
+        """Mask (n,) of times at which the impact is felt: from its time until its end, and the
+        first time after the peak, if later. ``before_s`` (n,) are the times of the samples
+        before."""
         rings: Bool = (times_s >= self.time_s) & (times_s < self.ends_s)
         return rings | self._peaks(times_s, before_s)
 
     def envelope(self, times_s: F64, before_s: F64) -> F64:
-        """Envelope (n,) at times; the sample after the peak has the peak value, at every rate."""
+        """Envelope (n,) at times, 0 after the end; the first time after the peak has the peak
+        value, at every rate. ``before_s`` (n,) are the times of the samples before."""
         since = times_s - self.time_s
         values = self.strength * kernel(since, self.attack_s, self.decay_s)
         values = np.where(times_s < self.ends_s, values, 0.0)
         return np.where(self._peaks(times_s, before_s), self.strength, values)
 
     def _peaks(self, times_s: F64, before_s: F64) -> Bool:
-        """Mask of times (n,) with the envelope's peak since the sample before."""
+        """Mask (n,) of times with the peak after ``before_s`` (n,) and not after the time
+        itself."""
         peaks: Bool = (before_s < self.peaks_s) & (self.peaks_s <= times_s)
         return peaks
 
@@ -110,13 +111,15 @@ def duration_s(attack_s: float, decay_s: float) -> float:
 
 
 def longest_s(attack_s: float, decay_s: float) -> float:
-    """Upper bound of the duration for time constants up to these, seconds."""
+    """Upper bound of an impact's duration, seconds, for all time constants up to ``attack_s`` and
+    ``decay_s``: twelve times the larger, or ln(1000) times if the smaller is 0."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     return slow * (_EQUAL_ENDS if fast > 0.0 else -math.log(SILENCE))
 
 
 def peak_s(attack_s: float, decay_s: float) -> float:
-    """Time from an impact's beginning to the peak, seconds; 0 without an attack."""
+    """Time from an impact's beginning to the peak, seconds; 0 without an attack, symmetric in
+    both."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return 0.0

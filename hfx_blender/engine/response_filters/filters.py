@@ -14,7 +14,8 @@ from .controls import CONTROLS, Filter, Operation
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
-    """Controls (T, F, WIDTH) clamped to the ranges; NaN and infinity become the default."""
+    """Copy of controls (T, F, WIDTH) clamped to the ranges; NaN and infinity become the default.
+    Unused columns stay."""
     limited = np.array(controls, np.float64)
     for k, filter_ in enumerate(filters):
         for c, control in enumerate(CONTROLS[filter_.kind]):
@@ -25,21 +26,24 @@ def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
 
 
 def distance_value(distances_m: F64, controls: F64) -> F64:
-    """Linear ramp (n,) between two distances; controls (WIDTH,)."""
+    """Linear ramp (n,) from ``near_value`` at and below ``near_m`` to ``far_value`` at and beyond
+    ``far_m``; controls (WIDTH,)."""
     near, far, first, last = controls[1:5]
     share = np.clip((distances_m - near) / max(far - near, 1e-9), 0.0, 1.0)
     return np.asarray(first + (last - first) * share)
 
 
 def speed_value(speeds_m_s: F64, controls: F64) -> F64:
-    """Linear ramp (n,) from 0 at one speed to 1 at another; controls (n, WIDTH)."""
+    """Linear ramp (n,) from 0 at ``still_m_s`` to 1 at ``full_m_s``, clamped, 0 for NaN; controls
+    (n, WIDTH)."""
     still, full = controls[:, 1], controls[:, 2]
     rise = (speeds_m_s - still) / np.maximum(full - still, 1e-9)
     return np.asarray(np.clip(np.nan_to_num(rise), 0.0, 1.0))
 
 
 def proximity_value(distances_m: F64, controls: F64) -> F64:
-    """Nearness (n, V): 1 at the boundary, 0 from the range on and for NaN; controls (n, WIDTH)."""
+    """Nearness (n, V): 1 inside and at the boundary, 0 from the range on and for NaN, between (1 -
+    distance / range) ** exponent; controls (n, WIDTH)."""
     share = 1.0 - distances_m / np.maximum(controls[:, 1:2], 1e-9)
     # fmin and fmax drop NaN, faster than a search for NaN.
     return np.asarray(np.fmin(np.fmax(share, 0.0), 1.0) ** controls[:, 2:3])
@@ -52,7 +56,7 @@ def sine_value(turns: F64, controls: F64) -> F64:
 
 
 def mixed(value: F64, influence: F64) -> F64:
-    """Blend of a factor with 1 by an influence 0..1."""
+    """Blend of 1 (influence 0) with a factor (influence 1): 1 + influence * (value - 1)."""
     return np.asarray(1.0 + influence * (value - 1.0))
 
 

@@ -103,7 +103,8 @@ class Section:
 
 
 def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
-    """Weights in (0, 1] as 1..255, so that a contact never becomes 0."""
+    """Weights in (0, 1] as uint8 of the nearest multiple of 1/255, at least 1, so that a contact
+    never becomes 0."""
     steps: F64 = np.multiply(weights, 255.0, dtype=np.float64)
     np.maximum(np.rint(steps, out=steps), 1.0, out=steps)
     return steps.astype(np.uint8)
@@ -116,7 +117,7 @@ def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
 
 
 def encode(section: Section) -> bytes:
-    """Encode a section for :func:`decode`."""
+    """Bytes of a section for :func:`decode`: head, then byte planes of all columns."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
@@ -138,7 +139,8 @@ def encode(section: Section) -> bytes:
 
 
 def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[Unsigned]]:
-    """Counts and ids of toggles by set, and weights and channels as changes per vertex."""
+    """Counts (m,) and gaps of vertex ids that enter or leave each set, as of :func:`_toggles`, and
+    weights and channel columns (s,) as changes per vertex."""
     if section.weights.dtype == np.uint8 and not section.channels:
         changes = native.changes(section.sizes, section.vertices, section.weights)
         if changes is not None:
@@ -165,13 +167,8 @@ class Cursor:
         self._entries = 0
 
     def count(self, entries: int) -> None:
-        """Add the (set, vertex) pairs of the next section to the chunk's total.
-
-        Raises
-        ------
-        TooLargeError
-            The total would take more memory than :data:`.limits.MEMORY`.
-        """
+        """Add the (set, vertex) pairs of the next section to the chunk's total. Raises
+        TooLargeError if the total would take more memory than :data:`.limits.MEMORY`."""
         self._entries += entries
         most_bytes = float(_ENTRY_BYTES * self._entries)
         limits.MEMORY.check(most_bytes, self._name, "contacts of one chunk would take")
@@ -182,21 +179,23 @@ class Cursor:
         return self._at == len(self._content)
 
     def take(self, size: int) -> bytes:
-        """Read ``size`` bytes; raises ValueError if fewer are left."""
+        """Read ``size`` bytes and advance; raises ValueError if fewer are left."""
         if size > len(self._content) - self._at:
             raise ValueError("a chunk ends within a column")
         self._at += size
         return self._content[self._at - size : self._at]
 
     def column(self, count: int, dtype: str) -> Unsigned:
-        """Read ``count`` numbers with bytes grouped by significance."""
+        """Read ``count`` unsigned numbers with bytes grouped by significance; ``dtype`` is "<u1" to
+        "<u8". Raises ValueError if fewer are left."""
         width = np.dtype(dtype).itemsize
         planes = np.frombuffer(self.take(count * width), np.uint8).reshape(width, count)
         return np.ascontiguousarray(planes.T).view(dtype).reshape(count)
 
 
 def read_head(cursor: Cursor) -> tuple[int, int, int]:
-    """Read (stream index, sample count, channel flags) of the next section."""
+    """Read (stream index, sample count, channel flags) of the next section, unchecked; raises
+    ValueError for too few bytes."""
     stream, samples, flags = _HEAD.unpack(cursor.take(_HEAD.size))
     return stream, samples, flags
 
@@ -211,12 +210,10 @@ def decode(
     is_spot: bool = False,
     actuator_count: int = 0,
 ) -> Section:
-    """Read and check the section at the cursor.
+    """Read and check the section after ``head``, which the cursor has passed.
 
-    Raises
-    ------
-    ValueError
-        The bytes are no such section; the message names the fault.
+    Raises ValueError if the bytes are no such section, with the fault, and TooLargeError for too
+    many contacts.
     """
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")
@@ -264,7 +261,8 @@ def decode(
 
 
 def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
-    """Read values (samples, columns); raises ValueError for NaN and infinity."""
+    """Read float32 values (samples, columns), column by column; raises ValueError for NaN and
+    infinity."""
     values = np.zeros((samples, columns), np.float32)
     for column in range(columns):
         values[:, column] = _sums(cursor.column(samples, "<u4")).view(np.float32)
@@ -273,7 +271,7 @@ def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
 
 
 def _require(condition: bool, complaint: str) -> None:
-    """Raise ValueError with a message unless a condition holds."""
+    """Raise ValueError with the text ``complaint`` unless a condition holds."""
     if not condition:
         raise ValueError(complaint)
 
@@ -303,8 +301,9 @@ def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsi
 
 
 def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I32, I64]:
-    """Read set sizes, vertices set by set, and the permutation that sorts them by vertex, then
-    set."""
+    """Read m vertex sets: sizes (m,), vertices (s,) set by set, and the permutation (s,) that sorts
+    these by vertex, then set. Raises ValueError for unsorted or unknown ids, TooLargeError for too
+    many."""
     set_count = int(is_new.sum())
     counts = cursor.column(set_count, "<u4").astype(np.int64)
     gaps = cursor.column(int(counts.sum()), "<u4").astype(np.int64)
@@ -357,13 +356,13 @@ def _group_starts(sorted_values: npt.NDArray[Any]) -> I64:
 
 
 def _bits(values: npt.NDArray[Any]) -> Unsigned:
-    """Numbers as unsigned integers of equal bits and width."""
+    """Numbers as unsigned integers of equal bits and width, shape unchanged."""
     contiguous = np.ascontiguousarray(values)
     return contiguous.view(f"u{contiguous.dtype.itemsize}")
 
 
 def _changes(values: Unsigned) -> Unsigned:
-    """Differences from the value before, modulo 2^bits; the first from 0."""
+    """Differences (n,) from the value before, modulo 2^bits; the first value is unchanged."""
     return np.diff(values, prepend=values.dtype.type(0))
 
 
@@ -373,7 +372,9 @@ def _sums(changes: Unsigned) -> Unsigned:
 
 
 def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
-    """Differences from the last value of the same vertex in this section, the first from 0."""
+    """Differences from the last value of the same vertex in this section; a vertex's first value is
+    unchanged. ``order`` sorts by vertex, then set; ``starts`` are the vertices' first places in
+    that order."""
     ordered = values[order]
     changes = _changes(ordered)
     changes[starts] = ordered[starts]

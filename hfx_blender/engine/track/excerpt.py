@@ -93,7 +93,8 @@ def write_excerpt(
 
 
 def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
-    """First and last sample within a clip, both ends included; None without any."""
+    """First and last sample index within a clip's frames, both ends included, and within the time
+    base; None without any."""
     step = time.fps / time.rate_hz
     first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
     last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
@@ -101,7 +102,7 @@ def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
 
 
 def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
-    """Run with indices relative to sample ``first``."""
+    """Run with indices minus ``first``, and times of the time base ``time``."""
     indices = run.indices - first
     return replace(run, indices=indices, times_s=time.times_s(indices))
 
@@ -109,7 +110,8 @@ def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
 def _header_of(
     header: TrackHeader, effect_ids: Collection[str], clip: Clip, time: TimeBase
 ) -> TrackHeader:
-    """Header with some of the effects, and with the models, bodies and streams only."""
+    """Header with the effects of these ids, each with the only clip ``clip``, and their models,
+    bodies and streams."""
     effects = tuple(
         replace(effect, clips=(clip,)) for effect in header.effects if effect.id in effect_ids
     )

@@ -168,7 +168,7 @@ class TrackHeader:
         return self._effects[stream.effect_id]
 
     def vertex_count(self, stream: Stream) -> int:
-        """Vertex count of a stream's model."""
+        """Vertex count of the model of a stream."""
         return self._vertex_counts[stream.model_id]
 
     @cached_property
@@ -181,7 +181,7 @@ class TrackHeader:
 
 
 def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:
-    """Items by id; raises ValueError for equal ids."""
+    """Items by id; raises ValueError with the plural ``name`` for equal ids."""
     items_by_id = {item.id: item for item in items}
     if len(items_by_id) != len(items):
         raise ValueError(f"two {name} have the same id")
@@ -189,13 +189,14 @@ def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
-    """Raise ValueError for a number out of range."""
+    """Raise ValueError with ``name`` for a number below ``lowest`` or above ``highest``."""
     if not lowest <= value <= highest:
         raise ValueError(f"{name} is out of range, allowed are {lowest} to {highest}")
 
 
 def _check_time(time: TimeBase) -> None:
-    """Raise ValueError for a time base that a track cannot store."""
+    """Raise ValueError for a time base that a track cannot store: frames beyond ±(2^31 - 1), rates
+    beyond 63 bits, or not 1 to 2^31 - 1 samples."""
     for name in ("scene_start", "frame_first", "frame_last"):
         _require_range(name, getattr(time, name), -_MAX_FRAME, _MAX_FRAME)
     for name in ("fps", "rate_hz"):
@@ -205,8 +206,8 @@ def _check_time(time: TimeBase) -> None:
 
 
 def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None:
-    """Raise ValueError for an effect with an unknown model or modality, or with fields of
-    another kind."""
+    """Raise ValueError for an unknown model or modality, for painted vertices, a device or
+    actuators on another kind of effect or missing on its own, and for an actuator named twice."""
     if effect.model_id not in models:
         raise ValueError(f"effect '{effect.id}' is felt on model '{effect.model_id}', not there")
     if effect.modality not in MODALITIES:

@@ -45,13 +45,9 @@ _NOTES = {
 
 
 def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
-    """Header as UTF-8 JSON; equal headers give equal bytes.
-
-    Raises
-    ------
-    ValueError
-        A value is no JSON value (an object, NaN).
-    """
+    """Header as indented, sorted UTF-8 JSON with ``encoding``; equal headers give equal bytes.
+    Version 1 unless a spot or actuators exist. Raises ValueError for a value that is no JSON value
+    (an object, NaN)."""
     used = dict.fromkeys(effect.modality for effect in header.effects)
     version = 1 if all(effect.kind in _KINDS[1] for effect in header.effects) else 2
     content = {
@@ -111,7 +107,7 @@ _MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
 
 
 def _header(version: int) -> Record:
-    """Shape of a header's JSON in a version."""
+    """Expected members of a header's JSON object in version 1 or 2."""
     kinds: dict[str, Record] = {
         kind: _record({**_EFFECT, **_MEMBERS.get(kind, {})}, TrackEffect)
         for kind in _KINDS[version]
@@ -149,13 +145,9 @@ _BEGIN: Final = _record({"format": Text((FORMAT,)), "version": _WHOLE})
 
 
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
-    """Parse the header and the ``encoding``, as written by :func:`to_json`.
-
-    Raises
-    ------
-    ValueError
-        The text is no such header; the message names the place.
-    """
+    """Parse the header and the ``encoding``, as written by :func:`to_json`; raises ValueError with
+    the place of the first fault. Modalities and the sample count are compared with this
+    program's."""
     document = parse_json(text, "header")
     version = value_in(document, _BEGIN, "header")["version"]
     if version not in _KINDS:
@@ -184,7 +176,8 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
 
 
 def parse_json(text: bytes, name: str) -> Any:
-    """Parse strict JSON; raises ValueError with a message beginning with ``name``."""
+    """Parse strict JSON; raises ValueError with a message beginning with ``name``, without a full
+    stop."""
     try:
         return parse(text, name, has_file_names=True)
     except InputError as error:
@@ -192,7 +185,8 @@ def parse_json(text: bytes, name: str) -> Any:
 
 
 def value_in(document: Any, shape: Shape, name: str) -> Any:
-    """Read a shape from a parsed document; raises ValueError for the first fault."""
+    """Check a parsed document against ``shape`` and convert it; raises ValueError for the first
+    fault, with the place below ``name``."""
     try:
         return Node(document, name).read(shape)
     except InputError as error:
@@ -200,7 +194,7 @@ def value_in(document: Any, shape: Shape, name: str) -> Any:
 
 
 def _modality_to_json(name: str) -> dict[str, Any]:
-    """Parameters and strength of a modality, as stored for checks."""
+    """Parameter names and units and the strength of a modality, as stored for checks by readers."""
     modality = MODALITIES[name]
     return {
         "parameters": [{"name": p.name, "unit": p.unit} for p in modality.parameters],
@@ -209,7 +203,7 @@ def _modality_to_json(name: str) -> dict[str, Any]:
 
 
 def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
-    """JSON object of an effect."""
+    """JSON object of an effect; device and actuators for that kind only."""
     clips = [
         {
             "name": clip.name,
@@ -225,7 +219,8 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
 
 
 def _stream(effect_id: str, body_id: str, effects: Mapping[str, TrackEffect]) -> Stream:
-    """Stream of an effect on a body; raises ValueError for an unknown effect."""
+    """Stream of an effect on a body, modality and model from ``effects`` by id; raises ValueError
+    for an unknown effect."""
     if effect_id not in effects:
         raise ValueError(f"a stream names effect '{effect_id:.40}', which is not there")
     effect = effects[effect_id]

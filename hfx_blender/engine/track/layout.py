@@ -27,7 +27,7 @@ WEIGHTS_FULL: Final = "float32"
 
 
 def chunk_name(chunk: int) -> str:
-    """Name of a chunk's entry in the container."""
+    """Name of a chunk's entry in the container: number with at least six digits."""
     return f"chunks/{chunk:06d}.bin"
 
 
@@ -43,7 +43,8 @@ class StreamIndex:
     channels: tuple[str, ...] = ()
 
     def add(self, later: StreamIndex) -> None:
-        """Merge the entry of later samples of the same stream, in place."""
+        """Merge the entry of later samples of the same stream, in place; an entry without samples
+        changes nothing."""
         if not later.samples:
             return
         if self.first < 0:
@@ -83,25 +84,21 @@ _STORAGE: Final = loose(
 
 
 def storage_of(encoding: Mapping[str, Any]) -> dict[str, Any]:
-    """Read ``samples_per_chunk`` and ``weights`` from a header's encoding; raises ValueError."""
+    """Read ``samples_per_chunk`` and ``weights`` from a header's encoding; raises ValueError for a
+    missing or invalid value."""
     storage: dict[str, Any] = value_in(encoding, _STORAGE, "encoding")
     return storage
 
 
 def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
-    """Index as UTF-8 JSON."""
+    """Chunk numbers and the streams' entries as UTF-8 JSON with a final newline."""
     content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
     return json.dumps(content, sort_keys=True, allow_nan=False).encode() + b"\n"
 
 
 def decode_index(text: bytes) -> tuple[list[int], list[StreamIndex]]:
-    """Read ascending chunk numbers and one entry for each stream.
-
-    Raises
-    ------
-    ValueError
-        The text is no such index.
-    """
+    """Read ascending chunk numbers and one entry for each stream; raises ValueError if the text is
+    no such index."""
     document = parse_json(text, "index")
     content = value_in(document, _INDEX, "index")
     return list(content["chunks"]), list(content["streams"])

@@ -105,13 +105,8 @@ class TrackReader:
     def runs(self, start_s: float | None = None, end_s: float | None = None) -> Iterator[SampleRun]:
         """Yield samples with ``start_s <= time < end_s`` (None: no bound), chunk by chunk.
 
-        Runs of a chunk are in the order of ``header.streams``. One chunk is held in memory,
-        and only chunks in the range are read.
-
-        Raises
-        ------
-        InputError
-            The file is damaged.
+        Runs of a chunk are in the order of ``header.streams``, never empty. One chunk is held in
+        memory, and only chunks in the range are read. Raises InputError for a damaged file.
         """
         count = self.header.time.sample_count
         first = 0 if start_s is None else self._first_at_or_after(start_s)
@@ -125,29 +120,19 @@ class TrackReader:
                         yield run
 
     def samples_at(self, time_s: float) -> list[Sample]:
-        """Samples in effect at a time; a sample lasts until the next sample time.
-
-        The last chunk is cached, so reading forward reads each chunk once.
-
-        Raises
-        ------
-        InputError
-            The file is damaged.
-        """
+        """Samples in effect at a time, in the order of ``header.streams``; a sample lasts until the
+        next sample time. The last chunk is cached, so reading forward reads each chunk once. Raises
+        InputError for a damaged file."""
         return [sample for run in self.runs_at(time_s) for sample in run]
 
     def index_at(self, time_s: float) -> int:
-        """Index of the sample in effect at a time; -1 before the first sample."""
+        """Index of the sample in effect at a time; -1 before the first sample, the sample count
+        after the last; raises ValueError for NaN."""
         return math.floor(self._position(time_s) + _TIME_TOLERANCE)
 
     def runs_at(self, time_s: float) -> list[SampleRun]:
-        """Samples in effect at a time, as runs of one sample; empty without any.
-
-        Raises
-        ------
-        InputError
-            The file is damaged.
-        """
+        """Samples in effect at a time, as runs of one sample; empty without any. Raises InputError
+        for a damaged file."""
         index = self.index_at(time_s)
         chunk = index // self.samples_per_chunk
         if chunk not in self._chunk_set:
@@ -174,7 +159,7 @@ class TrackReader:
         ]
 
     def _time_s(self, index: int) -> float:
-        """Time of a sample, seconds."""
+        """Time of sample ``index``, seconds."""
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:
@@ -187,11 +172,13 @@ class TrackReader:
         return min(max(position, -1.0), float(time.sample_count))
 
     def _first_at_or_after(self, time_s: float) -> int:
-        """Index of the first sample at or after a time."""
+        """Index of the first sample at or after a time (a millionth of a sample earlier counts); 0
+        to the sample count."""
         return math.ceil(self._position(time_s) - _TIME_TOLERANCE)
 
     def _run(self, section: Section, low: int, first: int, stop: int) -> SampleRun:
-        """Samples of a section with ``first <= index < stop``, as a possibly empty run."""
+        """Samples of a section with ``first <= index < stop``, as a possibly empty run; ``low`` is
+        the index of the chunk's first sample."""
         indices = low + section.steps
         rows = slice(*np.searchsorted(indices, (first, stop)))
         sets = np.cumsum(section.is_new)[rows] - 1
@@ -221,31 +208,21 @@ class TrackReader:
         )
 
     def _drive(self, section: Section, rows: slice) -> Drive:
-        """Drive values of a section's rows."""
+        """Drive values (n, A) of a section's rows, with device and actuator names of its effect."""
         stream = self.header.streams[section.stream]
         effect = self.header.effect(stream)
         assert effect.device_id is not None and section.drive is not None
         return Drive(effect.device_id, effect.actuators, section.drive[rows])
 
     def chunk_bytes(self, chunk: int) -> bytes:
-        """Stored bytes of a chunk after a full check.
-
-        Raises
-        ------
-        InputError
-            The file is damaged.
-        """
+        """Uncompressed bytes of a chunk after a full check; raises InputError for a damaged
+        file."""
         self.sections(chunk)
         return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 
     def sections(self, chunk: int) -> list[Section]:
-        """Sections of a chunk in the order of ``header.streams``.
-
-        Raises
-        ------
-        InputError
-            The file is damaged.
-        """
+        """Decoded sections of chunk number ``chunk`` in the order of ``header.streams``; raises
+        InputError for a damaged file, and for samples outside the stream's index entry."""
         name = layout.chunk_name(chunk)
         cursor = Cursor(self._entry(name, layout.MAX_CHUNK_BYTES), str(self.path))
         low = chunk * self.samples_per_chunk
@@ -264,7 +241,8 @@ class TrackReader:
         return sections
 
     def _check_index(self) -> None:
-        """Check the index against chunks, streams and time base."""
+        """Raise InputError unless the index has exactly the file's chunks, the header's streams,
+        and sample numbers within the time base. Sets the known chunks."""
         names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
         if sorted(names) != sorted(map(layout.chunk_name, self.chunks)):
             self._fail("the index and the chunks differ")
@@ -278,7 +256,8 @@ class TrackReader:
         self._chunk_set = frozenset(self.chunks)
 
     def _entry(self, name: str, limit: int) -> bytes:
-        """Content of an entry, with checked size and CRC-32."""
+        """Content of the ZIP entry ``name``; raises InputError if missing, encrypted, damaged,
+        unknown compression, or above ``limit`` bytes unpacked."""
         try:
             info = self._archive.getinfo(name)
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -302,7 +281,7 @@ class TrackReader:
             self._fail(str(error))
 
     def _fail(self, reason: str) -> NoReturn:
-        """Raise InputError with a reason."""
+        """Raise InputError with the path and a reason, shortened to 200 characters."""
         reason = textwrap.shorten(reason, 200)  # zipfile quotes file names of any length
         raise InputError(f"{self.path}: not a readable HapticTrack ({reason}).")
 
@@ -310,14 +289,10 @@ class TrackReader:
 def read_sections(
     cursor: Cursor, header: TrackHeader, samples_per_chunk: int, full_precision: bool
 ) -> Iterator[Section]:
-    """Yield the decoded sections of a chunk up to the end of the bytes.
+    """Yield the decoded sections of a chunk up to the end of the bytes, streams ascending.
 
-    Raises
-    ------
-    ValueError
-        The bytes are no such chunk.
-    TooLargeError
-        The contacts would take more memory than :data:`.limits.MEMORY`.
+    Raises ValueError if the bytes are no such chunk, and TooLargeError if the contacts would take
+    more memory than :data:`.limits.MEMORY`.
     """
     last = -1
     while not cursor.at_end:

@@ -92,7 +92,7 @@ class TrackWriter:
         return self
 
     def _put_header(self) -> None:
-        """Write the header entry."""
+        """Write the header entry with the present chunk size and kind of weights."""
         encoding = {
             "samples_per_chunk": self._samples_per_chunk,
             "weights": layout.WEIGHTS_FULL if self.full_precision else layout.WEIGHTS_BYTE,
@@ -134,7 +134,9 @@ class TrackWriter:
         return stored
 
     def _add(self, run: SampleRun) -> SampleRun:
-        """Check a run, collect its samples, and return it with stored weights."""
+        """Check a run, collect its samples by block, count them in the index, and return it with
+        the weights a reader will see. Raises ValueError for an unknown stream, an invalid run, or a
+        sample out of order."""
         stream = self._streams.get((run.stream.effect_id, run.stream.body_id))
         if stream is None:
             raise ValueError(
@@ -170,16 +172,9 @@ class TrackWriter:
         return run if self.full_precision else replace(run, weights=decode_weights(weights))
 
     def copy(self, part: TrackReader) -> None:
-        """Append a track with a later part of the same recording.
-
-        The result equals a recording of the part's samples by this writer.
-
-        Raises
-        ------
-        InputError
-            The part is damaged, of another recording, or out of order.
-        OutputError
-        """
+        """Append a track with a later part of the same recording, as if its samples were recorded
+        here. Raises InputError if the part is damaged, of another recording, or out of order, and
+        OutputError."""
         size = part.samples_per_chunk
         if (
             to_json(part.header, {}) != to_json(self.header, {})
@@ -200,7 +195,7 @@ class TrackWriter:
             index.add(entry)
 
     def _write_blocks(self, blocks: list[int]) -> None:
-        """Write and remove collected blocks."""
+        """Write collected blocks of these numbers, in this order, and remove them from memory."""
         for block in blocks:
             builders = self._open.pop(block)
             start = block * layout.SAMPLES_PER_CHUNK
@@ -209,7 +204,8 @@ class TrackWriter:
             self._end = start + layout.SAMPLES_PER_CHUNK
 
     def _write_sections(self, sections: list[Section], start: int) -> None:
-        """Write sections of a block or chunk, which starts at sample ``start``, as chunks."""
+        """Write sections of a block or chunk that starts at sample ``start`` as chunks; halves the
+        file's chunk size until all fit a reader."""
         # Halve all chunks of the file until the largest one fits a reader.
         while (chunks := self._encoded(sections)) is None:
             self._halve_chunks()
@@ -259,13 +255,15 @@ class TrackWriter:
                     self._write_sections(list(sections), chunk * size)
 
     def _put_chunk(self, chunk: int, content: bytes) -> None:
-        """Write a chunk's entry, and count it."""
+        """Write the encoded content of chunk number ``chunk``, and append the number to the
+        index."""
         self._put(layout.chunk_name(chunk), content, layout.MAX_CHUNK_BYTES)
         self._chunks.append(chunk)
         self._end = (chunk + 1) * self._samples_per_chunk
 
     def _put(self, name: str, content: bytes, limit: int) -> None:
-        """Write an entry with fixed attributes; raises OutputError above ``limit`` bytes."""
+        """Write a deflated ZIP entry with a fixed date and mode; raises OutputError above ``limit``
+        bytes."""
         if len(content) > limit:
             raise OutputError(
                 f"{self.path}: {name} would be {len(content)} bytes, a track allows {limit}."
@@ -287,10 +285,9 @@ class _SectionBuilder:
         self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
 
     def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
-        """Append copies of samples ``first`` to ``last - 1`` of a checked run.
-
-        ``weights`` are the stored weights of the whole run.
-        """
+        """Append copies of samples ``first`` to ``last - 1`` of a checked run; ``weights`` are the
+        stored weights of the whole run. Raises ValueError if the channels differ from those of
+        earlier samples."""
         columns = self._columns
         present = {name for name in CHANNELS if getattr(run, name) is not None}
         if columns and present != self._channels.keys():
@@ -364,10 +361,8 @@ class _SectionBuilder:
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError unless spots only have a focus, and actuator effects only a drive.
-
-    Shapes, ranges and the names of device and actuators are checked, too.
-    """
+    """Raise ValueError unless a run has a focus exactly for spots and a drive exactly for actuator
+    effects: finite (n, 4) with radius >= 0; 0..1 (n, A) for the effect's device and actuators."""
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
@@ -387,7 +382,8 @@ def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
 
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
-    """Raise ValueError if a run breaks the contract of :class:`SampleRun`."""
+    """Raise ValueError if a run breaks the contract of :class:`SampleRun`, in sets, times,
+    vertices, focus or drive, and for channels of wrong shape or not finite. Returns nothing."""
     _check_sets(run)
     _check_times(run, header)
     _check_vertices(run, vertex_count)
@@ -402,7 +398,8 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
 
 
 def _check_sets(run: SampleRun) -> None:
-    """Raise ValueError for unequal column lengths, or set numbers that do not rise by 0 or 1."""
+    """Raise ValueError for columns of unequal length, set numbers that do not start at 0 and rise
+    by 0 or 1, shared sets with channels, and offsets that do not divide the vertices."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (
@@ -423,7 +420,8 @@ def _check_sets(run: SampleRun) -> None:
 
 
 def _check_times(run: SampleRun, header: TrackHeader) -> None:
-    """Raise ValueError unless indices ascend, and times, levels and parameters are valid."""
+    """Raise ValueError unless sample indices ascend within the time base, times agree within 1 ns,
+    levels are in (0, 1] and parameters finite."""
     if (np.diff(run.indices) <= 0).any() or not 0 <= run.indices[0]:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
@@ -438,7 +436,8 @@ def _check_times(run: SampleRun, header: TrackHeader) -> None:
 
 
 def _check_vertices(run: SampleRun, vertex_count: int) -> None:
-    """Raise ValueError unless weights are in (0, 1], and vertices ascend within each set."""
+    """Raise ValueError unless each vertex has a weight in (0, 1], and vertex ids are 0 to
+    ``vertex_count - 1`` and strictly ascending within each set. Returns nothing."""
     total = len(run.vertices)
     if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
         raise ValueError("weights: expected one in (0, 1] for each vertex")
