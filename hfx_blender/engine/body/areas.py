@@ -31,7 +31,8 @@ def _directed_edges(model: PerceptualModel) -> tuple[I64, I64]:
 
 
 def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Dilate an area: maximum of each vertex and its neighbours, repeated ``steps`` times."""
+    """Dilate an area: maximum of the weights of each vertex and all its neighbours, ``steps``
+    times."""
     starts, ends = _directed_edges(model)
     for _ in range(steps):
         grown = weights.copy()
@@ -41,12 +42,14 @@ def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Erode an area: minimum of each vertex and its neighbours, repeated ``steps`` times."""
+    """Erode an area: minimum of the weights of each vertex and all its neighbours, ``steps``
+    times."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 
 def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Smooth an area: mean of each weight and its neighbours' mean, ``steps`` times."""
+    """Smooth an area ``steps`` times: each weight becomes the mean of itself and the mean of its
+    neighbours' weights, half of itself without neighbours."""
     starts, ends = _directed_edges(model)
     count = np.maximum(np.bincount(starts, minlength=len(weights)), 1)
     for _ in range(steps):
@@ -56,12 +59,12 @@ def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
-    """Swap the left and right sides of an area."""
+    """Swap the left and right sides of an area, by ``model.mirror``."""
     return np.asarray(weights[model.mirror])
 
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
-    """Copy the weights of one side to the opposite side.
+    """Copy the weights of one side to the opposite side; the source side and the midline stay.
 
     ``source_side`` is an index into ``parts.SIDES``.
     """
@@ -73,9 +76,9 @@ def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
 
 
 def blended(weights: F64, other: F64, blend: Blend) -> F64:
-    """Combine an area with another area by a blend mode; result clipped to 0..1.
+    """Combine an area with another area by a blend mode; sums and differences are clipped to 0..1.
 
-    Raises ValueError: unknown blend mode.
+    "replace" returns ``other`` itself. Raises ValueError: unknown blend mode.
     """
     if blend == "replace":
         return other

@@ -42,15 +42,14 @@ def level_of(model: PerceptualModel, level: int) -> Level:
 
 
 def level_count(model: PerceptualModel) -> int:
-    """Number of coarser levels of a model; 0 without a levels file."""
+    """Number of coarser levels of a model, level 0 not counted; 0 without a levels file. Raises
+    InputError: the levels were made for another edition."""
     return len(_levels_of(model))
 
 
 def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
-    """Coarser levels of a model; empty without a levels file.
-
-    Raises InputError: the levels were made for another edition of the model.
-    """
+    """Coarser levels of a model, finest first; empty without a levels file beside the model (for a
+    variant, its canonical model). Raises InputError: the levels were made for another edition."""
     origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / LEVELS_FILE.format(modality=model.modality)
     if not path.is_file():

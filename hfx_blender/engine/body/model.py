@@ -147,7 +147,8 @@ def stored_arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
 
 
 def _content_hash(item: PerceptualModel | Avatar) -> str:
-    """SHA-256 (hex) of id, bone names, and name, dtype, shape and bytes of each array."""
+    """SHA-256 (hex) of id, bone names, and name, dtype, shape and bytes of each array, sorted by
+    name."""
     digest = hashlib.sha256()
     names = item.bone_names if isinstance(item, PerceptualModel) else item.skeleton.bone_names
     digest.update("\0".join((item.id, *names)).encode())
@@ -198,10 +199,9 @@ _FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": d
 
 
 def _check_model(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Check member names, dtypes, dimensions and sizes of a perceptual model's content.
-
-    Raises InputError: at the first invalid member; the message names the member.
-    """
+    """Check member names, dtypes, dimensions and sizes of a perceptual model's content, finite
+    floats, and skin weights. Raises InputError at the first invalid member, with its name; returns
+    nothing."""
     if set(meta) != set(_FACTS) or set(arrays) != set(ARRAYS):
         raise InputError(f"{path}: not a readable body model (missing or unknown members).")
     for name, expected_type in _FACTS.items():
@@ -223,10 +223,8 @@ def _check_model(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> No
 
 
 def _check_vertex_counts(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Check that arrays have one row per vertex and that vertex ids are in range.
-
-    Raises InputError: at the first invalid array.
-    """
+    """Check that arrays by vertex have one row per vertex, two-dimensional ones three columns, and
+    that ids in triangles and mirror are in range. Raises InputError at the first invalid array."""
     count = len(arrays["vertices"])
     for name in _OF_VERTICES:
         if len(arrays[name]) != count or (arrays[name].ndim == 2 and arrays[name].shape[1] != 3):
@@ -240,7 +238,8 @@ def _check_vertex_counts(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> Non
 
 
 def _weights_fit(vertices: int, bone_names: int, arrays: dict[str, npt.NDArray[Any]]) -> bool:
-    """True if row offsets and bone indices match the numbers of vertices and bones."""
+    """Test that row offsets rise from 0 to the number of entries, one row per vertex, and that bone
+    indices are below the number of bones."""
     offsets, bones = arrays["weights.offsets"], arrays["weights.bones"]
     return (
         len(offsets) == vertices + 1
@@ -258,15 +257,13 @@ def _pop_part(arrays: dict[str, Any], part: str) -> dict[str, Any]:
 
 
 def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
-    """Skeleton from bone names in the metadata and the other arrays."""
+    """Skeleton from the bone names in ``meta["skeleton"]`` and the arrays by field name."""
     return Skeleton(bone_names=tuple(meta["skeleton"]["bone_names"]), **arrays)
 
 
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read metadata and arrays of a file; with ``part``, only arrays with this name prefix.
-
-    Errors are those of :func:`load`.
-    """
+    """Read metadata and arrays of a file; with ``part``, only arrays with this name prefix. Raises
+    InputError: the file is missing, damaged, of another kind or of a newer version."""
     try:
         arrays = _stored_arrays(path, part)
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
@@ -324,7 +321,8 @@ def load_skeleton() -> Skeleton:
 
 
 def _loaded(kind: type[_Hashed], entry: model_library.Entry) -> _Hashed:
-    """Load the file of an entry; check id and content hash unless shipped."""
+    """Load the file of an entry. Raises InputError: unreadable, or, unless shipped, with another id
+    or content hash than in the manifest."""
     item = load(kind, entry.path)
     # Hashing costs time; the test suite already checks the shipped files.
     expected_hash = entry.content_hash

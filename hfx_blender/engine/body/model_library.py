@@ -82,7 +82,7 @@ def _entries(folder: Path, index: Mapping[str, Any], is_shipped: bool) -> list[E
 
 
 def shipped() -> list[Entry]:
-    """Entries of the shipped set."""
+    """Entries of the shipped set, the avatar first, then models in the manifest's order."""
     return _entries(resources.body_models(), manifest(), is_shipped=True)
 
 

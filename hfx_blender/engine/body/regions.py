@@ -35,18 +35,20 @@ class _Skin:
         self.is_inner = self._faces_like_palms(model)
 
     def part(self, *names: str) -> Bool:
-        """Mask (V,) of vertices on the named body parts."""
+        """Mask (V,) of vertices on any of the named body parts."""
         return np.isin(self._part, [PARTS.index(name) for name in names])
 
     def bone(self, *starts: str) -> Bool:
-        """Mask (V,) of vertices with a strongest bone whose name begins with a prefix."""
+        """Mask (V,) of vertices whose strongest bone has a name that begins with any of
+        ``starts``."""
         mask = np.zeros(len(self._bone), np.bool_)
         for start in starts:
             mask |= np.char.startswith(self._bone, start)
         return mask
 
     def _faces_like_palms(self, model: PerceptualModel) -> Bool:
-        """Mask (V,) of normals pointing the way of the palm on the same side."""
+        """Mask (V,) of normals within 90 degrees of the summed normal of the palm on the same
+        side."""
         is_inner = np.zeros(len(model), np.bool_)
         for side in range(len(SIDES)):
             on_side = model.side == side
@@ -56,12 +58,13 @@ class _Skin:
 
 
 def _neck(skin: _Skin) -> Bool:
-    """Mask (V,) of the neck."""
+    """Mask (V,) of the neck: moved by a neck bone, or part of the torso moved by a head bone."""
     return skin.bone("neck") | (skin.part("torso") & skin.bone("head"))
 
 
 def _trunk(skin: _Skin, *bones: str) -> Bool:
-    """Mask (V,) of the torso moved by bones, by the beginnings of their names."""
+    """Mask (V,) of torso vertices whose strongest bone has a name that begins with any of
+    ``bones``."""
     return skin.part("torso") & skin.bone(*bones)
 
 
@@ -112,7 +115,8 @@ _FLAGS: Final[dict[str, Callable[[_Skin], Bool]]] = {
 
 
 def strongest_bones(model: PerceptualModel) -> I64:
-    """Index (V,) into the model's bone names of the bone with the largest weight."""
+    """Index (V,) into the model's bone names of the bone with the largest weight; every vertex
+    needs one."""
     weights = model.weights
     row = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
     # Sorted by row, then weight: the last entry of a row is the largest.
@@ -143,7 +147,8 @@ def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F
 
 
 def _mask(model: PerceptualModel, region: str, side: str) -> Bool:
-    """Mask (V,) of a body part or region on a side; the midline belongs to both sides."""
+    """Mask (V,) of a body part or finer region on a side: "left", "right" or "both"; the midline
+    belongs to both sides."""
     if region in PARTS:
         mask: Bool = model.part == PARTS.index(region)
     else:
@@ -154,6 +159,6 @@ def _mask(model: PerceptualModel, region: str, side: str) -> Bool:
 
 
 def region_at(model: PerceptualModel, vertex: int) -> Region:
-    """Finest region of a vertex."""
+    """Finest region of vertex index ``vertex``."""
     name = next(name for name, mask in finest_masks(model.id).items() if mask[vertex])
     return next(region for region in REGIONS if region.id == name)

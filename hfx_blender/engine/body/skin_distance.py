@@ -111,7 +111,8 @@ class SkinDistances:
         return patch.ids[within], distances[within]
 
     def _around(self, point: F64, reach_m: float) -> _Patch:
-        """Patch with all skin within reach of a point; cached while the point is covered."""
+        """Patch of triangles with a corner within ``reach_m`` of a point, beyond its distance from
+        the skin; the cached patch while this is covered."""
         cached = self._patch
         if cached is not None:
             # A move by m brings the nearest vertex, and the rim, up to m closer: 2 m in all.
@@ -144,7 +145,8 @@ def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
 
 
 def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m: float) -> _Patch:
-    """Patch of some triangles, with the edge lengths and heights of each entry."""
+    """Patch of the given triangles (T, 3) around ``centre``, with edge lengths and heights of all 3
+    T entries, sorted by apex."""
     ids, places = np.unique(triangles, return_inverse=True)
     local = places.reshape(-1, 3)
     corners = points[ids]

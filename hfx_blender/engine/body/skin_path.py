@@ -127,7 +127,9 @@ class SkinPaths:
         return np.asarray(self._triangles[is_near[self._triangles].any(axis=1)])
 
     def _shortest(self, a: F64, b: F64) -> F64:
-        """Shortest path between two points: Dijkstra over mesh edges, then tightened."""
+        """Shortest path (n, 3) between two points on the skin in steps of at most 4 mm: over mesh
+        edges, then tightened. Both points themselves if they coincide. Raises InputError for
+        unconnected points."""
         if np.linalg.norm(b - a) <= _SAME_PLACE_M:
             return np.stack([a, b])
         path = self._over_edges(a, b)
@@ -166,7 +168,8 @@ class SkinPaths:
         return path
 
     def _over_edges(self, a: F64, b: F64) -> F64:
-        """Shortest path over mesh edges, with both points as ends."""
+        """Points of the shortest path over mesh edges between the vertices nearest to ``a`` and
+        ``b``, with ``a`` and ``b`` as ends. Raises InputError if unconnected."""
         from scipy.sparse.csgraph import dijkstra
 
         first, last = self._tree.query(np.stack([a, b]))[1].tolist()
@@ -196,7 +199,7 @@ class SkinPaths:
 
 
 def _steps(path: F64) -> F64:
-    """Distances (n - 1,) between successive points."""
+    """Distances (n - 1,) between successive points of a path (n, 3)."""
     return np.asarray(np.linalg.norm(np.diff(path, axis=0), axis=1))
 
 
@@ -205,7 +208,7 @@ def _length(path: F64) -> float:
 
 
 def _distinct(knots: F64) -> F64:
-    """Remove knots equal to their predecessor."""
+    """Knots without those within 0.1 micrometres of the predecessor."""
     return np.asarray(knots[np.append(True, _steps(knots) > _SAME_PLACE_M)])
 
 
@@ -216,7 +219,7 @@ def _pairs(knots: F64, closed: bool) -> list[tuple[F64, F64]]:
 
 
 def _evenly(path: F64, count: int) -> F64:
-    """Resample a path into ``count`` parts of equal length, (count + 1, 3)."""
+    """Resample a path, linearly, into ``count`` parts of equal length, (count + 1, 3)."""
     lengths = np.concatenate([[0.0], np.cumsum(_steps(path))])
     at = np.linspace(0.0, lengths[-1], count + 1)
     return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(3)], axis=1)

@@ -42,7 +42,8 @@ class SurfaceLocator:
         self._tree = TriangleTree(self._corners) if len(self._solid) else None
 
     def nearest(self, points: F64) -> NearestPlaces:
-        """Nearest places of points (N, 3); points beyond reach are left out."""
+        """Nearest places of points (N, 3); points beyond reach, and all without solid triangles,
+        are left out."""
         triangle, distance = np.full(len(points), -1), np.full(len(points), np.inf)
         if self._tree is not None:
             triangle, distance = self._tree.nearest(points.T, self.reach)
@@ -56,7 +57,8 @@ class SurfaceLocator:
 
 
 def barycentric(points: F64, corners: F64) -> F64:
-    """Barycentric coordinates (N, 3) of the nearest place to points (N, 3), one triangle each."""
+    """Barycentric coordinates (N, 3), in 0..1, of the nearest place to points (N, 3) on one
+    triangle each (N, 3, 3); degenerate triangles count as edges."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     inside = _plane_weights(points, a, b, c)
     # Degenerate triangles have no interior: the nearest place is on an edge.
@@ -79,7 +81,7 @@ def barycentric(points: F64, corners: F64) -> F64:
 
 
 def _plane_weights(points: F64, a: F64, b: F64, c: F64) -> F64:
-    """Barycentric coordinates (N, 3) of points projected on triangle planes."""
+    """Barycentric coordinates (N, 3) of points projected on triangle planes, negative outside."""
     edge_1, edge_2, offset = b - a, c - a, points - a
     d00, d01, d11 = (
         np.einsum("ij,ij->i", x, y)

@@ -56,7 +56,8 @@ def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
 
 @lru_cache(maxsize=4)
 def _read(path: Path) -> tuple[tuple[str, str], str, I32]:
-    """Read ((model id, content hash), pressure model id, owners (V,)); cached."""
+    """Read ((model id, content hash), pressure model id, owners (V,) read-only); cached. Raises
+    InputError: unreadable."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             owner = stored["owner"].astype(np.int32)

@@ -28,7 +28,7 @@ _TIMES_PER_BATCH: Final = 16
 
 
 def rotation_channel(mode: str) -> str:
-    """Name of the rotation channel of a bone or object in a rotation mode."""
+    """Name of the rotation property in a rotation mode: "rotation_euler" for all Euler orders."""
     return ROTATION_CHANNELS.get(mode, "rotation_euler")
 
 
@@ -75,7 +75,8 @@ def from_eulers(angles: F64, order: str) -> F64:
 
 
 def from_axis_angles(values: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of (angle, x, y, z); identity for a zero axis."""
+    """Rotation matrices (..., 3, 3) of (angle in radians, x, y, z), axis of any length; identity
+    for a zero axis."""
     half = values[..., :1] / 2
     lengths = np.linalg.norm(values[..., 1:], axis=-1, keepdims=True)
     axis = values[..., 1:] / np.where(lengths > 0.0, lengths, 1.0)
@@ -84,7 +85,8 @@ def from_axis_angles(values: F64) -> F64:
 
 
 def rotations(values: F64, mode: str) -> F64:
-    """Rotation matrices (..., 3, 3) of channel values in a rotation mode."""
+    """Rotation matrices (..., 3, 3) of channel values in a rotation mode: (..., 4), or Euler angles
+    (..., 3)."""
     if mode == "QUATERNION":
         return from_quaternions(values)
     if mode == "AXIS_ANGLE":
@@ -169,7 +171,7 @@ def _elements(matrices: F64) -> F64:
 
 
 def _product(first: F64, second: F64) -> F64:
-    """Products of affine matrices with elements first, (3, 4, T, B)."""
+    """Products of affine matrices (3, 4, T or 1, B), elements first, broadcast: first @ second."""
     shape = np.broadcast_shapes(first.shape, second.shape)
     product = np.empty(shape)
     for row in range(3):
@@ -198,12 +200,13 @@ class KeyedRig:
 
     @cached_property
     def _still(self) -> F64:
-        """Unkeyed values (S,) of all channels, concatenated."""
+        """Unkeyed values (S,) of all channels, concatenated in the order of ``still``."""
         return np.concatenate([np.zeros(0), *(values.ravel() for values in self.still.values())])
 
     @cached_property
     def _sources(self) -> dict[str, I64]:
-        """Channel to indices into the unkeyed values followed by the sampled values."""
+        """Channel to indices (B * width,) into the S unkeyed values followed by the sampled
+        values."""
         sources, first = {}, 0
         for name, still in self.still.items():
             sources[name] = np.arange(first, first + still.size)
@@ -215,7 +218,8 @@ class KeyedRig:
         return sources
 
     def skinning(self, sampled: F64) -> F64:
-        """Skinning matrices (T, B, 3, 4) of sampled values (T, C)."""
+        """Skinning matrices (T, B, 3, 4), rest to posed armature space, of sampled values (T, C);
+        unkeyed components from ``still``, locations of connected bones 0."""
         if len(sampled) > _TIMES_PER_BATCH:
             cuts = range(0, len(sampled), _TIMES_PER_BATCH)
             return np.concatenate([self.skinning(sampled[k : k + _TIMES_PER_BATCH]) for k in cuts])

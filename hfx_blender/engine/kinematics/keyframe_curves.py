@@ -49,7 +49,7 @@ class KeyedCurves:
         return np.ascontiguousarray(self.values.T)
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
-        """Values (T, C) at frames (T,).
+        """Values (T, C) at frames (T,), constant beyond the first and last key.
 
         ``single`` evaluates linear segments in float32 and in Blender's order, for bit-identical
         values.
@@ -84,7 +84,7 @@ class KeyedCurves:
         return sampled
 
     def _on_bezier(self, segment: npt.NDArray[np.int64], frames: F64) -> F64:
-        """Values (n, C) at frames (n,) within Bezier segments."""
+        """Values (n, C) at frames (n,) within the Bezier segments after keys ``segment`` (n,)."""
         assert self.left is not None and self.right is not None
         x0, x3 = self.frames[segment][:, None], self.frames[segment + 1][:, None]
         y0, y3 = self._by_key[segment], self._by_key[segment + 1]
@@ -99,7 +99,8 @@ class KeyedCurves:
 
 
 def _on_lines(time: F64, length: F64, first: F64, second: F64) -> F64:
-    """Values (n, C) on linear segments in float32; ``time`` and ``length`` (n,) in frames."""
+    """Values (n, C) on linear segments in float32: ``time`` since the start and ``length`` (n,) in
+    frames, values at the start and at the end (n, C)."""
     at, duration = (column.astype(np.float32)[:, None] for column in (time, length))
     begin = first.astype(np.float32)
     values: F64 = ((second.astype(np.float32) - begin) * at / duration + begin).astype(np.float64)
@@ -107,7 +108,8 @@ def _on_lines(time: F64, length: F64, first: F64, second: F64) -> F64:
 
 
 def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:
-    """Handle shortened to at most the segment's length in time, as in Blender."""
+    """Frames and values of handles (..., 2) of keys at (x, y), shortened in both to at most
+    ``length`` frames, as in Blender."""
     dx, dy = handle[..., 0] - x, handle[..., 1] - y
     reach = np.abs(dx)
     scale = np.where(reach > length, length / np.where(reach > 0.0, reach, 1.0), 1.0)
@@ -115,7 +117,8 @@ def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:
 
 
 def _parameter_at(x: F64, x1: F64, x2: F64, x3: F64) -> F64:
-    """Parameter 0..1 with value ``x`` on a monotonic cubic from 0 to ``x3``, handles x1 and x2."""
+    """Parameter 0..1 at which a monotonic cubic from 0 to ``x3``, with handles x1 and x2, has the
+    value ``x``; arrays broadcast."""
     a, b, c = 3 * x1, 3 * (x2 - 2 * x1), x3 - 3 * x2 + 3 * x1
     low = np.zeros(np.broadcast_shapes(x.shape, a.shape))
     high = np.ones_like(low)

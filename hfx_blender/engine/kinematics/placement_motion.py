@@ -42,7 +42,7 @@ class Motion:
         )
 
     def at(self, share: float) -> F64:
-        """Matrices (n, 4, 4) at a fraction of the interval."""
+        """Matrices (n, 4, 4) at a fraction 0..1 of the interval."""
         matrices = np.zeros((len(self.angles), 4, 4))
         stretch = self.stretches[0] + share * (self.stretches[1] - self.stretches[0])
         matrices[:, :3, :3] = _rotations(self.axes, share * self.angles) @ self.turns @ stretch
@@ -69,7 +69,8 @@ def turned_by(before: F64, after: F64) -> F64:
 
 
 def _polar(linear: F64) -> tuple[F64, F64]:
-    """Rotation and symmetric stretch (n, 3, 3 each); the stretch includes mirroring."""
+    """Rotation and symmetric stretch (n, 3, 3 each) with product rotation @ stretch; the stretch
+    includes mirroring, unless flat."""
     u, s, vt = np.linalg.svd(linear)
     sign = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)[:, None, None]
     # A flattened shape cannot be mirrored: the sign goes to the vanishing axis instead.

@@ -188,8 +188,8 @@ def _changes(
 
 
 def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
-    """Whether any vertex gains weight from set number ``one`` to number ``other`` of a run, and
-    whether any loses weight; a missing vertex has weight 0."""
+    """Test for a vertex with more weight in set number ``other`` of a run than in set number
+    ``one``, and for a vertex with less; a missing vertex has weight 0."""
     parts = [slice(int(run.offsets[j]), int(run.offsets[j + 1])) for j in (one, other)]
     ids = np.concatenate([run.vertices[part] for part in parts])
     order = np.argsort(ids, kind="stable")

@@ -45,7 +45,8 @@ JOINT_OF: Final = {
 
 
 def region_of(bone: str) -> str:
-    """Region of the skin of a canonical bone; "head" for bones of the head."""
+    """Region of the skin of a canonical bone, with side for limbs; "head" for neck, head and
+    unknown bones, "foot" for toes, "torso" for the trunk."""
     stem, _, side = bone.rpartition(".") if bone[-2:] in (".L", ".R") else (bone, "", "")
     if stem in _LIMB:
         return f"{_LIMB[stem]}.{side}"
@@ -104,7 +105,7 @@ _ABOVE: Final = {
 
 
 def above(region: str) -> str:
-    """Parent region; "torso" for the torso."""
+    """Parent region on the same side; "torso" for torso, head and the first limb bones."""
     stem, _, side = region.partition(".")
     upper = _ABOVE.get(stem.rstrip("12345"), "torso")
     return upper if upper == "torso" else f"{upper}.{side}"

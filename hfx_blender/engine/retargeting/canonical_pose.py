@@ -97,7 +97,7 @@ class _Segments:
         return self._matrix(region)
 
     def _matrix(self, name: str) -> F64:
-        """Matrix of a segment, cached with its rotation."""
+        """Matrix (4, 4) of the segment ``name``, made at the first request, with its rotation."""
         if name not in self._made:
             stem, _, side = name.partition(".")
             turn, matrix = self._makers.get(stem, self._limb)(name if stem in _ENDS else side)
@@ -105,19 +105,21 @@ class _Segments:
         return self._made[name]
 
     def _turn(self, name: str) -> F64:
-        """Rotation of a segment."""
+        """Rotation (3, 3) of the segment ``name``."""
         self._matrix(name)
         return self._turns[name]
 
     def _skins(self, region: str) -> tuple[F64, F64]:
-        """Canonical and target vertices of a region; both empty without canonical vertices."""
+        """Canonical (n, 3) and target (m, 3) vertices of a region; both empty without canonical
+        vertices."""
         number = REGIONS.index(region)
         own = self._vertices[self._avatar_region == number]
         target = self._points[(self._target_region == number) & (len(own) > 0)]
         return own, target
 
     def _torso(self, _side: str) -> tuple[F64, F64]:
-        """Transform of the torso: hips to shoulders; width and depth by the skin, clipped."""
+        """Transform of the torso, hips to shoulders; width and depth scaled by the spread of the
+        skin, 0.7 to 1.6, or 1 with 10 or fewer target vertices."""
 
         def frame(at: Mapping[str, F64]) -> tuple[F64, F64, float]:
             hips = (at["hip.L"] + at["hip.R"]) / 2
@@ -171,7 +173,8 @@ class _Segments:
         return affine(np.eye(3), np.diag([*scale, scale.mean()]), old, new)
 
     def _girdle(self, side: str) -> tuple[F64, F64]:
-        """Transform from the clavicle, moved with the torso, to the target's shoulder joint."""
+        """Transform from the clavicle, moved with the torso, to the target's shoulder joint; girth
+        unchanged."""
         start = self._c[f"clavicle.{side}"]
         end = self._t[f"shoulder.{side}"]
         new_start = apply(self._matrix("torso"), start)
@@ -289,12 +292,14 @@ class _Segments:
     # Shapes of transforms
 
     def _rigid(self, parent: str, joint: str) -> tuple[F64, F64]:
-        """Transform with the parent's rotation, joint to joint, unscaled."""
+        """Transform with the rotation of segment ``parent``, canonical joint to target joint,
+        unscaled."""
         turn = self._turn(parent)
         return affine(turn, turn, self._c[joint], self._t[joint])
 
     def _between(self, parent: str, start: str, end: str, girth: float) -> tuple[F64, F64]:
-        """Transform between two joints of canonical and target skeleton."""
+        """Transform from joint ``start`` to ``end``, canonical to target, from the rotation of
+        segment ``parent``; ``girth`` is the scale across."""
         ends = self._c[start], self._c[end], self._t[start], self._t[end]
         return self._stretched(self._turn(parent), *ends, girth)
 
@@ -316,7 +321,8 @@ class _Segments:
         return affine(turned, linear, start, new_start)
 
     def _by_extent(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """Transform of a limb's last bone up to the tip of the skin; rigid without 4 vertices."""
+        """Transform of a limb's last bone from ``joint`` to the tip of the skin of ``region``;
+        rigid with 3 or fewer target vertices."""
         turn = self._turn(parent)
         own, target = self._skins(region)
         start, new_start = self._c[joint], self._t[joint]
@@ -327,7 +333,8 @@ class _Segments:
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))
 
     def _mitten(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """Transform of a hand without knuckles; rotation from its broad side."""
+        """Transform of a hand without knuckles, with rotation from the broad side of its skin,
+        scaled along and across; rigid with 10 or fewer target vertices."""
         turn, _ = self._by_extent(parent, joint, region)
         own, target = self._skins(region)
         if len(target) <= 10:

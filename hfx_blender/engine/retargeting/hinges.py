@@ -54,7 +54,7 @@ class _Limb:
 
     @property
     def ways(self) -> F64:
-        """Vectors (2, 3) of upper and lower bone."""
+        """Vectors (2, 3) from start to hinge and from hinge to end."""
         return np.array([self.hinge - self.start, self.end - self.hinge])
 
     @property
@@ -133,6 +133,6 @@ def placed(
 
 
 def _middles(points: F64, shares: F64, triangles: I64) -> tuple[F64, F64]:
-    """Midpoints (N, 3) and region weights (N, R) of two edges per triangle."""
+    """Midpoints (2 F, 3) and mean region weights (2 F, R) of two edges of each of F triangles."""
     edges = np.concatenate((triangles[:, :2], triangles[:, 1:]))
     return points[edges].mean(axis=1), shares[edges].mean(axis=1)

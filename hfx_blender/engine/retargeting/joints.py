@@ -177,7 +177,8 @@ def _absent_regions(
 
 
 def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
-    """Area (R,) of each region of a surface."""
+    """Area (R,) of a surface by region, each triangle divided by its corners' mean ``shares`` (N,
+    R)."""
     return np.asarray(areas_of(points, triangles) @ shares[triangles].mean(axis=1))
 
 
@@ -266,7 +267,8 @@ def _filled(shares: F64, points: F64) -> F64:
 
 
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
-    """Fraction of feet longer before the ankle than behind; 1 without feet of 11 vertices."""
+    """Fraction of feet that reach farther to the front (-Y) of the ankle than behind; 1 without a
+    foot of more than 10 vertices with an ankle."""
     forward = []
     for side in "LR":
         foot = points[region == REGIONS.index(f"foot.{side}")]

@@ -132,7 +132,8 @@ def _pairs(
 def _near_other_piece(
     places: F64, piece: I64, is_counted: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
-    """Mask (N,) of points with a counted point of another piece in an adjacent grid cell."""
+    """Mask (N,) of points with a point of another piece, of those in ``is_counted``, in the same or
+    an adjacent grid cell of 45 mm."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     cell = np.floor((places - places.min(axis=0, initial=0.0)) / _CELL_M).astype(np.int64)

@@ -136,7 +136,7 @@ class Limbs:
                 )
 
     def _add_torso(self, canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> None:
-        """Add rings at waist and chest."""
+        """Add rings at waist and chest, without bent mark; none where the torso has no vertex."""
         (hips, up), (low, axis) = (
             (low, (at["shoulder.L"] + at["shoulder.R"]) / 2 - low)
             for at in (canonical, joints)
@@ -157,7 +157,7 @@ class Limbs:
                 self.rings[name] = Ring(ring, middle, _unit(axis), (torso,), carried)
 
     def _ring(self, joint: F64, axis: F64, regions: list[str]) -> npt.NDArray[np.int64]:
-        """Vertices (n,) of regions within a short cylinder around a joint."""
+        """Vertices (n,) of regions within 2 cm along ``axis`` and 14 cm across of a joint."""
         offset = self._points - joint
         along = offset @ axis
         radius = np.linalg.norm(offset - along[:, None] * axis, axis=1)
@@ -224,5 +224,5 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
 
 
 def _unit(way: F64) -> F64:
-    """Unit vector; 0 for length 0."""
+    """Unit vector of a vector (3,); 0 for length 0."""
     return np.asarray(way / max(float(np.linalg.norm(way)), 1e-12))

@@ -162,7 +162,7 @@ def _candidates(
 
 
 def _without_candidates(union: TargetAvatar, out: Sequence[_Candidate]) -> TargetAvatar:
-    """Copy of the union without the triangles of some candidates."""
+    """Copy of the union without the triangles of the candidates ``out``; vertices stay."""
     is_left = np.ones(len(union.triangles), np.bool_)
     for candidate in out:
         is_left[candidate.triangles] = False
@@ -170,7 +170,8 @@ def _without_candidates(union: TargetAvatar, out: Sequence[_Candidate]) -> Targe
 
 
 def _sticks_out(candidate: _Candidate, union: TargetAvatar, off_m: F64, areas: F64) -> bool:
-    """True if a candidate reaches 12 cm from the body, or lies mostly 6 cm outside."""
+    """True if any vertex is over 12 cm from the body, or over half of the area over 6 cm. ``off_m``
+    (A,) are distances of vertices from the body, ``areas`` (F,) of triangles."""
     own = off_m[union.triangles[candidate.triangles]]
     area = areas[candidate.triangles]
     beside = float(area[own.mean(axis=1) > _BESIDE_M].sum())
@@ -180,7 +181,8 @@ def _sticks_out(candidate: _Candidate, union: TargetAvatar, off_m: F64, areas: F
 def _split(
     targets: Sequence[TargetAvatar], held: Sequence[_Candidate], areas: F64
 ) -> tuple[list[TargetAvatar], list[Prop]]:
-    """Remove triangles of the union from the meshes; return copies of the meshes, and the props."""
+    """Copies of the meshes without the triangles of ``held``, numbered in the union, and a prop for
+    each of these. ``areas`` (F,) of the union's triangles."""
     counts = [len(target.triangles) for target in targets]
     mesh = np.repeat(np.arange(len(targets)), counts)
     starts = np.cumsum(counts) - counts

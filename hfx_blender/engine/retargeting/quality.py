@@ -103,7 +103,8 @@ class FitQuality:
 
     @property
     def whole_faults(self) -> tuple[str, ...]:
-        """Faults of the whole fit (sides, feet, absent regions, uncertain places)."""
+        """Sentences about swapped sides or feet, absent regions and uncertain places; empty without
+        faults."""
         texts = []
         if self.sides < RIGHT_WAY:
             texts.append("left and right are swapped")
@@ -189,7 +190,8 @@ def judge(
 
 
 def lost_part(qualities: Sequence[FitQuality]) -> PartQuality | None:
-    """Worst carrying part with most vertices on other parts of the avatar, or None."""
+    """Part of head, trunk, arms or legs with the smallest fraction in place, if below one half;
+    else None."""
     parts = [part for quality in qualities for part in quality.parts if part.part in _CARRYING]
     worst = min(parts, key=lambda part: part.in_place, default=None)
     return worst if worst is not None and worst.in_place < _LOST else None

@@ -109,14 +109,16 @@ def warping(
 def _without(
     bodies: Skeletons, surface: TargetSurface, left_out: npt.NDArray[np.bool_]
 ) -> Skeletons:
-    """Copy with zero target shares at vertices of left-out layers (hats, hair) only."""
+    """Copy with target shares 0 at vertices that only triangles of left-out layers (hats, hair)
+    use; ``left_out`` (N,) masks cut triangles."""
     is_used = np.zeros(len(surface.points), bool)
     is_used[surface.triangles[surface.parent[~left_out]]] = True
     return replace(bodies, target_shares=bodies.target_shares * is_used[:, None])
 
 
 def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
-    """True if more than 2 % of the area of the matched mesh is in left-out triangles."""
+    """True if more than 2 % of the area of the matched mesh (vertices ``same``) is in the left-out
+    ``triangles`` (indices)."""
     areas = areas_of(surface.points, surface.triangles)
     is_body = np.isin(surface.triangles, same).all(axis=1)
     return float(areas[triangles][is_body[triangles]].sum()) > _UNDER_CLOTHES * areas[is_body].sum()
@@ -270,7 +272,8 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
 def _skin_weights(
     model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors, has_skin: npt.NDArray[np.bool_]
 ) -> SkinWeights:
-    """Target's skin weights at the vertices; mapped canonical weights without skin or weights."""
+    """Target's skin weights at the anchors, interpolated; mapped canonical weights where
+    ``has_skin`` (V,) is False or the target has no weight."""
     from scipy.sparse import coo_array, diags_array
 
     target, count = warped.target, len(model)
@@ -290,7 +293,7 @@ def _skin_weights(
 
 
 def with_mapped_bones(target: TargetAvatar, mapping: RigMapping) -> TargetAvatar:
-    """Copy of a target with all mapped and fallback bones in ``bone_names``."""
+    """Copy of a target with all mapped and fallback bones appended to ``bone_names``, each once."""
     moving = (*mapping.bones.values(), *mapping.fallbacks.values())
     return replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
 
@@ -327,7 +330,7 @@ def _skin_weights_of(matrix: Any) -> SkinWeights:
 
 
 def _matrix(weights: SkinWeights, bones: int) -> Any:
-    """Skin weights as a sparse matrix (V, bones)."""
+    """Skin weights of V vertices as a sparse matrix (V, bones)."""
     from scipy.sparse import csr_array
 
     shape = (len(weights.offsets) - 1, bones)

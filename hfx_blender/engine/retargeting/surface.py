@@ -62,7 +62,8 @@ class TargetSurface:
             self._trees = [None] * len(self._members)
 
     def _tree(self, region: int) -> Any:
-        """Search tree of a region's cut triangles, cached; None for an empty region."""
+        """Search tree of the centres of a region's cut triangles, cached; None for an empty
+        region."""
         from scipy.spatial import cKDTree
 
         if self._trees[region] is None and len(self._members[region]):
@@ -74,8 +75,9 @@ class TargetSurface:
     ) -> NearestSkin:
         """Nearest place for each point (P, 3) in a common region, with a similar normal.
 
-        ``shares`` (P, R) are skin weights by region, ``facing`` is the smallest cosine between the
-        normals of point and place, ``reach_m`` the largest distance.
+        ``normals`` (P, 3) and ``shares`` (P, R), skin weights by region, are of the points;
+        ``facing`` is the smallest cosine between the normals of point and place, ``reach_m`` the
+        largest distance.
         """
         count = len(points)
         smallest = np.full(count, np.inf)
@@ -114,7 +116,8 @@ class TargetSurface:
     def around(
         self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]
     ) -> F64:
-        """NearestSkin (N, 3) of a slab of the skin about a point, across an axis."""
+        """Centres (N, 3) of cut triangles of ``regions`` within ``half_m`` along ``axis``, a unit
+        vector, and ``radius_m`` across of a point."""
         members = np.unique(np.concatenate([self._members[region] for region in regions]))
         centres = self.centres[members]
         offset = centres - point
@@ -149,7 +152,7 @@ def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
 
 
 def vertex_normals(points: F64, triangles: I64) -> F64:
-    """Area-weighted unit normals (V, 3) of vertices."""
+    """Area-weighted unit normals (V, 3) of vertices ``points`` (V, 3)."""
     from trimesh import geometry
     from trimesh.triangles import cross
 

@@ -193,14 +193,14 @@ def connected_pieces(triangles: I64) -> I64:
 
 
 def areas_of(points: F64, triangles: I64) -> F64:
-    """Area (F,) of each triangle."""
+    """Area (F,) of each triangle, in the squared unit of ``points``."""
     from trimesh.triangles import area
 
     return np.asarray(area(points[triangles]))
 
 
 def vertex_areas(points: F64, triangles: I64) -> F64:
-    """Area (V,) of each vertex: a third of its triangles."""
+    """Area (V,) of each vertex: a third of all its triangles; 0 without any."""
     thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
     return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)
 

@@ -14,10 +14,8 @@ def apply(matrix: F64, points: F64) -> F64:
 
 
 def similarity(source: F64, target: F64) -> F64:
-    """Least-squares similarity transform (4, 4) from source to target points (Umeyama 1991).
-
-    NaN if a target point is not finite.
-    """
+    """Least-squares similarity transform (4, 4) from source to target points, (N, 3) each (Umeyama
+    1991); NaN if a target point is not finite."""
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     if not np.isfinite(target).all():
         return np.full((4, 4), np.nan)
@@ -31,7 +29,8 @@ def similarity(source: F64, target: F64) -> F64:
 
 
 def affine(turn: F64, linear: F64, start: F64, new_start: F64) -> tuple[F64, F64]:
-    """Rotation unchanged, and the (4, 4) matrix of a linear map from ``start`` to ``new_start``."""
+    """``turn`` unchanged, and the matrix (4, 4) of ``linear`` (3, 3) with the shift that maps
+    ``start`` to ``new_start``."""
     matrix = np.eye(4)
     matrix[:3, :3] = linear
     matrix[:3, 3] = new_start - linear @ start
@@ -39,7 +38,8 @@ def affine(turn: F64, linear: F64, start: F64, new_start: F64) -> tuple[F64, F64
 
 
 def axes_of(main: F64, towards: F64) -> F64:
-    """Right-handed axes as columns (3, 3): along ``main``, towards ``towards``, and across both."""
+    """Right-handed unit axes as columns (3, 3): along ``main``, the part of ``towards`` normal to
+    it, and their cross product."""
     x = main / np.linalg.norm(main)
     y = towards - (towards @ x) * x
     y = y / np.linalg.norm(y)
@@ -47,7 +47,8 @@ def axes_of(main: F64, towards: F64) -> F64:
 
 
 def least_turn(source: F64, target: F64) -> F64:
-    """Smallest rotation (3, 3) from a unit vector to another."""
+    """Smallest rotation (3, 3) from a unit vector to another; half a turn about any normal axis if
+    opposite."""
     axis = np.cross(source, target)
     sine, cosine = np.linalg.norm(axis), source @ target
     if sine < 1e-12:
@@ -81,11 +82,12 @@ def twist_about(turn: F64, axis: F64) -> float:
 
 
 def extent_of(points: F64) -> tuple[F64, F64]:
-    """Lower and upper corner of the bounding box."""
+    """Lowest and highest corner (3,) of the bounding box of points (N, 3)."""
     return points.min(axis=0), points.max(axis=0)
 
 
 def tip_of(points: F64, start: F64) -> F64:
-    """Tip (3,) of a limb: mean of the points farthest from ``start``."""
+    """Tip (3,) of a limb: mean of the points (N, 3) at 93 % or more of the largest distance from
+    ``start``."""
     far = np.linalg.norm(points - start, axis=1)
     return np.asarray(points[far >= 0.93 * far.max()].mean(axis=0))

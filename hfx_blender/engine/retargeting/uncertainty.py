@@ -104,7 +104,8 @@ def _extra_sole_m(bodies: Skeletons, side: str) -> float:
 
 
 def _half_body_m(bodies: Skeletons) -> float:
-    """Uncertainty of a torso without legs from trunk and arm lengths; 0 with legs."""
+    """Uncertainty of a torso if both thighs are absent, at least 80 mm: difference of the trunk
+    from that expected by the arms; else 0, metres."""
     if not {"upperleg.L", "upperleg.R"} <= {*bodies.absent}:
         return 0.0
     (own_trunk, own_arms), (trunk, arms) = (

@@ -11,15 +11,13 @@ from ..scene import FittedModel, SurfaceAnchors
 
 
 def people() -> list[model_library.Entry]:
-    """Avatar entries of variants installed by the user."""
+    """Avatar entries of the variants installed by the user, sorted by folder."""
     return [entry for entry in model_library.installed()[0] if entry.kind == "avatar"]
 
 
 def fitted_to(avatar: Avatar) -> list[FittedModel]:
-    """Every shipped model on the skin of a variant, with canonical ids.
-
-    Raises InputError: a model of the variant is missing or of another edition.
-    """
+    """Every shipped model on the skin of a variant, in the order of the manifest, with canonical
+    ids. Raises InputError: a model of the variant is missing or of another edition."""
     suffix = avatar.id.removeprefix(AVATAR_ID)
     fitted = []
     for entry in model_library.shipped():

@@ -46,7 +46,8 @@ _MAIN: Final = frozenset(
 
 
 def assigned_by_name(rig: Rig) -> dict[str, str]:
-    """Canonical bone to avatar bone by bone names; empty if no name is recognised."""
+    """Avatar bone of each canonical bone recognised by name; empty if none is. Canonical names
+    decide for MakeHuman's default rig, parsed words otherwise."""
     exact, parsed = _canonical_names(rig.bones), _Assignment(rig).found
     if {"upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R", "spine01"} <= exact.keys():
         # MakeHuman's default rig, unless only remnants of that rig are in another rig.
@@ -56,7 +57,8 @@ def assigned_by_name(rig: Rig) -> dict[str, str]:
 
 
 def _canonical_names(names: Iterable[str]) -> dict[str, str]:
-    """Bones with canonical names, apart from case, dots, dashes and namespace."""
+    """Given name by canonical bone, for names equal to a canonical name apart from case, dots,
+    dashes, spaces and namespace; of several the last."""
 
     def key(name: str) -> str:
         return re.sub(r"[\s.\-]", "_", re.split(r"[:|]", name)[-1]).lower()
@@ -66,7 +68,8 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def is_human(bone_of: Mapping[str, str]) -> bool:
-    """True if canonical bones include a trunk and both arms or both legs."""
+    """True if canonical bones include the root or a spine bone, and upper and lower part of both
+    arms or both legs."""
     has_trunk = "root" in bone_of or any(name.startswith("spine") for name in bone_of)
     return has_trunk and any(
         all(f"{bone}.{side}" in bone_of for bone in limb for side in "LR") for limb in (_ARM, _LEG)
@@ -95,7 +98,7 @@ class _Assignment(Digits):
         self._put("jaw", self._take("jaw", ""))
 
     def _arm(self, side: str) -> None:
-        """Assign clavicle, upper arm, forearm and hand of a side."""
+        """Assign clavicle, upper arm, forearm and hand of side "L" or "R", as far as recognised."""
         clavicle, shoulder = self._take("clavicle", side), self._take("shoulder", side)
         arm = self._take("arm", side)
         fore = self._take("forearm", side)
@@ -121,7 +124,8 @@ class _Assignment(Digits):
         self._put(f"clavicle.{side}", clavicle or [name for name in shoulder if name != upper_name])
 
     def _leg(self, side: str) -> None:
-        """Assign half of the pelvis, thigh, shin and foot of a side."""
+        """Assign half of the pelvis, thigh, shin and foot of side "L" or "R", as far as
+        recognised."""
         hip, leg = self._take("hip", side), self._take("leg", side)
         thigh, shin = self._take("thigh", side), self._take("shin", side)
         foot = self._take("foot", side)
@@ -158,7 +162,8 @@ class _Assignment(Digits):
         return chain[:1], chain[1:2], third or chain[2:3], chain[2:3] if third else chain[3:4]
 
     def _hanging(self, names: Sequence[str]) -> list[str]:
-        """Chain from the first name on: names below the previous name of the chain."""
+        """Chain from the first name on: each next name below the previous name of the chain, others
+        skipped; empty for none."""
         chain = list(names[:1])
         for name in names[1:]:
             if chain[-1] in self.rig.ancestors(name):
@@ -177,13 +182,15 @@ class _Assignment(Digits):
         return [min(chain[1:], key=lambda n: abs(_fraction(*ends, self.rig.head(n)) - target))]
 
     def _turns_forward(self, leg: Sequence[str], foot: str) -> bool:
-        """True if the line from the last leg bone to the foot leads forward, not down."""
+        """True if the line from the last leg bone's head to the foot's is over 37 degrees off the
+        line down the leg."""
         down = self.rig.head(leg[-1]) - self.rig.head(leg[0])
         to_foot = self.rig.head(foot) - self.rig.head(leg[-1])
         return bool(to_foot @ down < _STRAIGHT * np.linalg.norm(to_foot) * np.linalg.norm(down))
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
-        """Unambiguous candidates, then ambiguous candidates unless a skin carrier is named."""
+        """Clear candidates followed by doubtful ones; only the clear ones if the first names the
+        skinned bone."""
         marked = bool(clear) and self.names[clear[0]].rank < 0
         return clear if marked else [*clear, *doubtful]
 
@@ -218,11 +225,12 @@ class _Assignment(Digits):
                 self.found |= added
 
     def _links(self, chain: Sequence[str]) -> int:
-        """Number of successive pairs with the first above the second."""
+        """Number of successive pairs (a, b) with a among the ancestors of b."""
         return sum(above in self.rig.ancestors(name) for above, name in pairwise(chain))
 
     def _split_limbs(self, side: str) -> None:
-        """Assign second parts of limb bones split at about the canonical place."""
+        """Assign second parts of limb bones, if split within 15 % of the limb of the canonical
+        place, nearest first; an early twist bone becomes the first part."""
         for first, second, after, slot in _SPLIT:
             main = self.found.get(f"{first}.{side}")
             following = self.found.get(f"{after}.{side}")
@@ -250,13 +258,15 @@ class _Assignment(Digits):
             self._put(f"{second}.{side}", sorted(matching, key=misses.__getitem__))
 
     def _begins_before(self, twist: str, main: str, following: str) -> bool:
-        """True if a twist bone begins nearer to the start of a limb than the main bone."""
+        """True if a twist bone begins clearly (30 %) farther from the limb's end ``following`` than
+        the bone ``main``."""
         end = self.rig.head(following)
         length, own = (float(np.linalg.norm(self.rig.head(n) - end)) for n in (twist, main))
         return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
 
     def _trunk(self) -> None:
-        """Assign hips, spine, neck and head."""
+        """Assign root, pelvis halves, spine, neck and head; several neck bones are matched by
+        position."""
         hips, spine, neck, head = self._parts_of_trunk()
         self._put("root", hips)
         self._put("head", head)
@@ -272,7 +282,8 @@ class _Assignment(Digits):
             self._put("neck01", neck)
 
     def _parts_of_trunk(self) -> tuple[list[str], list[str], list[str], list[str]]:
-        """Bones of hips, spine, neck and head; separated where a rig uses one name for several."""
+        """Bones of hips, spine, neck and head, from the hips up, any may be empty; divided where a
+        rig uses one name for several."""
         hips = list(self._take("lower_body", "") or self._take("hips", ""))
         spine = list(self._take("spine", ""))
         neck, head = self._neck_and_head()
@@ -302,7 +313,8 @@ class _Assignment(Digits):
         return neck, head
 
     def _pelvis_halves(self, hips: Sequence[str]) -> None:
-        """Assign bones between hips and thighs."""
+        """Assign as pelvis half of a side, if unassigned, the nearest of ``hips`` above the thigh,
+        unless the first of ``hips``."""
         for side in "LR":
             # Daz: the hip has two children, the spine and a pelvis with both thighs.
             if f"pelvis.{side}" not in self.found:
@@ -311,7 +323,8 @@ class _Assignment(Digits):
                     self.found[f"pelvis.{side}"] = holder
 
     def _spine(self, hips: Sequence[str], spine: Sequence[str], above: Sequence[str]) -> None:
-        """Assign the spine between the thighs (or hips) and the lowest bone above the spine."""
+        """Assign the spine between the thighs (or hips) and the first of ``above``, by position; in
+        order from the hips up if either is unknown."""
         thighs = [self.found.get(f"upperleg01.{side}") for side in "LR"]
         starts = [name for name in thighs if name] or hips[:1]
         if starts and above:
@@ -321,14 +334,16 @@ class _Assignment(Digits):
             self.found |= dict(zip(_SPINE, spine, strict=False))
 
     def _attached(self, canonical: str, chain: Sequence[str]) -> str | None:
-        """Nearest ancestor of an assigned bone within a chain; None without any."""
+        """Nearest ancestor, in ``chain``, of the bone assigned to ``canonical``; None without
+        any."""
         name = self.found.get(canonical)
         if name is None:
             return None
         return next((above for above in self.rig.ancestors(name) if above in chain), None)
 
     def _common_ancestor(self, first: str, second: str) -> list[str]:
-        """Nearest common ancestor of two assigned bones as a list; empty without any."""
+        """Nearest common ancestor of the bones assigned to two canonical bones as a list; empty
+        without."""
         if first not in self.found or second not in self.found:
             return []
         above = set(self.rig.ancestors(self.found[first]))
@@ -336,7 +351,7 @@ class _Assignment(Digits):
 
 
 def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> dict[str, str]:
-    """Canonical spine bones to avatar bones, from thighs to neck.
+    """Avatar bone of each canonical spine bone with one, from thighs to neck, by relative height.
 
     ``names`` is the rig's spine from the hips up, without hips; ``low`` (3,) the middle of the
     thighs' heads and ``high`` (3,) the head of the neck, metres.
@@ -349,10 +364,10 @@ def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> d
 def _chain(
     rig: Rig, bones: Sequence[str], low: F64, high: F64, names: Sequence[str], start: F64, end: F64
 ) -> dict[str, str]:
-    """Pair two bone chains in order, with least total difference of relative positions.
-
-    ``low`` and ``high`` are the ends of the canonical chain, ``start`` and ``end`` of the avatar's.
-    """
+    """Avatar bone of canonical bones: order-preserving pairs of ``bones`` and ``names``, as many as
+    the shorter has, with the least total difference of relative positions (0 at the start, 1 at the
+    end). ``low`` and ``high`` (3,) are the ends of the canonical chain, ``start`` and ``end`` (3,)
+    of the avatar's."""
     targets = [_fraction(low, high, canonical_heads()[bone]) for bone in bones]
     fractions = [_fraction(start, end, rig.head(name)) for name in names]
     # Exhaustive: at most five bones against the joints of a spine or neck.

@@ -63,7 +63,8 @@ def doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
 
 
 def _bodies(rig: Rig, tops: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield (top bone, joints) of human branches that are not made of several human branches."""
+    """Yield (top bone, avatar bone by canonical bone) of human branches below ``tops``; a branch
+    with several human branches below its top is replaced by these."""
     for top in tops:
         joints = _joints_below(rig, top)
         if is_human(joints):
@@ -72,7 +73,8 @@ def _bodies(rig: Rig, tops: Sequence[str]) -> Iterator[tuple[str, dict[str, str]
 
 
 def _joints_below(rig: Rig, top: str) -> dict[str, str]:
-    """Canonical bones found by name in the branch below a bone, with their avatar bones."""
+    """Avatar bone by canonical bone, found by name in the branch from bone ``top`` down, control
+    bones included."""
     names, waiting = [], [top]
     while waiting:
         names.append(waiting.pop())

@@ -32,7 +32,7 @@ class Digits:
         self.found: dict[str, str] = {}
 
     def _order(self, name: str) -> tuple[int, int, list[int], str]:
-        """Sort key of a bone: rank, depth, numbers, name."""
+        """Sort key of a bone: rank, number of ancestors, numbers in the name, name."""
         parsed = self.names[name]
         return parsed.rank, self.rig.depth(name), [int(n) for n in parsed.numbers], name
 
@@ -72,14 +72,16 @@ class Digits:
                 self._put(f"finger{number}-{joint}.{side}", [name])
 
     def _once(self, chain: Sequence[str]) -> list[str]:
-        """Bone of lowest rank for each number, from hand to tip; all bones without numbers."""
+        """One bone per set of numbers in the name, the first of lowest rank, from hand to tip; all
+        bones, sorted so, if none has numbers."""
         by_number: dict[tuple[str, ...], str] = {}
         for name in chain:  # in order of rank
             by_number.setdefault(self.names[name].numbers, name)
         return self._outwards(list(by_number.values()) if any(by_number) else chain)
 
     def _outwards(self, chain: Sequence[str]) -> list[str]:
-        """Sort the joints of a digit from the hand to the tip."""
+        """Sort the joints of a digit from the hand to the tip: by depth, then numbers, then
+        name."""
         return sorted(chain, key=lambda name: self._order(name)[1:])
 
     def _is_thumb_without_base(
@@ -105,7 +107,8 @@ class Digits:
         return bool(abs(share - shares[1]) < abs(share - shares[0]))
 
     def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
-        """True if the first of four bones is a metacarpal: nearer to the wrist than its length."""
+        """True if the first bone of ``chain`` begins nearer to the hand's head than to the second
+        bone's: a metacarpal."""
         wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
         return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
 
@@ -147,7 +150,8 @@ class Digits:
         return outwards if is_chain else []
 
     def _toes(self, side: str) -> None:
-        """Assign toe joints of a side."""
+        """Assign toe joints of side "L" or "R"; a single toe bone becomes the second toe's first
+        joint."""
         chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
         for name in self._take("small_toe", side):
             own = self.names[name].numbers
@@ -184,7 +188,8 @@ class Digits:
         return [name for name in general if name not in paired]
 
     def _ball_of_foot(self, side: str, toes: list[str]) -> list[str]:
-        """Bones at the ball of the foot, from unnumbered toes and second feet."""
+        """Bones at the ball of the foot: the second of two chained feet if nearer to the toes, else
+        ``toes``; in MikuMikuDance rigs only skinned ones."""
         if self._take("lower_body", ""):  # in MikuMikuDance, "toe" is the tip of the toes
             toes = [name for name in toes if self.names[name].rank < 0]
         feet = self._take("foot", side)

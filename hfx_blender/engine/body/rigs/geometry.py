@@ -22,7 +22,8 @@ _SOLE_MIN: Final = 0.05  # for directions from soles; larger, because of robes
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:
-    """Unit vector from right to left by bone names; None without pairs or if all coincide."""
+    """Unit vector from right to left by the mean of the bone pairs present in ``heads``; None
+    without pairs or if all coincide."""
     total = np.zeros(3)
     for bone in _PAIRED:
         if f"{bone}.L" in heads and f"{bone}.R" in heads:
@@ -32,10 +33,9 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
 
 
 def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | None:
-    """Unit vector to the body's left from the direction of the feet.
-
-    None without feet and toes, for feet shorter than ``least`` times the trunk, or opposite feet.
-    """
+    """Unit vector to the body's left: across up and the mean horizontal direction from ankles to
+    toes. None without feet and toes, for feet shorter than ``least`` times the trunk, or opposite
+    feet."""
     up = _up(heads)
     if up is None:
         return None
@@ -148,7 +148,8 @@ def _body(
 
 
 def _swap(bone_of: dict[str, str], limb: Sequence[str]) -> None:
-    """Swap the left and right bones of a limb, in place."""
+    """Swap the avatar bones of left and right canonical bones in ``limb``, in place, where the left
+    one is assigned."""
     for bone in limb:
         if f"{bone}.L" in bone_of:
             left, right = f"{bone}.L", f"{bone}.R"
@@ -156,7 +157,8 @@ def _swap(bone_of: dict[str, str], limb: Sequence[str]) -> None:
 
 
 def _is_across(heads: Mapping[str, F64], left: F64) -> bool:
-    """True if thighs and upper arms lie side by side across the body, and legs point down."""
+    """True if thighs and upper arms lie apart along ``left`` (cosine 0.8, a tenth of the trunk),
+    and feet lie below the thighs by half a trunk."""
     trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
@@ -168,7 +170,8 @@ def _is_across(heads: Mapping[str, F64], left: F64) -> bool:
 
 
 def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
-    """Bones from ``first`` to the bone with a pair of arms; empty if the chain branches before."""
+    """Chain of only children from ``first`` to the first bone with a pair of arms, inclusive; empty
+    if the chain branches or ends before."""
     chain = [first]
     while not _pairs(rig, reach, chain[-1]):
         if len(rig.children[chain[-1]]) != 1:
@@ -178,7 +181,7 @@ def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
 
 
 def _straight(rig: Rig, first: str) -> list[str]:
-    """Chain of only children from ``first``; the last bone has none or several."""
+    """Chain of only children from ``first`` on; the last bone has no child or several."""
     chain = [first]
     while len(rig.children[chain[-1]]) == 1:
         chain += rig.children[chain[-1]]
@@ -213,7 +216,8 @@ def _reaches(rig: Rig) -> dict[str, float]:
 
 
 def _low(heads: Mapping[str, F64]) -> F64:
-    """Middle of the thighs (3,); otherwise the lowest known bone of the trunk."""
+    """Middle of the thighs' heads (3,); without both, the head of the lowest known trunk bone, else
+    of the first bone."""
     thighs = [heads[n] for n in ("upperleg01.L", "upperleg01.R") if n in heads]
     if len(thighs) == 2:
         return np.asarray(np.mean(thighs, axis=0))
@@ -221,7 +225,7 @@ def _low(heads: Mapping[str, F64]) -> F64:
 
 
 def _high(heads: Mapping[str, F64]) -> F64:
-    """Head (3,) of the neck or the highest known bone of the trunk."""
+    """Head (3,) of neck, head or upper spine, the first known; else of the last bone."""
     return next(
         heads[n]
         for n in ("neck01", "head", "spine01", "spine02", *reversed(list(heads)))
@@ -230,7 +234,7 @@ def _high(heads: Mapping[str, F64]) -> F64:
 
 
 def _up(heads: Mapping[str, F64]) -> F64 | None:
-    """Unit vector up the trunk; None without bones or length."""
+    """Unit vector from :func:`_low` to :func:`_high`; None without bones or length."""
     return _unit(_high(heads) - _low(heads)) if heads else None
 
 

@@ -141,7 +141,7 @@ def map_bones(
 
 
 def convention_of(names: Iterable[str]) -> str:
-    """Naming convention of bone names; "plain" if unknown."""
+    """Naming convention of bone names, by prefixes, then by sets of names; "plain" if unknown."""
     all_names = list(names)
     for convention, prefix in _PREFIXES:
         if any(name.lower().startswith(prefix) for name in all_names):
@@ -216,10 +216,8 @@ def from_json(text: str) -> BoneMapping:
 
 
 def _heads(rig: Rig, bone_of: Mapping[str, str]) -> dict[str, F64]:
-    """Head (3,) of the avatar bone of each canonical bone.
-
-    Raises InputError: the armature lacks a bone.
-    """
+    """Head (3,) of the avatar bone by canonical bone. Raises InputError: the armature lacks a
+    bone."""
     for canonical, name in bone_of.items():
         if name not in rig.by_name:
             raise InputError(
@@ -247,7 +245,7 @@ def _mirrored(canonical: str) -> str:
 
 
 def _check_canonical(names: Mapping[str, object]) -> None:
-    """Check bone names; raises InputError at the first unknown canonical bone."""
+    """Raise InputError at the first name that is no canonical bone; returns nothing."""
     for name in names:
         if name not in canonical_parents():
             raise InputError(
@@ -256,7 +254,8 @@ def _check_canonical(names: Mapping[str, object]) -> None:
 
 
 def _mapping(convention: str, bone_of: Mapping[str, str], notes: Sequence[str]) -> BoneMapping:
-    """Complete a mapping by fallbacks and a report of missing bones."""
+    """Mapping of ``bone_of`` (avatar bone by canonical bone), completed by fallbacks; the report is
+    ``notes`` and sentences about missing bones."""
     order = canonical_parents()
     bones = {name: bone_of[name] for name in order if name in bone_of}
     fallbacks = {name: _fallback(name, bones) for name in order if name not in bones}
@@ -264,10 +263,9 @@ def _mapping(convention: str, bone_of: Mapping[str, str], notes: Sequence[str]) 
 
 
 def _fallback(canonical: str, bones: Mapping[str, str]) -> str:
-    """Avatar bone moving the skin of a canonical bone without counterpart.
-
-    The only digit, a trunk bone, or the nearest mapped ancestor; otherwise the first mapped bone.
-    """
+    """Avatar bone moving the skin of a canonical bone without counterpart: the only digit, the
+    first trunk bone if there is no root, the nearest mapped ancestor, else the first mapped
+    bone."""
     digit = _only_digit(canonical, bones)
     if digit is not None:
         return digit
@@ -286,7 +284,8 @@ def _fallback(canonical: str, bones: Mapping[str, str]) -> str:
 
 
 def _only_digit(canonical: str, bones: Mapping[str, str]) -> str | None:
-    """Avatar bone of the only toe, or of the only finger next to the thumb (mitten), or None."""
+    """Avatar bone of the only toe of that side, or of the only finger next to the thumb (a mitten;
+    its nearest joint towards the hand); None otherwise."""
     side = canonical[-2:]
     if canonical.startswith("toe"):
         toes = [n for n in bones if n.startswith("toe") and n.endswith(side)]
@@ -301,7 +300,8 @@ def _only_digit(canonical: str, bones: Mapping[str, str]) -> str | None:
 
 
 def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str]:
-    """Sentences about canonical bones without counterpart."""
+    """Sentences about canonical bones in ``fallbacks``, from hips to jaw; sentences that differ
+    only in the side are merged."""
     sentences: list[str] = []
 
     def report_missing(label: str, canonical: str) -> None:
@@ -344,7 +344,8 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
 
 
 def _both_sides(sentences: Sequence[str]) -> list[str]:
-    """Merge pairs of sentences that differ only in the side."""
+    """Merge pairs of sentences "... follows ..." that differ only in the side and the followed
+    bone; others unchanged."""
     by_text: dict[str, list[str]] = {}
     for sentence in sentences:
         part, _, follows = sentence.partition(" follows ")

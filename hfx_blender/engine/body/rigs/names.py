@@ -57,14 +57,15 @@ class BoneName:
 
 
 def plain(name: str) -> str:
-    """Name without namespace, bracketed part and known rig prefix; Japanese names in English."""
+    """Name without namespace, bracketed part and known rig prefix; MikuMikuDance names in
+    English."""
     unbracketed = re.sub(r"\s*\[[^\]]*\]", "", name) or name  # "NPC L Thigh [LThg]"
     local = in_english(re.split(r"[:|]", unbracketed.rstrip(":| "))[-1].strip())
     return local[match.end() :] if (match := _KNOWN_PREFIX.match(local)) else local
 
 
 def is_deform(name: str) -> bool:
-    """True for names with Blender's prefix of deforming bones ("DEF-")."""
+    """True for names with Blender's prefix of deforming bones ("DEF-", also "def_", "Def.")."""
     return re.match(r"(?i:def)[\s_\-.]", name) is not None
 
 
@@ -117,7 +118,7 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
 
 
 def _shared_words(names: Iterable[Sequence[str]], least_count: float) -> set[str]:
-    """Unknown words in at least ``least_count`` names."""
+    """Unknown words, numbers excluded, in at least ``least_count`` of the names."""
     counts = Counter(word for words in names for word in set(words))
     return {
         word
@@ -127,12 +128,14 @@ def _shared_words(names: Iterable[Sequence[str]], least_count: float) -> set[str
 
 
 def _parted(token: str, name: Sequence[str]) -> tuple[str, ...]:
-    """Split a token into words; next to a separate side, "larm" is the lower arm."""
+    """Known words of a token; "larm" is lower arm and "uarm" upper arm if ``name`` has a separate
+    side."""
     return HALVES[token] if token in HALVES and SIDES.keys() & set(name) else parted(token)
 
 
 def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
-    """Remove last numbers that are equal in most names, or differ in nearly all."""
+    """Remove last numbers from the words of each name if most names end in a number, and nearly all
+    of these are equal or differ: such numbers only count bones. Otherwise unchanged."""
     last_numbers = [words[-1] for words in parts.values() if len(words) > 1 and words[-1].isdigit()]
     if len(last_numbers) < max(10.0, _NUMBERED * len(parts)):
         return parts
@@ -150,7 +153,8 @@ def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
 
 
 def _parse_words(parts: list[str]) -> BoneName | None:
-    """Parse the words of a name; None if not a body joint."""
+    """Parsed bone name from lower-case words and numbers; None if a word is unknown or no joint is
+    named."""
     if len(parts) == 2 and parts[0] in VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
         return BoneName(VERTEBRAE[parts[0]], "", ())
     sides = "".join(dict.fromkeys(SIDES[word] for word in reversed(parts) if word in SIDES))[::-1]
@@ -169,7 +173,8 @@ def _parse_words(parts: list[str]) -> BoneName | None:
 
 
 def _slot(words: Words, side: str) -> str | None:
-    """Slot of a set of words: all words, then without fillers and letters; None if unknown."""
+    """Slot of a set of words with ``side`` ("" for the centre): all words, then without fillers and
+    letters, then without one word of the body part; None if unknown."""
     for known in (words, words - FILLERS, words - FILLERS - LETTERS):
         if not side and known in CENTRE:
             return CENTRE[known]

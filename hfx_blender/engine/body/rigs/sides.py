@@ -75,7 +75,8 @@ def _placed_sides(
 
 
 def misnamed(rig: Rig, bone_of: Mapping[str, str]) -> list[str]:
-    """Assigned avatar bones named after the opposite side only."""
+    """Avatar bones, of the assigned, whose name has only the side opposite to their canonical
+    bone's."""
     parsed_names, opposite = read_names(rig.labels.values()), {".L": "R", ".R": "L"}
     parsed_of = {
         canonical: parsed_names.get(rig.labels.get(name, "")) for canonical, name in bone_of.items()
@@ -88,19 +89,20 @@ def misnamed(rig: Rig, bone_of: Mapping[str, str]) -> list[str]:
 
 
 def _is_centre(parsed: BoneName) -> bool:
-    """True for joints in the middle of the body."""
+    """True for a name without side whose slot is in the middle of the body."""
     return not parsed.side and parsed.slot in _CENTRE_SLOTS
 
 
 def _is_copy(rig: Rig, name: str) -> bool:
-    """True if Blender's copy number ends the name ("Hand_L.001") of another bone."""
+    """True if the name ends in Blender's copy number (".001") after the name of another bone, not
+    an ancestor."""
     original = re.sub(r"\.\d{3}$", "", name)
     # "spine.001" below "spine" is a second part, not a copy.
     return original != name and original in rig.bones and original not in rig.ancestors(name)
 
 
 def _limb_root(rig: Rig, names: Mapping[str, BoneName], name: str) -> str:
-    """First bone of the limb of a bone; the bone itself at the start of a limb."""
+    """Topmost recognised limb bone among the ancestors of a bone, or the bone itself."""
     above = [bone for bone in rig.ancestors(name) if bone in names and not _is_centre(names[bone])]
     return above[-1] if above else name
 
@@ -150,6 +152,6 @@ class _LeftAxis:
         return None if votes == 0.0 else cls(way * np.sign(votes), middle, _BESIDE * extent)
 
     def side_of(self, place: F64) -> str:
-        """Side of a point (3,): "L", "R", or "" near the median plane."""
+        """Side of a point (3,): "L", "R", or "" within ``least`` of the median plane."""
         offset = float((place - self.middle) @ self.way)
         return "" if abs(offset) < self.least else "L" if offset > 0.0 else "R"

@@ -114,14 +114,15 @@ CONTROLS: Final = frozenset(
 
 
 def _entries(table: Mapping[str, str]) -> dict[Words, str]:
-    """Set of words to slot, from comma-separated sets of words by slot."""
+    """Slot by set of words, from slots with sets separated by commas."""
     return {
         frozenset(words.split()): slot for slot, sets in table.items() for words in sets.split(",")
     }
 
 
 def _finger_entries() -> dict[Words, str]:
-    """Set of words to slot ``finger <name>`` or ``metacarpal <name>``."""
+    """Slot "finger <name>" or "metacarpal <name>" by set of words, for all spellings of the five
+    fingers."""
     entries: dict[Words, str] = {}
     for finger, names in _FINGER_WORDS.items():
         for name in names.split(","):
@@ -202,7 +203,8 @@ def parted(token: str) -> tuple[str, ...]:
 
 
 def _words(text: str) -> tuple[str, ...]:
-    """Shortest sequence of joined words equal to a text; empty without any."""
+    """Shortest sequence of joint words and sides that make up a text without gaps; empty if there
+    is none."""
     # shortest[n]: fewest words for the first n letters, None without any.
     shortest: list[tuple[str, ...] | None] = [()]
     # Dynamic programming over prefixes: a prefix is a shorter prefix and one known word.
