@@ -25,21 +25,9 @@ _BONE_ROOM = 24  # work space of each bone, float64 elements
 def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) -> list[I32]:
     """Halve clusters at the median of their longest axis until each fits a leaf.
 
-    Parameters
-    ----------
-    pieces : list of (n,) int32
-        Disjoint arrays of vertex ids.
-    vertices : (V, 3) float32
-        Metres, rest space.
-    load : (V,) int64 or None
-        Part of ``leaf_size`` that each vertex takes; None counts each vertex as 1.
-    leaf_size : int
-        Largest sum of loads in a cluster.
-
-    Returns
-    -------
-    list of (n,) int32
-        Clusters with ascending vertex ids, in the order of ``pieces``; empty for no pieces.
+    ``pieces`` are disjoint arrays of vertex ids; ``load`` (V,) is the part of ``leaf_size``, the
+    largest sum of loads in a cluster, taken by each vertex (None: 1). Returns clusters with
+    ascending vertex ids, in the order of ``pieces``; empty for no pieces.
     """
     if not pieces:
         return []
@@ -61,23 +49,12 @@ def cut(ids: I32, ends: I64) -> list[I32]:
 def outlined(
     mesh: SurfaceArrays, starts: I64, units: I32, cluster_of: I64
 ) -> tuple[list[I32], F64]:
-    """Compute the outline of each cluster and the margin of its skin.
+    """Compute the outline of each of C clusters and the margin of its skin.
 
-    Parameters
-    ----------
-    starts : (C + 1,) int64
-        First unit of each cluster.
-    units : (V,) int32
-        Vertices of the mesh, cluster by cluster.
-    cluster_of : (V,) int64
-        Cluster of each vertex.
-
-    Returns
-    -------
-    outlines : list of (n,) int32
-        Units of each cluster in the given order, then the corners of adjacent triangles, ascending.
-    margins : (C,) float64
-        Largest bulge of curved skin above the flat triangles, metres.
+    ``starts`` (C + 1,) is the first unit of each cluster; ``units`` (V,) the mesh's vertices,
+    cluster by cluster; ``cluster_of`` (V,) the cluster of each vertex. Returns outlines, the units
+    of each cluster in the given order, then the corners of adjacent triangles, ascending; and
+    margins (C,), the largest bulge of curved skin above the flat triangles, m.
     """
     clusters, surface = len(starts) - 1, mesh_structure(mesh)
     margins = np.zeros(clusters)
@@ -189,18 +166,11 @@ class CellGroups:
         surface: Clusters,
         own: Clusters | None,
     ) -> None:
-        """Compute the entries of some clusters.
+        """Compute the entries of clusters (k,).
 
-        Parameters
-        ----------
-        clusters : (k,) int64
-        table : SkinTableArrays
-            Skin samples need not be filled in.
-        mesh : SurfaceArrays
-            Surface of ``table``.
-        surface, own : Clusters
-            Bone weights of the surface's vertices and of the model's own vertices, with the
-            clusters added; ``own`` is None where both meshes are the same.
+        ``table`` needs no skin samples; ``mesh`` is its surface; ``surface`` and ``own`` are bone
+        weights of the surface's vertices and of the model's own vertices, with the clusters added
+        (``own`` None where both meshes are the same).
         """
         # Work space for the largest cluster, and results for the largest possible number of groups
         # (each cell alone) and pairs (each group with every bone).

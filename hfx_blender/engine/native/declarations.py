@@ -52,13 +52,7 @@ class ArrayOf:
         self._is_written = is_written
 
     def from_param(self, array: Any) -> Any:
-        """Convert an array to a ctypes argument; None stays None.
-
-        Raises
-        ------
-        TypeError
-            See :meth:`address`.
-        """
+        """Convert an array to a ctypes argument, None to None; TypeError as of :meth:`address`."""
         if array is None:
             return None
         if array.dtype is not self._first:
@@ -75,11 +69,8 @@ class ArrayOf:
     def address(self, array: npt.NDArray[Any], kept: list[Any]) -> int:
         """Memory address of an array; a converted copy is appended to ``kept``.
 
-        Raises
-        ------
-        TypeError
-            The array holds another kind of number; or is for writing and has another type or is
-            not contiguous.
+        Raises TypeError for another kind of number, and, for writing, for another type or an array
+        that is not contiguous.
         """
         if array.dtype is self._first:
             try:
@@ -91,7 +82,7 @@ class ArrayOf:
         return fitting.ctypes.data
 
     def _of_type(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Array of an accepted type; a read-only array is converted, else TypeError."""
+        """Array of an accepted type; else a copy for reading, or TypeError for writing."""
         if not self._types or array.dtype in self._types:
             return array
         if self._is_written:
@@ -99,7 +90,7 @@ class ArrayOf:
         return array.astype(self._types[0], casting="same_kind")
 
     def _contiguous(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Contiguous array; a read-only array is copied if necessary, else TypeError."""
+        """Contiguous array; else a copy for reading, or TypeError for writing."""
         if self._is_written and not array.flags.c_contiguous:
             raise TypeError("expected a contiguous array")
         return np.ascontiguousarray(array)
@@ -125,13 +116,13 @@ class Structure(ctypes.Structure):
         super().__init__(*[_stored(kind, value, self.kept) for kind, value in pairs])
 
     def put(self, name: str, value: Any) -> None:
-        """Set a field; see :class:`Structure` for values."""
+        """Set the field ``name``; see :class:`Structure` for values."""
         self.kept.append(value)
         setattr(self, name, _stored(self._kinds[name], value, self.kept))
 
 
 def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
-    """Convert a field's value to C; converted arrays are appended to ``kept``."""
+    """Convert a field's value to C (address, pointer, number); converted arrays go to ``kept``."""
     if value.__class__ is np.ndarray:
         return kind.address(value, kept)
     if value.__class__ is list:
@@ -153,12 +144,7 @@ def structure(name: str) -> Any:
 def declare(library: ctypes.CDLL) -> None:
     """Set argument and result types of all functions of the library.
 
-    Raises
-    ------
-    AttributeError
-        The library lacks a function.
-    ValueError
-        The library's interface is no JSON.
+    Raises AttributeError for a missing function, and ValueError for an interface that is no JSON.
     """
     library.hfx_interface.restype = ctypes.c_char_p
     interface = json.loads(library.hfx_interface())
@@ -170,7 +156,7 @@ def declare(library: ctypes.CDLL) -> None:
 
 
 def _kind(declared: str) -> Any:
-    """Type of an argument or field from the C declaration.
+    """ctypes type, structure pointer or :class:`ArrayOf` of a C declaration; const: read-only.
 
     ``T **`` is an array of addresses.
     """

@@ -26,12 +26,8 @@ _CLEARED: WeakKeyDictionary[SkinTableArrays, list[npt.NDArray[Any]]] = WeakKeyDi
 def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
     """Columns of some clusters; the result is cached and must not be changed.
 
-    Returns
-    -------
-    vertices : (C,) int32
-        Vertex of each column, ascending.
-    column_of : (cells,) int64
-        Column of each of the table's cells; valid for cells of the given clusters only.
+    Returns the vertex of each column, ascending, (C,), and the column of each of the table's cells
+    (cells,), valid for cells of the given clusters only.
     """
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
@@ -42,7 +38,7 @@ def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
 
 
 def _compute_columns(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
-    """Columns of clusters, as :func:`columns_of`, computed."""
+    """Result of :func:`columns_of`, uncached."""
     count = len(table.cells)
     is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
     columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
@@ -54,10 +50,10 @@ def _compute_columns(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
 
 
 def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) -> Weights:
-    """Weights of 0 for clusters of a table, (rows, columns).
+    """Weights of 0, (rows, columns), of the float type ``precision``.
 
-    Memory cleared by :func:`gathered` is reused, because the operating system would map new memory
-    page by page.
+    Memory cleared by :func:`gathered` for this table is reused, because the operating system would
+    map new memory page by page.
     """
     cleared, size = _CLEARED.setdefault(table, []), rows * columns
     fitting = (k for k, room in enumerate(cleared) if room.size >= size and room.dtype == precision)
@@ -72,21 +68,10 @@ def gathered(
 ) -> tuple[I64, I64, I64, I32, Weights]:
     """Collect contacts row by row; clears ``weights``, which must not be used afterwards.
 
-    Parameters
-    ----------
-    weights : (n, C) float32 or float64
-        Result of :func:`no_weights`, filled in.
-    columns : (C,) int32
-        Vertex of each column.
-    reported : (n,) bool
-        Rows whose contacts are returned.
-    own_sets : bool
-        Store a vertex set for each row, even if equal to that of the row before.
-
-    Returns
-    -------
-    rows, sets, offsets, vertices, weights
-        See :class:`..contact.contact_query.Contacts`; rows are indices into ``weights``.
+    ``weights`` (n, C) are of :func:`no_weights`, filled in; ``columns`` (C,) the vertex of each
+    column; ``reported`` (n,) the rows whose contacts are returned; ``own_sets``: store a vertex set
+    for each row, even if equal to that of the row before. Returns rows (indices into ``weights``),
+    sets, offsets, vertices, weights, see :class:`..contact.contact_query.Contacts`.
     """
     count, width = weights.shape
     (at, sets), offsets = np.empty((2, count), np.int64), np.empty(count + 1, np.int64)

@@ -52,23 +52,11 @@ def rig_pose(
 
 
 def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
-    """World boxes of volumes over all rows.
+    """World boxes of E volumes over all rows: lowest and highest corner (E, 3), m, and a mask (E,).
 
-    Parameters
-    ----------
-    matrices : (E, T, 4, 4) float64
-        Shape space to world, of each volume.
-    levels : (E, T) float64
-        A volume is off, and left out, at rows with a level of 0 or less.
-    bounds : (E, 2, 3) float64
-        Lowest and highest corner in shape space.
-
-    Returns
-    -------
-    low, high : (E, 3) float64
-        Metres; undefined where not sure.
-    is_sure : (E,) bool
-        False where a placement is not usable, so that the volume has no known box.
+    ``matrices`` (E, T, 4, 4) are shape space to world; a volume is left out at rows with a level of
+    0 or less in ``levels`` (E, T); ``bounds`` (E, 2, 3) are lowest and highest corner in shape
+    space. The mask is False where a placement is not usable, and the box undefined.
     """
     count, rows = levels.shape
     boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)

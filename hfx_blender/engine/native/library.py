@@ -40,7 +40,7 @@ def loaded() -> ctypes.CDLL:
 
 
 def is_there() -> bool:
-    """Test for the library; without it :mod:`..reference` computes contacts."""
+    """True with the library; without it :mod:`..reference` computes contacts."""
     return library() is not None
 
 
@@ -52,10 +52,7 @@ def state() -> str:
 def find_library() -> tuple[ctypes.CDLL | None, str]:
     """Search for a library and load the first usable file, ignoring any loaded before.
 
-    Returns
-    -------
-    CDLL or None, str
-        The library, and the text of :func:`state`.
+    Returns the library or None, and the text of :func:`state`.
     """
     if os.environ.get(SWITCH) == "0":
         return None, f"numpy ({SWITCH}=0)"
@@ -85,14 +82,8 @@ def _places() -> Iterator[Path]:
 def _load(path: Path) -> ctypes.CDLL:
     """Load a library file and declare the functions.
 
-    Raises
-    ------
-    OSError
-        The file is for another platform, unreadable or damaged.
-    AttributeError
-        The file is another library.
-    ValueError
-        The library was built from other sources.
+    Raises OSError for a file of another platform, unreadable or damaged, AttributeError for another
+    library, and ValueError for a library of other sources.
     """
     # ``dlopen`` of a truncated file kills the process with SIGBUS, so the length is checked first.
     if _is_cut_off(path):
@@ -109,7 +100,7 @@ def _load(path: Path) -> ctypes.CDLL:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Test a Linux library (ELF) for a missing end; False for all further kinds of files."""
+    """Test a Linux library (ELF) for a missing end; False for any other file."""
     with path.open("rb") as file:
         head = file.read(64)
         size = file.seek(0, os.SEEK_END)

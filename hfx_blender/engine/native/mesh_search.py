@@ -13,23 +13,11 @@ from .library import f64, i64, loaded
 
 
 def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
-    """Bounds of listed triangles within their columns, eight bounds packed into each int64.
+    """Bounds of listed triangles within their columns, eight bounds packed into each int64, (n,).
 
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Triangle, corner, axis; in cells.
-    listed, columns : (n,) int64
-        Triangle, and column of the list entry.
-    cells : (3,) int64
-        Number of cells along each axis.
-    margin : float
-        Growth of the bounds, in cells.
-
-    Returns
-    -------
-    (n,) int64
-        Opaque; read by the compiled inside test.
+    Opaque; read by the compiled inside test. ``corners`` (F, 3, 3) and ``margin``, the growth of
+    the bounds, are in cells; ``listed`` and ``columns`` (n,) are triangle and column of each list
+    entry; ``cells`` (3,) counts cells along each axis.
     """
     bounds = np.empty(len(listed), np.int64)
     loaded().hfx_mesh_bounds(
@@ -75,18 +63,9 @@ _SLACK: Final = 1e-12  # rounding error of a tree's boxes, share of the largest 
 class NativeMesh:
     """Closed mesh for the compiled contact; ``pointers`` is ``hfx_mesh``.
 
-    Parameters
-    ----------
-    grid : Structure
-        ``hfx_grid``, in shape space.
-    tree : Structure
-        ``hfx_tree``, in shape space moved by ``-middle``.
-    largest : float
-        Largest absolute coordinate of the tree.
-    middle : (3,) float64
-        Centre of the mesh's box, shape space.
-    depth : float
-        Radius of the largest inscribed ball; 0 without falloff.
+    ``grid`` is ``hfx_grid`` in shape space; ``tree`` is ``hfx_tree``, moved by ``-middle``, the
+    centre of the mesh's box; ``largest`` the largest absolute coordinate of the tree; ``depth`` the
+    radius of the largest inscribed ball, 0 without falloff.
     """
 
     def __init__(self, grid: Any, tree: Any, largest: float, middle: F64, depth: float) -> None:

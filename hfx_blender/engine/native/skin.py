@@ -28,12 +28,8 @@ class UsedBones:
     def slots(self, given: int) -> I64:
         """Index into ``ids`` of each bone of a pose, (given + 1,); 0 for bones without weights.
 
-        Entry ``given`` stands for a bone beyond the pose. The result is cached.
-
-        Raises
-        ------
-        IndexError
-            A used bone has an id above ``given``, the number of bones of the pose.
+        ``given`` is the number of bones of the pose; entry ``given`` stands for a bone beyond it.
+        Cached. Raises IndexError for a used bone with an id above ``given``.
         """
         if given not in self._slots:
             if len(self.ids) and self.ids[-1] > given:
@@ -75,26 +71,12 @@ class PosedBones:
 
 
 class BoundClusters:
-    """Skin weights of a model's vertices, and the model's clusters.
+    """Skin weights of a model's vertices, and the model's C clusters of vertices.
 
-    Parameters
-    ----------
-    offsets : (V + 1,) int64
-        First weight of each vertex.
-    bones, values : (E,) int64 and float64
-        Bone and value of each weight.
-    rest : (V, 4) float64
-        Homogeneous positions at rest.
-    clusters : list of (n,) int32
-        Vertices of each cluster, at least one.
-    bone_count : int
-        Highest bone plus 1.
-
-    Attributes
-    ----------
-    place_counts : (C,) int64
-    pointers : Structure
-        ``hfx_bound``.
+    ``offsets`` (V + 1,) is the first weight of each vertex; ``bones`` and ``values`` (E,) are of
+    each weight; ``rest`` (V, 4) homogeneous positions; each cluster has a vertex at least;
+    ``bone_count`` is the highest bone plus 1. ``pointers`` is ``hfx_bound``, ``place_counts`` (C,)
+    the clusters' sizes.
     """
 
     def __init__(
@@ -119,14 +101,8 @@ class BoundClusters:
     def bone_boxes(self) -> tuple[I64, I64, F64, F64]:
         """Compute each cluster's bones, and boxes at rest of the vertices that each bone moves.
 
-        Returns
-        -------
-        starts : (C + 1,) int64
-            First pair of each cluster.
-        bones : (P,) int64
-            Bone of each pair, ascending within a cluster.
-        low, high : (P, 3) float64
-            Corners of each pair's box, metres.
+        Returns the first pair of each cluster (C + 1,), the bone of each pair (P,), ascending
+        within a cluster, and the lowest and highest corner of each pair's box, (P, 3) each, m.
         """
         most = int(np.minimum(self.weight_counts, self.bone_count).sum())
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
@@ -183,7 +159,7 @@ class Clusters:
                 self._link(new, table)
 
     def _bind(self, clusters: I64) -> None:
-        """Compute bones, weights and rest positions of clusters."""
+        """Compute bones, weights and rest positions of clusters without entries."""
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]
         entry_at, first_at, place_at, pair_at = map(
             _starts, (self._bound.weight_counts[clusters], places + 1, places, bones)
@@ -207,7 +183,7 @@ class Clusters:
         self._is_known[clusters] = True
 
     def _point_to(self, clusters: I64, fields: dict[int, tuple[npt.NDArray[Any], I64]]) -> None:
-        """Store addresses in fields of clusters; maps field numbers to (array, first indices)."""
+        """Store addresses in clusters; ``fields``: number to (array, first index by cluster)."""
         for field, (array, at) in fields.items():
             self._rows[clusters, field] = array.ctypes.data + at[: len(clusters)] * array.strides[0]
             self._arrays.append(array)
@@ -227,5 +203,5 @@ class Clusters:
 
 
 def _starts(counts: I64) -> I64:
-    """Exclusive cumulative sum of counts with the total at the end, (n + 1,)."""
+    """Exclusive cumulative sum (n + 1,) of counts (n,), from 0 to the total."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])

@@ -79,14 +79,14 @@ def fill(
     spacing: F64,
     most_share: float,
 ) -> int:
-    """Fill in clusters of a table in place, except their samples.
+    """Fill in clusters (k,), ascending, of a table in place, except their samples.
+
+    Returns the number of samples to be held by the table including these clusters.
 
     Parameters
     ----------
     mesh : SurfaceArrays
         Surface of the table.
-    clusters : (k,) int64
-        Ascending.
     samples : int
         Number of samples already in the table.
     spacing : (3, V) float64
@@ -94,11 +94,6 @@ def fill(
         the finest, metres; then the reciprocal spacing of vertices, up to a constant factor.
     most_share : float
         Largest share of a unit's skin that the vertex represents as a sample.
-
-    Returns
-    -------
-    int
-        Number of samples that the table has to hold including these clusters.
     """
     first = table.starts[clusters]
     quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]

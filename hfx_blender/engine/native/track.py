@@ -44,20 +44,10 @@ def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | Non
 
 
 def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
-    """Mask (m,) of sets equal to the set before; None without the library.
+    """Mask (m,) of sets equal to the set before, False for the first; None without the library.
 
-    Parameters
-    ----------
-    offsets : (m + 1,) int64
-        Set j has the entries ``slice(offsets[j], offsets[j + 1])``.
-    vertices : (total,) int32
-    weights : (total,)
-        Any type; compared bit by bit.
-
-    Returns
-    -------
-    (m,) bool or None
-        False for the first set.
+    Set j has the entries ``slice(offsets[j], offsets[j + 1])`` of ``vertices`` and ``weights``
+    (total,); weights of any type are compared bit by bit.
     """
     native = library()
     if native is None:

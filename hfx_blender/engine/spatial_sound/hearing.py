@@ -52,7 +52,10 @@ class Hearing:
             raise ValueError(f"air: expected 0 to {_THICKEST:g}, got {self.air:g}")
 
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
-        """Gains (n,) of the dry and the wet part; their squares sum to 1 short of the fade-out."""
+        """Gains (n,) of the dry and the wet part at distances (n,); 0 beyond the audible radius.
+
+        Their squares sum to 1 up to the fade-out over the last tenth of the radius.
+        """
         angle = 0.25 * np.pi * np.minimum(distances_m / self.reference_m, 2.0)
         audible = (self.audible_m - distances_m) / (_FADE * self.audible_m)
         audible = np.clip(np.nan_to_num(audible), 0.0, 1.0)
@@ -76,9 +79,10 @@ def absorption_db_m(frequencies_hz: F64) -> F64:
 
 
 def doppler_hz(frequencies_hz: F64, distances_m: F64, rate_hz: float) -> F64:
-    """Heard frequencies (n,) of a source at distances (n,) at even times; higher while approaching.
+    """Heard frequencies (n,) of a source at distances (n,), m; higher while approaching.
 
-    ``rate_hz`` is the rate of the times. Jumps are not shifted.
+    ``rate_hz`` is the rate of the rows. Jumps (above half the speed of sound) and a single row are
+    not shifted.
     """
     if len(distances_m) < 2:
         return frequencies_hz
@@ -88,13 +92,7 @@ def doppler_hz(frequencies_hz: F64, distances_m: F64, rate_hz: float) -> F64:
 
 
 class ListenerFrame:
-    """Listener space on a body: moves and turns with the torso.
-
-    Parameters
-    ----------
-    model : PerceptualModel
-        The bone with the largest sum of weights on the model's torso carries the listener.
-    """
+    """Listener space of a body: moves with the torso bone of the largest sum of weights."""
 
     def __init__(self, binding: SkinBinding, model: PerceptualModel) -> None:
         fitted = binding.fitted.get(model.id)
@@ -109,7 +107,10 @@ class ListenerFrame:
         self._middle = placed.vertices[torso].astype(np.float64).mean(axis=0)
 
     def frames(self, pose: PoseBlock, rows: I64) -> F64:
-        """World to listener space at rows of a pose, (n, 4, 4), metres; never scaled."""
+        """World to listener space at rows of a pose, (n, 4, 4), m; never scaled or sheared.
+
+        The origin is the mean of the torso's vertices on the bone.
+        """
         assert pose.bones is not None
         posed = np.zeros((len(rows), 4, 4))
         posed[:, :3] = pose.bones[rows, self._bone]

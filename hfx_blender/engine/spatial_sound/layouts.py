@@ -31,7 +31,7 @@ class LoudspeakerLayout:
 
     @property
     def is_flat(self) -> bool:
-        """Test for loudspeakers at ear height only."""
+        """True for loudspeakers at ear height only (all elevations 0)."""
         return not any(self.elevations_deg)
 
     @property
@@ -67,10 +67,8 @@ LAYOUTS: Final = {
 def parse(text: str) -> LoudspeakerLayout:
     """Layout of a name, or of azimuths in degrees, each with an optional elevation after a colon.
 
-    Raises
-    ------
-    UsageError
-        The text is neither; too few or too many loudspeakers, or all in one place.
+    Raises UsageError for another text, angles out of range, fewer than 2 or more than 64
+    loudspeakers, or all at one place.
     """
     if text in LAYOUTS:
         return LAYOUTS[text]

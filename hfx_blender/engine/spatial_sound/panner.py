@@ -21,15 +21,8 @@ SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")
 class Panner:
     """Gains of loudspeakers for places around a listener.
 
-    Parameters
-    ----------
-    scheme : {"vbap", "ring"}
-        Vector-base amplitude panning, or constant power between neighbours on a flat ring.
-
-    Raises
-    ------
-    UsageError
-        The scheme does not fit the layout.
+    ``scheme``: vector-base amplitude panning, or constant power between neighbours on a flat ring.
+    Raises UsageError for a scheme that does not fit the layout.
     """
 
     def __init__(
@@ -55,10 +48,8 @@ class Panner:
     def gains(self, places_m: F64) -> tuple[F64, F64]:
         """Gains of each loudspeaker for the dry part (n, C), and gain of the wet part (n,).
 
-        Parameters
-        ----------
-        places_m : (n, 3) float64
-            Listener space; a place that is not finite is silent.
+        Places (n, 3) are in listener space; a place that is not finite is silent. Near the head
+        (within ``spread_m``) the sound spreads over all loudspeakers.
         """
         known = np.isfinite(places_m).all(axis=1)
         places = np.where(known[:, None], places_m, 0.0)

@@ -26,12 +26,8 @@ _LEAST_SHARE: Final = 0.7  # smallest factor of a randomly shortened delay
 class Reverberators:
     """Reverberators of C channels, with together the power of the input.
 
-    Parameters
-    ----------
-    decay_s : float
-        Time of a decay by 60 dB.
-    block : int
-        Samples in each call of :meth:`process`.
+    ``decay_s`` is the time of a decay by 60 dB; ``block`` the samples in each call of
+    :meth:`process`.
     """
 
     def __init__(
@@ -57,12 +53,9 @@ class Reverberators:
         return np.stack(responses, axis=1) / np.sqrt(len(responses))
 
     def process(self, signal: F64) -> F64:
-        """Reverberate the next ``block`` samples of a mono signal, (block, C).
+        """Reverberate the next ``block`` samples of a mono signal, (block, C); keeps the tail.
 
-        Raises
-        ------
-        ValueError
-            ``signal`` has another length.
+        Raises ValueError for a signal of another length.
         """
         if signal.shape != (self.block,):
             raise ValueError(f"signal: expected ({self.block},), got {signal.shape}")
@@ -86,7 +79,7 @@ class _Chain:
 
     @classmethod
     def drawn(cls, channel: int, rate_hz: int, decay_s: float) -> _Chain:
-        """Random chain of a channel, always the same; its longest section decays in ``decay_s``."""
+        """Chain of a channel, from a fixed seed; the longest section decays in ``decay_s``."""
         rng = np.random.default_rng([_SEED, channel])
         # A comb with gain g and delay d decays by 60 dB in -3 d / log10(g) samples.
         longest = decay_s * rate_hz * -np.log10(_GAIN) / 3.0
@@ -110,7 +103,7 @@ class _Chain:
         return signal
 
     def response(self, turns_per_sample: F64) -> npt.NDArray[np.complex128]:
-        """Complex gains, of magnitude 1, at frequencies as shares of the sample rate."""
+        """Complex gains (n,), of magnitude 1, at frequencies (n,) as shares of the sample rate."""
         gains = np.ones(len(turns_per_sample), np.complex128)
         for delay, gain in zip(self.delays, self.gains, strict=True):
             later = np.exp(-2j * np.pi * delay * turns_per_sample)

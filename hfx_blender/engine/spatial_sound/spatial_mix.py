@@ -31,15 +31,7 @@ class SoundSource:
 
 
 class SpatialMix:
-    """Loudspeaker signals of several sources.
-
-    Parameters
-    ----------
-    raster_hz : Fraction
-        Rate of the sources' times.
-    rate_hz : int
-        Audio rate.
-    """
+    """Loudspeaker signals, at ``rate_hz``, of sources with values at ``raster_hz``."""
 
     def __init__(
         self,
@@ -59,14 +51,14 @@ class SpatialMix:
         self._rows = len(sources[0].amplitudes) if sources else 0
 
     def blocks(self, sample_count: int) -> Iterator[F64]:
-        """Yield ``sample_count`` samples as blocks (n, C); to be iterated once."""
+        """Yield ``sample_count`` samples as blocks (n, C); iterate once: reverberation runs on."""
         size = self._reverberators.block
         for first in range(0, sample_count, size):
             samples = self._block(first, size)
             yield samples[: sample_count - first]
 
     def _block(self, first: int, size: int) -> F64:
-        """Samples (size, C) from sample ``first`` on."""
+        """Samples (size, C) from sample ``first`` on, dry and wet; dry silence after the end."""
         mixed = np.zeros((size, self._channels))
         bus = np.zeros(size)
         numerator, denominator = self._step
@@ -154,6 +146,6 @@ def _quadrature(dry: F64, reverberators: Reverberators, frequencies_hz: F64) -> 
 
 
 def _between(values: F64, row: npt.NDArray[np.int64], share: F64) -> F64:
-    """Linear interpolation from row ``row`` to the next by ``share``."""
+    """Linear interpolation (n,) of ``values`` from row ``row`` (n,) to the next by ``share``."""
     here = values[row]
     return np.asarray(here + share * (values[row + 1] - here))

@@ -110,7 +110,10 @@ class MeshVolume:
 
     @classmethod
     def box(cls, bounds: F64, name: str) -> Self:
-        """Box (2, 3), possibly flat, that stands for a mesh out of reach of any skin."""
+        """Box with corners ``bounds`` (2, 3), possibly flat, for a mesh out of reach of skin.
+
+        Without the checks and repairs of a mesh.
+        """
         volume = object.__new__(cls)
         corners = bounds[_BOX_CORNERS, np.arange(3)]
         values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
@@ -127,7 +130,7 @@ class MeshVolume:
 
     @property
     def is_fine(self) -> bool:
-        """Test for enough faces that decimation pays."""
+        """True from 50,000 triangles on, where decimation pays."""
         return len(self._triangles) >= MANY_FACES
 
     def within(self, bound: float) -> MeshVolume:
@@ -187,7 +190,7 @@ class MeshVolume:
     def surface_distance_m(self, points: F64, linear: F64) -> F64:
         """Distance (N,) of points (3, N), shape space, to the surface under a linear map (3, 3).
 
-        Unsigned; in the unit of the mapped space.
+        Unsigned, so positive inside too; in the unit of the mapped space.
         """
         about = points - self._middle[:, None]
         stretch = np.linalg.svd(linear, compute_uv=False)
@@ -197,7 +200,7 @@ class MeshVolume:
         return self._placed_tree(linear).distances(linear @ about)
 
     def compiled(self, with_depth: bool = False) -> NativeMesh:
-        """Mesh for the library, which must exist; ``with_depth`` adds the core radius. Cached."""
+        """Mesh for the library, which must exist; cached. Core radius 0 without ``with_depth``."""
         if with_depth not in self._compiled:
             tree, grid = self.tree.compiled, self.grid.compiled
             largest = float(np.abs(self.tree.corners).max())
@@ -210,7 +213,7 @@ class MeshVolume:
         return {}
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
-        """Tree of the stretched triangles; only the last is cached, as volumes seldom turn."""
+        """Tree of the triangles about the middle under ``linear``; only the last is cached."""
         key = linear.tobytes()
         tree = self._placed_trees.get(key)
         if tree is None:
@@ -273,7 +276,7 @@ class MeshVolume:
 
 
 def _is_solid(extent: F64) -> bool:
-    """Test extents (3,) for being far from flat."""
+    """Test extents (3,): the smallest is above 1e-12 of the largest."""
     return bool(extent.min() > _FLATTEST * extent.max())
 
 
@@ -283,22 +286,9 @@ def of_fewer_faces(
     """Replace fine meshes by decimated meshes within a bound, row by row.
 
     A row's result depends on this row only, so that a part of a scene gives the same contacts.
-
-    Parameters
-    ----------
-    which : (n,) int64
-        Index into ``shapes`` of each row.
-    matrices : (n, 4, 4) float64
-        Shape space to world.
-    bounds_m : (n,) float64
-        Largest change of the surface, world space; 0 keeps the shape.
-
-    Returns
-    -------
-    shapes : tuple of Shape
-        Shapes in use, without duplicates.
-    which : (n,) int32
-        Index into the result of each row.
+    ``which`` (n,) is the index into ``shapes`` of each row; ``matrices`` (n, 4, 4) are shape space
+    to world; ``bounds_m`` (n,) the largest change of the surface in the world, 0 to keep the shape.
+    Returns the shapes in use without duplicates, and the index (n,) of each row into them.
     """
     linear = matrices[:, :3, :3]
     is_fine = np.isfinite(linear).all(axis=(1, 2)) & (bounds_m > 0.0)

@@ -21,17 +21,13 @@ _WIDTH: Final = 16  # boxes followed at each level for a first upper bound
 class TriangleTree:
     """Triangles prepared for searches of the nearest; without the library all are compared.
 
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Triangle, corner, axis. A degenerate triangle counts as a segment.
-    order : (2^k,) int64, optional
-        Triangles as leaves, taken from the tree of the same triangles before a linear map.
+    ``corners`` (F, 3, 3) are by triangle, corner, axis; a degenerate triangle counts as a segment.
 
     Attributes
     ----------
     order : (2^k,) int64 or None
-        Triangle of each leaf; None without the library.
+        Triangle of each leaf; taken from the tree of the same triangles before a linear map, if
+        given. None without the library.
     compiled : Structure or None
         ``hfx_tree``; None without the library.
     """
@@ -71,7 +67,7 @@ class TriangleTree:
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
         """Approximate :meth:`distances` of finite points: too large by at most share ``slack``.
 
-        For a point within ``limit`` the result only says: within the limit.
+        A point nearer than ``limit`` gets any distance up to the limit. Exact without the library.
         """
         if self.order is None:
             return self.distances(points)
@@ -83,7 +79,7 @@ class TriangleTree:
         return distances
 
     def _compare(self, points: F64) -> tuple[I64, F64]:
-        """Nearest triangle and distance, (N,) each, by comparison with all triangles."""
+        """Nearest triangle (-1 if not finite) and distance (NaN), (N,) each, without a tree."""
         centres = self.corners.mean(axis=1)
         radii = np.linalg.norm(self.corners - centres[:, None], axis=2).max(axis=1)
         rounding = 1e-12 * float(np.abs(self.corners).max())
@@ -149,7 +145,7 @@ def _to_triangles(points: F64, frames: F64) -> F64:
 
 
 def _to_side(x: F64, y: F64, end_x: F64, end_y: F64) -> tuple[F64, Bool]:
-    """Squared distance to the segment from the origin to (end_x, end_y > 0); True to its left."""
+    """Squared distance (n,) to the segment from 0 to (end_x, end_y > 0); True to its left."""
     square = end_x * end_x + end_y * end_y
     share = (x * end_x + y * end_y) / np.where(square > 0.0, square, 1.0)
     share = np.clip(share, 0.0, 1.0)

@@ -59,16 +59,10 @@ def _spans(corners: F64) -> F64:
 
 
 def _cross(spans: F64, triangles: I64, points: F64) -> tuple[I64, F64, F64]:
-    """Intersect vertical lines through points (3, n) with triangles (n,), pair by pair.
+    """Intersect vertical lines (along z) through points (3, n) with triangles (n,), pair by pair.
 
-    Returns
-    -------
-    pairs : (m,) int64
-        Indices of the pairs that cross, ascending.
-    heights : (m,) float64
-        z of each crossing.
-    signs : (m,) float64
-        Change of the winding number, +1 or -1.
+    Returns the ascending indices (m,) of the pairs that cross, the z (m,) of each crossing, and the
+    change (m,) of the winding number, +1 or -1.
     """
     y_low, y_middle, y_high = spans[:3]
     y = points[1]
@@ -107,19 +101,9 @@ class InsideGrid:
     """Voxel grid for inside tests by winding number.
 
     Each voxel is inside, outside or mixed. Consecutive mixed voxels of a column form a *run*, with
-    a list of its triangles and the winding number above its upper end.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        With some extent along each axis.
-    triangles : (F, 3) int32
-        Closed: each edge is used equally often in both directions.
-
-    Attributes
-    ----------
-    compiled : Structure or None
-        ``hfx_grid`` of the compiled test; None without the library.
+    a list of its triangles and the winding number above its upper end. ``vertices`` (V, 3) have
+    some extent along each axis; ``triangles`` (F, 3) are closed: each edge is used equally often in
+    both directions. ``compiled`` is ``hfx_grid`` of the compiled test, or None without the library.
     """
 
     def __init__(self, vertices: F64, triangles: I32) -> None:
@@ -141,12 +125,15 @@ class InsideGrid:
         self.compiled = self._packed(corners) if library() is not None else None
 
     def _to_cells(self, points: F64) -> F64:
-        """Points (3, N) in grid coordinates, axes reordered."""
+        """Points (3, N) in cells of the grid, axes reordered with the column axis last."""
         placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
         return placed
 
     def _fill(self, triangles: I64, columns: I64, first: I64, last: I64) -> None:
-        """Classify the voxels, and list the triangles of each run."""
+        """Classify the voxels, and list the triangles of each run.
+
+        ``triangles`` touch the voxels ``first`` to ``last`` of ``columns``, (n,) each.
+        """
         shape = (int(self._counts[0] * self._counts[1]), int(self._counts[2]))
         size = shape[0] * (shape[1] + 1)  # one more on top, for sums that end there
         # Coverage by +1 at the start and -1 after the end of each interval, then a running sum.
@@ -179,7 +166,7 @@ class InsideGrid:
         self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
     def _packed(self, corners: F64) -> Any:
-        """Structure ``hfx_grid``; corners (F, 3, 3) in cells."""
+        """Structure ``hfx_grid`` for the library; corners (F, 3, 3) in cells."""
         columns = np.repeat(self._columns, np.diff(self.run_offsets))
         bounds = bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN)
         return structure("hfx_grid")(
@@ -207,7 +194,7 @@ class InsideGrid:
         return inside
 
     def _in_columns(self, placed: F64, runs: I32) -> Bool:
-        """Inside test (n,) of points (3, n) in mixed voxels of the given runs."""
+        """Inside test (n,) of points (3, n), in cells, in mixed voxels of ``runs`` (n,)."""
         starts = self.run_offsets[runs]
         counts = self.run_offsets[runs + 1] - starts
         winding = self._beyond[runs]
@@ -229,22 +216,11 @@ class InsideGrid:
 
 
 def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
-    """Voxels that triangles touch: never too few, seldom too many.
+    """Voxels touched by triangles (F, 3, 3), in cells: never too few, seldom too many.
 
     Triangles are cut into rows of cells (y), then into columns (x); within a column the triangle's
-    plane bounds its heights.
-
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Triangle, corner, axis; in cells.
-    counts : (3,) int64
-        Number of cells along each axis.
-
-    Returns
-    -------
-    triangles, columns, first, last : (n,) int64 each
-        A triangle touches the voxels ``first`` to ``last`` of a column.
+    plane bounds its heights. ``counts`` (3,) are cells along each axis. Returns triangles, columns,
+    first and last (n,): a triangle touches the voxels ``first`` to ``last`` of a column.
     """
 
     def cells(low: F64, high: F64, axis: int) -> tuple[I64, I64]:
@@ -280,7 +256,10 @@ def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
 
 
 def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[F64, F64]:
-    """Bounds in x and z, (2, n) each, of triangles clipped to below <= y <= above."""
+    """Lowest and highest x and z, (2, n) each, of triangles (n,) clipped to below <= y <= above.
+
+    Infinite, low above high, for a triangle outside.
+    """
     low = np.full((2, len(triangles)), np.inf)
     high = np.full((2, len(triangles)), -np.inf)
     order = np.argsort(corners[:, :, 1], axis=1, kind="stable")

@@ -51,21 +51,10 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
     """Flip wrongly oriented triangles and close small holes.
 
     A cap is the cone from a hole's rim to the mean of its corners. Over a rim of any shape it makes
-    each edge used equally often in both directions.
-
-    Returns
-    -------
-    vertices : (V', 3) float64
-        Given vertices, then the apexes of caps.
-    triangles : (F', 3) int32
-        Given triangles, some of them flipped, then the caps.
-    note : str
-        Repairs for the user, with counts; empty without repairs.
-
-    Raises
-    ------
-    InputError
-        The holes are too large, no orientation is consistent, or trimesh is missing.
+    each edge used equally often in both directions. Returns the vertices, then the apexes of caps;
+    the triangles, some flipped, then the caps; and the repairs for the user, with counts, or "".
+    Raises InputError for holes that are too large, without a consistent orientation, or without
+    trimesh.
     """
     try:
         return _mended(vertices, triangles, name)
@@ -112,16 +101,10 @@ def is_closed(triangles: I32) -> bool:
 
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
-    """Undirected edges of triangles.
+    """Undirected edges of triangles (F, 3); corner ``k`` starts an edge of triangle ``k // 3``.
 
-    Returns
-    -------
-    edge : (3 F,) int64
-        Edge of each corner ``k``, which starts at this corner of triangle ``k // 3``.
-    uses : (edges,) int64
-        Number of corners of each edge.
-    up : (3 F,) bool
-        The edge leads to the higher vertex id there.
+    Returns the edge (3 F,) of each corner, the number of corners of each edge (edges,), and a mask
+    (3 F,) of edges to the higher vertex id.
     """
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     up = starts < ends
@@ -133,14 +116,14 @@ def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
 
 
 def _balance(edge: I64, up: Bool) -> F64:
-    """Upward minus downward uses of each edge, (edges,)."""
+    """Uses upwards (in vertex ids) minus downwards of each edge, (edges,); 0: balanced."""
     return np.bincount(edge, np.where(up, 1.0, -1.0)).astype(np.float64)
 
 
 def _with_caps(
     vertices: F64, triangles: I32, edge: I64, uses: I64, name: str
 ) -> tuple[F64, I32, str]:
-    """Close holes; raises InputError if the caps are too large. Returns the note as well."""
+    """Close holes: vertices with apexes, triangles with caps, a note; InputError if large."""
     from trimesh.graph import connected_component_labels
 
     # Opposite uses of an edge cancel; uncancelled edges form closed loops, the rims.
@@ -166,7 +149,10 @@ def _with_caps(
 
 
 def _rim_edges(edge: I64, triangles: I32, uses: I64) -> I64:
-    """Directed edges (n, 2) of hole rims: uses of an edge without an opposite use."""
+    """Directed edges (n, 2) of hole rims, in the direction of the surplus use.
+
+    Only edges with an odd number of uses; repeated for each surplus use.
+    """
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     balance = _balance(edge, starts < ends)
     firsts = np.zeros(len(uses), np.int64)
@@ -182,7 +168,7 @@ def _rim_edges(edge: I64, triangles: I32, uses: I64) -> I64:
 
 
 def _area(vertices: F64, triangles: I32) -> float:
-    """Total area of triangles relative to the mesh's size."""
+    """Sum of the triangles' areas, relative to the square of the mesh's extent."""
     from trimesh.triangles import area
 
     size = np.abs(vertices - vertices[0]).max() or 1.0  # areas of tiny meshes would underflow

@@ -18,22 +18,11 @@ _STEP: Final = 1e-3  # share of the depth for its central difference; the error 
 
 
 def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]:
-    """Nearest boundary points of inner points, and the outward unit normals there.
+    """Nearest boundary points of inner points, and the outward unit normals there, (3, N) each.
 
     Depth falls fastest towards the nearest boundary point, by 1 m/m. Where several points are
-    equally near, the result is any of these points.
-
-    Parameters
-    ----------
-    points : (3, N) float64
-        Inside, or outside within rounding; shape space.
-    to_world : (4, 4) float64
-        Placing matrix.
-
-    Returns
-    -------
-    places, normals : (3, N) float64
-        World space, metres.
+    equally near, the result is any of these points. Points (3, N) are inside, or outside within
+    rounding, in shape space; results are in the world, m.
     """
     depths = shape.depth_m(points, to_world)
     linear = to_world[:3, :3]
@@ -88,7 +77,7 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
 def _by_neighbours(shape: Shape, points: F64) -> F64:
     """Outward directions (3, N), shape space, from the inner part of a small ball at each point.
 
-    Not normalised. 64 directions of a Fibonacci sphere sample each ball.
+    Not normalised; 64 directions sample each ball.
     """
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
@@ -107,14 +96,8 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
     """Distances of points to a volume, (n, V) metres; 0 inside.
 
     Exact for meshes, for boxes without shear and for uniformly scaled round shapes. Otherwise the
-    distance to the point that is nearest before stretching, which is never too small.
-
-    Parameters
-    ----------
-    points : (3, n, V) float64
-        Shape space, V points for each of n placements.
-    to_world : (n, 4, 4) float64
-        Placing matrices.
+    distance to the point that is nearest before stretching, which is never too small. Points (3, n,
+    V) are in shape space, V for each of n placing matrices ``to_world`` (n, 4, 4).
     """
     linear = to_world[:, :3, :3]
     flat = points.reshape(3, -1)
@@ -129,7 +112,7 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
 
 
 def _nearest(shape: Shape, points: F64) -> F64:
-    """Nearest point of an analytic shape to each point (3, N), in shape space."""
+    """Nearest point (3, N) of an analytic shape to each point, itself inside, in shape space."""
     if isinstance(shape, Sphere):
         return _onto_ball(points)
     if isinstance(shape, Cylinder):
@@ -143,6 +126,6 @@ def _nearest(shape: Shape, points: F64) -> F64:
 
 
 def _onto_ball(points: F64) -> F64:
-    """Nearest point of the unit ball to each point (n, N)."""
+    """Nearest point of the unit ball to each point (n, N); the point itself inside."""
     length = np.sqrt(np.einsum("in,in->n", points, points))
     return points / np.maximum(length, 1.0)

@@ -19,22 +19,12 @@ place of zeros. Below this limit noise and flatness are indistinguishable."""
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
-    """Invert affine placing matrices, with a mask of the reliable inverses.
+    """Invert affine placing matrices (T, 4, 4), with a mask of the reliable inverses.
 
     Columns, then rows, are equilibrated by powers of two, which is exact. So units and unequal
-    scales do not count as flatness; nearly coplanar axes do.
-
-    Parameters
-    ----------
-    matrices : (T, 4, 4) float64
-        Shape space to world; the last row is taken as 0, 0, 0, 1.
-
-    Returns
-    -------
-    inverses : (T, 4, 4) float64
-        World to shape space; NaN where not usable, so that every point is outside.
-    usable : (T,) bool
-        False where the matrix is not finite, singular, or flatter than :data:`FLATTEST`.
+    scales do not count as flatness; nearly coplanar axes do. The last row is taken as 0, 0, 0, 1.
+    Returns inverses (T, 4, 4), NaN where not usable, so that every point is outside; and ``usable``
+    (T,), False where the matrix is not finite, singular, or flatter than :data:`FLATTEST`.
     """
     matrices = np.asarray(matrices, np.float64)
     if len(matrices) and (matrices[1:] == matrices[0]).all():  # a still volume
@@ -75,19 +65,10 @@ def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 
 def world_bounds(shape: Shape, matrices: F64) -> F64:
-    """Axis-aligned world boxes of a placed shape's bounds.
+    """Axis-aligned world boxes (T, 2, 3) of a placed shape's bounds: lowest and highest corner, m.
 
     Never too small, rounding included; up to sqrt(3) times too long for a rotated sphere.
-
-    Parameters
-    ----------
-    matrices : (T, 4, 4) float64
-        Shape space to world.
-
-    Returns
-    -------
-    (T, 2, 3) float64
-        Lowest and highest corner, metres; NaN where a matrix is not finite.
+    ``matrices`` (T, 4, 4) are shape space to world; NaN where a matrix is not finite.
     """
     low, high = shape.bounds
     middle, half = 0.5 * (low + high), 0.5 * (high - low)

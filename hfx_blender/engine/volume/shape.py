@@ -20,7 +20,7 @@ class Shape(Protocol):
 
     @property
     def bounds(self) -> F64:
-        """Axis-aligned box, (2, 3): lowest and highest corner."""
+        """Axis-aligned box, (2, 3): lowest and highest corner, shape space."""
 
     def contains(self, points: F64) -> Bool:
         """Test points for being inside or on the boundary, (N,) bool."""
@@ -53,16 +53,16 @@ class Falloff:
 
     @property
     def is_flat(self) -> bool:
-        """Test for a weight of 1 everywhere inside."""
+        """True for a weight of 1 everywhere inside: kind NONE or share 0."""
         return self.kind is FalloffKind.NONE or self.share <= 0.0
 
     @property
     def precision(self) -> type[np.floating[Any]]:
-        """Floating-point type of weights: float32 without falloff, to save memory, else float64."""
+        """NumPy type of weights: float32 without falloff, to save memory, else float64."""
         return np.float32 if self.is_flat else np.float64
 
     def weight(self, rise: F64) -> F64:
-        """Contact weights (N,) in 0..1 of inner points.
+        """Contact weights (N,) in 0..1 of inner points: linear or smoothstep up to ``share``.
 
         ``rise`` (N,) is each point's share of the way from the boundary (0) to the core (1).
         """
