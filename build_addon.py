@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: ``python build_addon.py`` makes the zip for this computer.
 
-A zip holds the package ``hfx_blender``, the body models, the device
-configurations, the library of engine/native compiled for the platform, and the wheels of what these
-modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
-Blender unpacks the wheels that fit. One zip for all platforms would be five times as large; but one
-that brings the library, as wheels for all platforms, and pure wheels is the smallest.
+A zip has the package ``hfx_blender``, body models, device configurations, effect library, the
+library of engine/native compiled for the platform, and wheels of all imports missing from Blender,
+for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS. Blender unpacks the fitting wheels.
+A full zip for all platforms would be five times as large; the small zip has only the compiled
+library for all platforms and pure wheels.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ LICENCE = ROOT / "LICENSE"
 WHEELS = ROOT / "build" / "wheels"
 _LEFT_OUT = {"__pycache__", MANIFEST}
 _STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1", ".new", ".so", ".dll", ".dylib"}
-_TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
+_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes for equal content
 
 
 def files() -> dict[str, Path]:
-    """Files of every zip except its manifest: name inside it -> file."""
-    found = {"LICENSE": LICENCE}
+    """Files of every zip except the manifest: name in the zip -> file."""
+    paths = {"LICENSE": LICENCE}
     for root, prefix in ((PACKAGE, ""), *((ROOT / name, f"{name}/") for name in DATA)):
         for path in sorted(root.rglob("*")):
             name = path.relative_to(root)
             hidden = any(part.startswith(".") for part in name.parts)
             if path.is_file() and not hidden and not _LEFT_OUT & set(name.parts):
                 if path.suffix not in _STRAY:
-                    found[prefix + name.as_posix()] = path
-    return found
+                    paths[prefix + name.as_posix()] = path
+    return paths
 
 
 def manifest(wheels: Iterable[str] = (), platforms: Iterable[str] = ()) -> str:
-    """The text of the manifest for a zip with these wheels on these platforms."""
+    """Build the text of the manifest for a zip with the given wheels and platforms."""
     text = (PACKAGE / MANIFEST).read_text(encoding="utf-8")
     keys = {"platforms": list(platforms), "wheels": [f"./wheels/{name}" for name in wheels]}
     lines = "".join(
@@ -61,17 +61,17 @@ def manifest(wheels: Iterable[str] = (), platforms: Iterable[str] = ()) -> str:
 
 
 def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = ()) -> Path:
-    """Write one zip into a folder and return its path.
+    """Write a zip into a folder and return its path.
 
     Parameters
     ----------
     folder : Path
     tag : str
-        What follows the version in the zip's name: platform and Python.
+        Last part of the zip's name, after the version: platform and Python.
     text : str
-        The manifest; without wheels if not given.
+        Text of the manifest; empty: a manifest without wheels.
     wheels : sequence of Path
-        Stored as they are; they are compressed already.
+        Compressed files, stored without compression.
     """
     text = text or manifest()
     identity = tomllib.loads(text)
@@ -96,7 +96,7 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
 def build_for(
     name: str, pythons: Sequence[str], folder: Path, cache: Path, zig: Path | None = None
 ) -> Path:
-    """Build the zip for one platform with wheels for some Pythons.
+    """Build the zip for a platform with wheels for the given Pythons.
 
     Parameters
     ----------
@@ -104,25 +104,25 @@ def build_for(
         Blender's name of the platform.
     pythons : sequence of str
     folder, cache : Path
-        Of the zip, and of wheels that were fetched.
+        Folders of the zip and of fetched wheels.
     zig : Path, optional
-        The compiler; without it the zip has no compiled library.
+        Compiler; None: no compiled library in the zip.
 
     Raises
     ------
     WheelError
-        A wheel cannot be had or is not what was pinned.
+        A wheel cannot be fetched or differs from the pinned file.
     BuildError
         The library cannot be compiled.
     """
     lock = addon_wheels.read_lock()
-    wanted = addon_wheels.imported(PACKAGE)
+    distributions = addon_wheels.imported(PACKAGE)
     chosen: dict[str, Path] = {}
     for python in pythons:
-        found = addon_wheels.select(lock, wanted, name, python)
-        for distribution in sorted(wanted - set(found)):
+        wheel_names = addon_wheels.select(lock, distributions, name, python)
+        for distribution in sorted(distributions - set(wheel_names)):
             _say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
-        for wheel in found.values():
+        for wheel in wheel_names.values():
             path = addon_wheels.named_for(addon_wheels.fetch(wheel, lock[wheel], cache), name)
             chosen[path.name] = path
     addon_wheels.check_requirements(chosen.values())
@@ -136,19 +136,19 @@ def build_for(
 
 
 def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
-    """Build the zip for all platforms: its wheels are those of the library, and pure ones.
+    """Build the small zip for all platforms, with wheels of the library and pure wheels.
 
     Parameters
     ----------
     folder, cache : Path
-        Of the zip, and of the wheels.
+        Folders of the zip and of the wheels.
     zig : Path, optional
-        The compiler; without it the zip has no compiled library.
+        Compiler; None: no compiled library in the zip.
 
     Raises
     ------
     WheelError
-        A wheel cannot be had or is not what was pinned.
+        A wheel cannot be fetched or differs from the pinned file.
     BuildError
         The library cannot be compiled.
     """
@@ -163,7 +163,7 @@ def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
 
 
 def this_platform() -> str:
-    """Blender's name of the platform that this runs on."""
+    """Blender's name of the current platform."""
     systems = {"darwin": "macos"}
     machines = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
     system, machine = platform.system().lower(), platform.machine().lower()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of each shipped device: where its actuators are on the body, from front and back."""
+"""Pictures of the shipped devices: actuators on the body, seen from the front and the back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MARGIN_M = 0.12
 
 
 def draw(name: str, path: Path) -> None:
-    """Draw a device, by the name of its file, as a PNG."""
+    """Draw a device, given by the name of its file without suffix, as a PNG."""
     device = load_device(name)
     avatar = load_avatar()
     places = _places(device)
@@ -40,14 +40,14 @@ def draw(name: str, path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(2 * 2.6 * size[0] / size[1] + 0.4, 2.8), dpi=110)
     for (title, facing), panel in zip(_VIEWS, axes, strict=True):
         _body(panel, avatar, facing)
-        for actuator, place in zip(device.actuators, places, strict=True):
+        for actuator, point in zip(device.actuators, places, strict=True):
             colour = _COLOURS[actuator.type.modality]
             if isinstance(actuator.place, RoomPlace):
                 continue
-            is_seen = _faces(place, avatar) * facing > 0.0
+            is_seen = _faces(point, avatar) * facing > 0.0
             panel.plot(
-                facing * place[0],
-                place[2],
+                facing * point[0],
+                point[2],
                 "o",
                 markersize=5.0,
                 color=colour if is_seen else "none",
@@ -71,23 +71,27 @@ def draw(name: str, path: Path) -> None:
 
 
 def _places(device: DeviceConfig) -> list[np.ndarray]:
-    found = []
+    """Rest-pose points (3,) of the actuators, metres; zeros for an actuator in the room."""
+    points = []
     for actuator in device.actuators:
-        place = actuator.place
-        if isinstance(place, BodyPlace):
-            found.append(np.array(place.centre_m))
-        elif isinstance(place, RoomPlace):
-            found.append(np.zeros(3))
+        placement = actuator.place
+        if isinstance(placement, BodyPlace):
+            points.append(np.array(placement.centre_m))
+        elif isinstance(placement, RoomPlace):
+            points.append(np.zeros(3))
         else:
-            model = load_model(place.sets[0].model_id)
-            found.append(model.vertices[vertices_of(place, model)].mean(axis=0))
-    return found
+            model = load_model(placement.sets[0].model_id)
+            points.append(model.vertices[vertices_of(placement, model)].mean(axis=0))
+    return points
 
 
 def _frame(
     vertices: np.ndarray, places: list[np.ndarray], device: DeviceConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The part of the body that is shown: about the actuators, or all of it."""
+    """Lower and upper corner (x, z) of the drawing, metres, around the worn actuators.
+
+    The whole body is framed if no actuator is worn.
+    """
     worn = [
         p
         for p, a in zip(places, device.actuators, strict=True)
@@ -100,11 +104,11 @@ def _frame(
 
 
 def _faces(place: np.ndarray, avatar: object) -> float:
-    """Towards the front (above 0) or the back: by the nearest skin's normal."""
+    """Frontward component of the nearest skin's normal: above 0 in front, below 0 at the back."""
     vertices = avatar.vertices.astype(np.float64)
     near = np.argsort(np.linalg.norm(vertices - place, axis=1))[:40]
-    mine = np.isin(avatar.faces, near).any(axis=1)
-    corners = vertices[avatar.faces[mine][:, :3]]
+    is_near = np.isin(avatar.faces, near).any(axis=1)
+    corners = vertices[avatar.faces[is_near][:, :3]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return -float(normals.sum(axis=0)[1])
 

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make the pictures and the measured tables of the documentation anew.
+"""Regenerate the pictures and the measured tables of the documentation.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``schema``, ``assets``, ``bodies``, ``tracks``, ``surfaces``, ``trade`` or ``avatars`` only those.
 ``schema`` is the JSON Schema of device configurations. ``assets`` is the library of the Asset
-Browser, to be made anew when a sensation of ``effect_library`` changes. The trade takes half an
+Browser, to be regenerated when a sensation of ``effect_library`` changes. The trade takes half an
 hour on an idle machine, a minute or two with ``--short``. ``avatars`` fits models to a hundred
-avatars whose answer is known; it needs MakeHuman's data
-(``tests/engine/retargeting/retarget_report.py`` tells where from), takes long, and is made only
-where it is named. The table of ``safety`` is made of what ``hfx bench safety --json`` printed,
-idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
-BUSY.json``.
+avatars with a known result; this subject needs MakeHuman's data (for the source see
+``tests/engine/retargeting/retarget_report.py``), takes long, and is made only if named. The table
+of ``safety`` is made from the output of ``hfx bench safety --json``, idle and with ``--busy``:
+``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ def main() -> None:
 
 
 def demo() -> None:
-    """The pictures that ``hfx demo`` draws."""
+    """Copy the pictures drawn by ``hfx demo`` into the documentation."""
     with tempfile.TemporaryDirectory() as folder:
         hfx("demo", "-o", folder)
         for name in ("felt.png", "chart.svg"):
@@ -89,7 +88,7 @@ def demo() -> None:
 
 
 def bodies() -> None:
-    """The tables of spacing in ``body-models.md``."""
+    """Write the tables of vertex spacing in ``body-models.md``."""
     from hfx_blender.engine.body import model_library
     from hfx_tools.body_building import stats
 
@@ -97,7 +96,7 @@ def bodies() -> None:
 
 
 def surfaces() -> None:
-    """Renderer against measured roughness (picture, table), judge of strokes, words."""
+    """Measure renderer against roughness (picture, table), classified strokes, and words."""
     from hfx_tools.bench.surfaces import textile_correlation, texture, texture_chart, words
 
     result = textile_correlation.correlation(20)
@@ -129,7 +128,7 @@ def schema() -> None:
 
 
 def trade(scene: str, short: bool) -> None:
-    """Measure a scene's plot, CSV and table in ``trade.md``."""
+    """Measure time against error of a scene; writes plot, CSV and the table in ``trade.md``."""
     from hfx_tools.bench import machine
     from hfx_tools.bench.trade import trade_report
 
@@ -153,28 +152,34 @@ def trade(scene: str, short: bool) -> None:
 
 
 def safety(records: list[dict[str, Any]]) -> None:
-    """The table of silence in ``live.md``."""
+    """Write the table of silence in ``live.md`` from records of ``hfx bench safety --json``."""
     from hfx_tools.bench import machine
     from hfx_tools.bench.safety import safety
 
-    caption = f"Measured on {machine.as_one_line([each['machine'] for each in records])}."
+    caption = f"Measured on {machine.as_one_line([record['machine'] for record in records])}."
     table = safety.as_markdown(records)
     replace_part(DOCS / "live.md", "safety", f"{caption}\n\n{table}")
 
 
 def replace_part(page: Path, name: str, content: str) -> None:
-    """Put what was made into its place on a page."""
+    """Replace the marked part of a page.
+
+    Raises
+    ------
+    SystemExit
+        The page has no such markers.
+    """
     begin, end = f"<!-- {name}: made by docs/regenerate.py -->", f"<!-- end of {name} -->"
     text = page.read_text(encoding="utf-8")
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     if not pattern.search(text):
-        raise SystemExit(f"{page}: has no place for '{name}'")
-    made = pattern.sub(lambda _: f"{begin}\n{content}\n{end}", text)
-    page.write_text(made, encoding="utf-8")
+        raise SystemExit(f"{page}: no markers of '{name}'")
+    updated = pattern.sub(lambda _: f"{begin}\n{content}\n{end}", text)
+    page.write_text(updated, encoding="utf-8")
 
 
 def hfx(*arguments: str) -> str:
-    """Run a command of hfx; what it says."""
+    """Run a command of hfx; returns its standard output."""
     command = [sys.executable, "-P", "-m", "hfx_blender", *arguments]
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Draw the example board of haptic surfaces: ``python docs/surface_pictures.py``.
 
-The board of ``hfx texture board``, rendered by Cycles, and the four maps that it is felt by.
+The picture shows the board of ``hfx texture board``, rendered by Cycles.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ def _light(bpy: Any, middle: Any) -> None:
 
     lamp = bpy.data.lights.new("Lamp", "AREA")
     lamp.energy, lamp.size = 6.0, 0.2
-    place = bpy.data.objects.new("Lamp", lamp)
-    place.location = middle + Vector((-0.5, 0.2, 0.35))  # low: the relief throws shadows
-    place.rotation_euler = (middle - place.location).to_track_quat("-Z", "Y").to_euler()
-    bpy.context.scene.collection.objects.link(place)
+    lamp_object = bpy.data.objects.new("Lamp", lamp)
+    lamp_object.location = middle + Vector((-0.5, 0.2, 0.35))  # low: the relief throws shadows
+    lamp_object.rotation_euler = (middle - lamp_object.location).to_track_quat("-Z", "Y").to_euler()
+    bpy.context.scene.collection.objects.link(lamp_object)
     world = bpy.data.worlds.new("World")
     world.color = (0.06, 0.06, 0.07)
     bpy.context.scene.world = world

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The real sketch, compiled for an Arduino Uno, run in simavr and driven by our own host.
+"""Test of the real sketch, compiled for an Arduino Uno and run in simavr, driven by the host.
 
 Needs avr-gcc, avr-libc, the Arduino core, a C compiler, libsimavr and its parts (on Debian:
 gcc-avr avr-libc arduino-core-avr libsimavr-dev). Run it apart from the tests:
 
     python firmware/test_in_simulator.py [trials]
 
-It prints maxima over all trials of: values at the port to the pin, stop to silence, host lost to
-silence. Times are of the wall clock; on a busy computer the simulated board runs slower than
-that, so silence after a lost host is given by the board's own clock as well.
+The output is medians and maxima over all trials: values at the port to the pin, stop to silence,
+host lost to silence. Times are of the wall clock; on a busy computer the simulated board runs
+slower, so silence after a lost host is also given by the board's own clock.
 """
 
 from __future__ import annotations
@@ -122,18 +122,18 @@ def run(command: list[str]) -> None:
 
 
 def sketch_image(folder: Path) -> Path:
-    """The sketch as the Arduino tools would build it."""
+    """Build the sketch with the flags of the Arduino tools; returns the path of the ELF image."""
     includes = [f"-I{CORE / 'cores' / 'arduino'}", f"-I{CORE / 'variants' / 'standard'}"]
     common = [*UNO, "-Os", "-w", "-ffunction-sections", "-fdata-sections", *includes]
     main = folder / "sketch.cpp"
     main.write_text("#include <Arduino.h>\n" + (SKETCH / "hfx_pwm.ino").read_text())
     objects = []
     core = CORE / "cores" / "arduino"
-    unused = ("WString.cpp",)  # newer compilers refuse it, and we use no strings
+    unused = ("WString.cpp",)  # newer compilers reject this file; the sketch uses no strings
     sources = [main, SKETCH / "hfx_core.c", *core.glob("*.c*")]
-    sources = [each for each in sources if each.name not in unused]
+    sources = [path for path in sources if path.name not in unused]
     for source in [*sources, *core.glob("*.S")]:
-        made = folder / (source.name + ".o")
+        object_file = folder / (source.name + ".o")
         compiler = "avr-g++" if source.suffix == ".cpp" else "avr-gcc"
         extra = (
             ["-std=gnu++11", "-fpermissive", "-fno-exceptions", "-fno-threadsafe-statics"]
@@ -142,8 +142,8 @@ def sketch_image(folder: Path) -> Path:
         )
         if source.suffix == ".S":
             extra = ["-x", "assembler-with-cpp"]
-        run([compiler, *common, *extra, f"-I{SKETCH}", "-c", str(source), "-o", str(made)])
-        objects.append(str(made))
+        run([compiler, *common, *extra, f"-I{SKETCH}", "-c", str(source), "-o", str(object_file)])
+        objects.append(str(object_file))
     image = folder / "hfx_pwm.elf"
     run(["avr-gcc", *UNO, "-Os", "-w", "-Wl,--gc-sections", *objects, "-lm", "-o", str(image)])
     run(["avr-size", str(image)])
@@ -151,20 +151,20 @@ def sketch_image(folder: Path) -> Path:
 
 
 def simulator(folder: Path) -> Path:
-    """A board that says on which wall-clock time which duty changed."""
-    source, made = folder / "simulator.c", folder / "simulator"
+    """Build the simulated board; the program prints wall clock, board clock and six duties."""
+    source, program = folder / "simulator.c", folder / "simulator"
     source.write_text(SIMULATOR)
     run(
         [
-            *("cc", "-O2", "-w", "-I/usr/include/simavr", str(source), "-o", str(made)),
+            *("cc", "-O2", "-w", "-I/usr/include/simavr", str(source), "-o", str(program)),
             *("-lsimavrparts", "-lsimavr", "-lpthread"),
         ]
     )
-    return made
+    return program
 
 
 class Pins:
-    """Levels of the simulated pins, as they change."""
+    """Duties (0..255) of the six simulated pins, read from the simulator's output."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
@@ -176,7 +176,13 @@ class Pins:
         self.board_s = 0.0  # the board's own clock, a few milliseconds ago at most
 
     def wait(self, is_true, within_s: float = 2.0) -> float:
-        """Time at which the duties became so, by the board's clock; reads on until then."""
+        """Read until the duties pass a test; returns the wall-clock time of their last change.
+
+        Raises
+        ------
+        SystemExit
+            The test fails for ``within_s`` seconds.
+        """
         until = time.monotonic() + within_s
         while True:
             self.read()
@@ -192,7 +198,7 @@ class Pins:
         *lines, self._rest = self._rest.split("\n")
         for line in lines:
             wall, board, *words = line.split()
-            duties = [int(each) for each in words]
+            duties = [int(word) for word in words]
             if duties != self.duties:
                 self.changed_s, self.duties = float(wall), duties
                 self.changed_board_s = float(board)
@@ -217,8 +223,8 @@ def main() -> None:
                 pass
             port_name = line.split()[1]
             pins = Pins(process)
-            found: dict[str, list[float]] = {"values": [], "stop": [], "host lost": []}
-            found["host lost, board's clock"] = []
+            durations_s: dict[str, list[float]] = {"values": [], "stop": [], "host lost": []}
+            durations_s["host lost, board's clock"] = []
             board = WireBoard(device, SerialPort(port_name, 115200))
             for _ in range(trials):
                 _armed(board, on, pins)
@@ -226,26 +232,26 @@ def main() -> None:
                 half[::2] *= random.uniform(0.3, 0.8)
                 began = time.monotonic()
                 board.send(half)
-                found["values"].append(pins.wait(lambda d: max(d) < 255) - began)
+                durations_s["values"].append(pins.wait(lambda d: max(d) < 255) - began)
                 began = time.monotonic()
                 board.stop()
-                found["stop"].append(pins.wait(lambda d: max(d) == 0) - began)
+                durations_s["stop"].append(pins.wait(lambda d: max(d) == 0) - began)
             for _ in range(max(trials // 5, 1)):
                 _armed(board, on, pins)
                 board.send(on)
                 began = time.monotonic()
                 pins.read()
                 on_board = pins.board_s
-                found["host lost"].append(pins.wait(lambda d: max(d) == 0) - began)
-                found["host lost, board's clock"].append(pins.changed_board_s - on_board)
+                durations_s["host lost"].append(pins.wait(lambda d: max(d) == 0) - began)
+                durations_s["host lost, board's clock"].append(pins.changed_board_s - on_board)
                 with contextlib.suppress(OutputLostError):
                     board.send(on)
                 board.stop()
             board.close()
-            for what, times in found.items():
+            for kind, times in durations_s.items():
                 ordered = sorted(times)
                 print(  # noqa: T201
-                    f"{what}: {len(times)} trials, median {1000 * ordered[len(times) // 2]:.1f} ms,"
+                    f"{kind}: {len(times)} trials, median {1000 * ordered[len(times) // 2]:.1f} ms,"
                     f" max {1000 * ordered[-1]:.1f} ms"
                 )
         finally:

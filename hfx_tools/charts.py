@@ -28,14 +28,14 @@ _PIXELS_PER_INCH: Final = 96
 
 @contextmanager
 def chart(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Empty figure, written as SVG when the block ends; the user's matplotlibrc changes nothing.
+    """Context with an empty figure, written as SVG at the end, without the user's matplotlibrc.
 
-    Names of strangers have to be made :func:`~hfx_blender.text.printable` for XML.
+    Names from files must be made :func:`~hfx_blender.text.printable` for XML.
 
     Parameters
     ----------
     path : Path
-        Of the SVG.
+        Path of the SVG.
     width, height : float
         Pixels.
 
@@ -50,7 +50,7 @@ def chart(path: Path, width: float, height: float) -> Iterator[Figure]:
     with matplotlib.rc_context(), warnings.catch_warnings():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
-        # The browser that shows the SVG has the font, not matplotlib.
+        # Browsers have the fonts for text in the SVG.
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         size = width / _PIXELS_PER_INCH, height / _PIXELS_PER_INCH
         figure = Figure(size, layout="constrained")

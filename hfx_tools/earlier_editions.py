@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Earlier editions of body models, kept for areas that were painted on them."""
+"""Earlier editions of body models, stored for areas painted on them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hfx_blender.files import resources
 
 
 def keep(model: PerceptualModel) -> None:
-    """Store an edition of a model, before another one takes its place."""
+    """Store an edition of a shipped model before its replacement."""
     path = resources.body_models() / model_migration.FILE
     data = dict(np.load(path)) if path.is_file() else {}
     key = f"{model.id}.{model.content_hash}"

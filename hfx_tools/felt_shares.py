@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strengths of all that is felt at once, displayed at every vertex of an avatar."""
+"""Strengths of all haptic samples of one time, displayed at every vertex of an avatar."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ def felt_shares(
     vertex_counts: Mapping[str, int],
     contact_effects: frozenset[str] = frozenset(),
 ) -> dict[str, F64]:
-    """Strength of each modality at each vertex of an avatar, (A,) in 0..1 as displayed.
+    """Displayed strength of each modality at each vertex of an avatar, (A,) in 0..1.
 
-    Keys are those of a palette. The root makes the lower half of the strengths visible.
+    Keys are names of :data:`COLOURS`; zeros for a modality without samples. The square root makes
+    the lower half of the strengths visible.
     """
     count = len(next(iter(spreads.values())).nearest)
-    felt: dict[str, F64] = {}
+    totals: dict[str, F64] = {}
     for sample in samples:
         stream = sample.stream
         is_contact = stream.effect_id in contact_effects
@@ -37,12 +38,9 @@ def felt_shares(
         spread = spreads[stream.model_id]
         name = colour_name(sample, is_contact)
         here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
-        felt[name] = felt[name] + here if name in felt else here
+        totals[name] = totals[name] + here if name in totals else here
     nothing = np.zeros(count)
     return {
-        name: np.sqrt(np.clip(felt[name], 0.0, 1.0)) if name in felt else nothing
+        name: np.sqrt(np.clip(totals[name], 0.0, 1.0)) if name in totals else nothing
         for name in (*MODALITIES, COLD)
     }
-
-
-SKIN: Final = (0.62, 0.6, 0.58)

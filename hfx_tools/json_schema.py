@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""JSON Schemas of the shapes that readers hold documents against.
+"""JSON Schemas of the document shapes of this package's readers.
 
 ``python docs/regenerate.py schema`` writes ``device_configs/schema/device.schema.json``.
 """
@@ -28,7 +28,7 @@ from hfx_blender.files.json_shapes import (
 )
 
 _Names = Mapping[int, str]
-"""Names of shapes that are defined once, by identity."""
+"""Names of shapes with a definition, by ``id()``."""
 
 _DEFINITIONS: Final[Mapping[str, Shape]] = {
     "id": device_shape.ID,
@@ -43,7 +43,7 @@ _DEFINITIONS: Final[Mapping[str, Shape]] = {
 
 
 def device_schema() -> str:
-    """Text of the JSON Schema of device configurations."""
+    """Build the text of the JSON Schema of device configurations."""
     names = {id(shape): name for name, shape in _DEFINITIONS.items()}
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -58,12 +58,12 @@ def device_schema() -> str:
 
 
 def schema_of(shape: Shape) -> dict[str, Any]:
-    """JSON Schema of a shape, without definitions."""
+    """Build the JSON Schema of a shape, without references to definitions."""
     return _plain(shape, {})
 
 
 def _schema(shape: Shape, names: _Names) -> dict[str, Any]:
-    """Schema of a shape; one that is defined is a reference to its definition."""
+    """Schema of a shape, or a reference for a shape with a definition."""
     if id(shape) in names:
         return {"$ref": f"#/$defs/{names[id(shape)]}"}
     return _plain(shape, names)
@@ -97,8 +97,8 @@ def _plain(shape: Shape, names: _Names) -> dict[str, Any]:
 
 
 def _any_of(shapes: list[Shape], names: _Names) -> dict[str, Any]:
-    """Schema of alternatives; one alone is itself."""
-    schemas = [_schema(each, names) for each in shapes]
+    """Schema of alternatives; a single alternative is its own schema."""
+    schemas = [_schema(entry, names) for entry in shapes]
     return schemas[0] if len(schemas) == 1 else {"anyOf": schemas}
 
 
@@ -137,9 +137,9 @@ def _items(shape: Items, names: _Names) -> dict[str, Any]:
 
 def _row(shape: Row, names: _Names) -> dict[str, Any]:
     count = {"minItems": len(shape.items), "maxItems": len(shape.items)}
-    if all(each == shape.items[0] for each in shape.items):
+    if all(entry == shape.items[0] for entry in shape.items):
         return {"type": "array", **count, "items": _schema(shape.items[0], names)}
-    items = [_schema(each, names) for each in shape.items]
+    items = [_schema(entry, names) for entry in shape.items]
     return {"type": "array", **count, "prefixItems": items, "items": False}
 
 
@@ -156,9 +156,9 @@ def _record(shape: Record, names: _Names) -> dict[str, Any]:
     if shape.one_of:
         schema["oneOf"] = [{"required": [key]} for key in shape.one_of]
     if shape.needs:
-        schema["dependentRequired"] = {key: [other] for key, other in shape.needs.items()}
-    for key, other in shape.needs.items():
-        if isinstance(members[other], Flag):
+        schema["dependentRequired"] = {key: [needed] for key, needed in shape.needs.items()}
+    for key, needed in shape.needs.items():
+        if isinstance(members[needed], Flag):
             schema["if"] = {"required": [key]}
-            schema["then"] = {"properties": {other: {"const": True}}}
+            schema["then"] = {"properties": {needed: {"const": True}}}
     return schema

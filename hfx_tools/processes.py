@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of measurements and of the demo: programs given as source, run to their end."""
+"""Processes of measurements and of the demo: programs given as source, run to the end."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from hfx_blender.processes.process_end import check
 from hfx_blender.processes.start import python_command, start
 
 _CHECK_S: Final = 0.1
-"""Interval at which a waiting process looks for signals to end it, seconds."""
+"""Interval of checks for a termination signal during waiting, seconds."""
 
 _END_LIMIT_S: Final = 2.0
-"""Time for a process to remove its temporary files, seconds; then it is killed."""
+"""Seconds for a terminated process to remove temporary files, before it is killed."""
 
 
 def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a process of this package to its end, and return its output.
+    """Run a process of this package to its end, and return exit code and output.
 
     Raises
     ------
     OSError
-        It cannot be started.
+        The process cannot be started.
     subprocess.TimeoutExpired
-        It took longer than ``limit_s``; it has been ended.
+        The process took longer than ``limit_s`` and has been ended.
     TerminatedError
-        A signal to end this process came meanwhile; the other has been ended, too.
+        A signal to end this process arrived; the started process has been ended, too.
     """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with start(command, text=True, **pipes) as process:
@@ -56,10 +56,10 @@ def _communicate(process: subprocess.Popen[Any], limit_s: float) -> tuple[str, s
                 raise
             check()
             continue
-        check()  # both processes may have been sent the signal
+        check()  # the signal may have gone to both processes
         return output
 
 
 def program(source: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a program that is given as its source, and may import this package."""
+    """Command line for a program given as source, with this package importable."""
     return [*python_command(), "-c", source, *map(os.fspath, arguments)]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Wheels of an extension zip, by platform and Blender's Python.
 
-Blender has numpy; whatever else the package imports comes as a wheel, also what it imports in a
-function, by name, or where it expects that the module may be missing: a user of Blender cannot
-install any of it. ``addon_wheels.sha256`` pins every file (``sha256sum -c`` reads it too); pip
-fetches the files once into a folder.
+Blender has numpy; every other imported distribution comes as a wheel, also for imports in
+functions, by name, or under ``except ImportError``: users of Blender cannot install packages.
+``addon_wheels.sha256`` pins every file, in the format of ``sha256sum -c``; pip fetches the files
+once into a folder.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = Path(__file__).with_suffix(".sha256")
-LICENCES = ROOT / "licences"  # of distributions whose wheels forget theirs
-
-# Import name -> distribution. Bundled is what the package imports and what that requires.
+LICENCES = ROOT / "licences"  # of distributions without a licence in their wheels
+# Import name -> distribution. Imported distributions and their requirements are bundled.
 DISTRIBUTIONS = {
     "fast_simplification": "fast-simplification",
     "pythonosc": "python-osc",
@@ -36,10 +35,10 @@ DISTRIBUTIONS = {
     "websockets": "websockets",
 }
 REQUIRED = {"sounddevice": {"cffi"}}
-"""Distributions that a bundled one imports, besides NumPy."""
+"""Imports of bundled distributions, besides NumPy."""
 NOT_USED = {"pycparser"}
-"""Required by the metadata of bundled wheels, but imported only by what nothing here calls:
-cffi compiles no declarations for sounddevice, which brings its own compiled ones."""
+"""Requirements in the metadata of bundled wheels for unused code only: cffi needs pycparser for
+compiling declarations, and sounddevice has compiled declarations."""
 IN_BLENDER = {
     *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
     *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui", "zstandard"),
@@ -47,25 +46,25 @@ IN_BLENDER = {
 COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
     "blender/registration.py": set(),  # the package's own operators and panels
-    "commands/left_out.py": set(),  # of 'hfx_tools': where it is absent, the user is told so
+    "commands/left_out.py": set(),  # of 'hfx_tools': an absent package gives a message
     "formats/registry.py": set(),  # the package's own readers and writers
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
 }
-"""Files that import modules by names which are not written as one string -> those modules."""
+"""Files with imports by computed names -> names of those modules."""
 REMOVED = {
     *("aifc", "asynchat", "asyncore", "audioop", "cgi", "cgitb", "chunk", "crypt", "distutils"),
     *("imghdr", "imp", "lib2to3", "mailcap", "msilib", "nis", "nntplib", "ossaudiodev", "pipes"),
     *("smtpd", "sndhdr", "spwd", "sunau", "telnetlib", "uu", "xdrlib"),
 }
-"""Modules of Python 3.11 that a later Python of a Blender lacks."""
+"""Modules of Python 3.11 missing from a later Python of a Blender."""
 
 # blender.org's Blender: 4.2 LTS to 5.0 have Python 3.11, 5.1 and 5.2 LTS have 3.13. Distributions
 # build with their own Python: Debian's 4.3 has 3.13, its 5.2 has 3.14.
 OFFICIAL = ("3.11", "3.13")
 PYTHONS = (*OFFICIAL, "3.14")
 
-# The first of these versions that has a wheel. Blender 4.2 and 4.3 have NumPy 1.24, which scipy
-# supports up to 1.15; that one has no wheel for Windows on ARM, where Blender begins with 4.5.
+# The first version with a wheel is taken. Blender 4.2 and 4.3 have NumPy 1.24, supported by scipy
+# up to 1.15; scipy 1.15 has no wheel for Windows on ARM, where Blender begins with 4.5.
 VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "scipy": {"3.11": ("1.15.3", "1.17.1"), "3.13": ("1.18.1",), "3.14": ("1.18.1",)},
     "fast-simplification": dict.fromkeys(PYTHONS, ("0.2.0",)),
@@ -73,13 +72,13 @@ VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "pyserial": dict.fromkeys(PYTHONS, ("3.5",)),
     "python-osc": dict.fromkeys(PYTHONS, ("1.10.2",)),
     "websockets": dict.fromkeys(PYTHONS, ("17.4",)),
-    # Brings PortAudio for Windows and macOS; on Linux it uses the system's.
+    # The wheel has PortAudio for Windows and macOS; Linux has a system library.
     "sounddevice": dict.fromkeys(PYTHONS, ("0.5.6",)),
     "cffi": dict.fromkeys(PYTHONS, ("2.1.1",)),
 }
 PURE = {"pyserial", "python-osc", "websockets"}
-"""Distributions whose one wheel runs everywhere and needs no other: in the small zip, too. Other
-wheels of websockets have a compiled part, which messages as short as ours do not need."""
+"""Distributions with a wheel for all platforms and without requirements: in the small zip, too. The
+compiled part of websockets' other wheels is for long messages, not needed here."""
 
 
 class Platform(NamedTuple):
@@ -90,11 +89,13 @@ class Platform(NamedTuple):
     releases: tuple[str, ...] = ("",)  # the oldest first
 
     def runs(self, tag: str) -> bool:
-        """Blender's own rule: it compares the names and leaves the releases out."""
+        """Test a wheel's platform tag by Blender's rule: system and machine, not release."""
         if tag == "any":
             return True
         machines = (self.machine, "universal2") if self.system == "macosx" else (self.machine,)
-        return tag.startswith(self.system) and tag.endswith(tuple(f"_{each}" for each in machines))
+        return tag.startswith(self.system) and tag.endswith(
+            tuple(f"_{machine}" for machine in machines)
+        )
 
     def tags(self) -> list[str]:
         return [f"{self.system}{release}_{self.machine}" for release in self.releases]
@@ -107,20 +108,20 @@ PLATFORMS = {
     "windows-arm64": Platform("win", "arm64"),
     "windows-x64": Platform("win", "amd64"),
 }
-_LAST_INTEL_MAC = "3.11"  # Blender 4.5 LTS is the last that blender.org builds for Intel Macs
+_LAST_INTEL_MAC = "3.11"  # Blender 4.5 LTS is blender.org's last version for Intel Macs
 
 
 class WheelError(Exception):
-    """A wheel that cannot be had or is not what was pinned."""
+    """A wheel cannot be fetched or differs from the pinned file."""
 
 
 def default_pythons(platform: str) -> tuple[str, ...]:
-    """Pythons of the Blenders that blender.org publishes for a platform."""
+    """Python versions of blender.org's Blenders for a platform."""
     return (_LAST_INTEL_MAC,) if platform == "macos-x64" else OFFICIAL
 
 
 def imported(package: Path) -> set[str]:
-    """Distributions that a package's source imports and Blender does not have.
+    """Collect the distributions imported by a package's source and missing from Blender.
 
     Every import counts: in functions, by name (``import_module``, ``find_spec``), and under
     ``except ImportError``.
@@ -128,10 +129,10 @@ def imported(package: Path) -> set[str]:
     Raises
     ------
     WheelError
-        An import that is neither Python's, nor Blender's, nor in ``DISTRIBUTIONS``; or one by a
-        computed name in a file that ``COMPUTED`` does not list.
+        An import outside of Python, Blender and ``DISTRIBUTIONS``, or by a computed name in a file
+        missing from ``COMPUTED``.
     """
-    found = set()
+    distributions = set()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()
         tops = set(COMPUTED.get(name, ()))
@@ -151,12 +152,12 @@ def imported(package: Path) -> set[str]:
                     f"{path}: imports '{top}', which Blender does not have; add it to "
                     f"DISTRIBUTIONS and VERSIONS in {Path(__file__).name}."
                 )
-            found |= {DISTRIBUTIONS[top], *REQUIRED.get(DISTRIBUTIONS[top], ())}
-    return found
+            distributions |= {DISTRIBUTIONS[top], *REQUIRED.get(DISTRIBUTIONS[top], ())}
+    return distributions
 
 
 def _modules_of(node: ast.AST) -> list[str] | None:
-    """Names of the absolute modules that a node imports; None where the name is computed."""
+    """Names of the absolute modules imported by a node; None for a computed name."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
@@ -174,12 +175,12 @@ def _modules_of(node: ast.AST) -> list[str] | None:
 
 
 def check_requirements(wheels: Iterable[Path]) -> None:
-    """Test that whatever the wheels of a zip require is in it, or in Blender.
+    """Check that all requirements of a zip's wheels are in the zip or in Blender.
 
     Raises
     ------
     WheelError
-        The metadata of a wheel names a distribution that is neither bundled nor in ``NOT_USED``.
+        A wheel requires a distribution outside of the zip, Blender and ``NOT_USED``.
     """
     wheels = list(wheels)
     there = {wheel.name.partition("-")[0].replace("_", "-") for wheel in wheels}
@@ -197,7 +198,7 @@ def check_requirements(wheels: Iterable[Path]) -> None:
 
 
 def read_lock(lock: Path = LOCK) -> dict[str, str]:
-    """File name of each pinned wheel -> its SHA-256 in hexadecimal."""
+    """Read the pinned wheels: file name -> SHA-256 in hexadecimal."""
     lines = lock.read_text(encoding="utf-8").split("\n")
     return {name: digest for digest, name in (line.split() for line in lines if line)}
 
@@ -205,7 +206,7 @@ def read_lock(lock: Path = LOCK) -> dict[str, str]:
 def select(
     files: Iterable[str], distributions: set[str], platform: str, python: str
 ) -> dict[str, str]:
-    """The pinned file of each distribution for one platform and Python, where there is one."""
+    """Choose the pinned file of each distribution for a platform and Python; absent without one."""
     chosen = {}
     for name in files:
         distribution, _version, python_tag, _abi, platform_tag = name[: -len(".whl")].split("-")
@@ -213,19 +214,19 @@ def select(
         fits = "py3" in python_tag.split(".") or python_tag == "cp" + python.replace(".", "")
         runs = PLATFORMS[platform].runs(platform_tag)
         if distribution in distributions and fits and runs:
-            # A wheel for every platform may lack a library that one for this platform brings.
+            # A wheel for all platforms may lack a library of the wheel for this platform.
             if platform_tag != "any" or distribution not in chosen:
                 chosen[distribution] = name
     return chosen
 
 
 def fetch(name: str, digest: str, folder: Path) -> Path:
-    """A pinned wheel from the folder, by pip if it is not there yet.
+    """Return the path of a pinned wheel in the folder, fetched by pip if missing.
 
     Raises
     ------
     WheelError
-        pip cannot get it, its bytes are not the pinned ones, or it carries no licence.
+        pip fails, the content differs from the pinned hash, or the wheel has no licence.
     """
     path = folder / name
     if not path.exists():
@@ -243,9 +244,9 @@ def fetch(name: str, digest: str, folder: Path) -> Path:
 
 
 def named_for(wheel: Path, platform: str) -> Path:
-    """Copy of a wheel for all Macs, named after one kind of them; any other wheel as it is.
+    """Copy a wheel for all Macs under the tag of one platform; other wheels are returned as given.
 
-    Blender before 4.4 takes no wheel whose name ends in ``universal2``.
+    Blender before 4.4 rejects wheels with names ending in ``universal2``.
     """
     if not wheel.stem.endswith("universal2"):
         return wheel
@@ -256,33 +257,33 @@ def named_for(wheel: Path, platform: str) -> Path:
 
 
 def own_licence(wheel: str) -> Path:
-    """Path of our copy of the licence of a wheel that does not carry it."""
+    """Path of the stored licence for a wheel without one."""
     return LICENCES / f"{wheel.partition('-')[0]}.txt"
 
 
 def lock(
     distributions: Iterable[str], folder: Path, say: Callable[[str], None], target: Path = LOCK
 ) -> None:
-    """Pin the wheels of every platform and Python, and say which are not to be had."""
-    found: dict[str, str] = {}
+    """Pin the wheels of every platform and Python in ``target``, and report missing wheels."""
+    pinned: dict[str, str] = {}
     for name, platform in PLATFORMS.items():
         for python in PYTHONS:
             if python not in default_pythons(name) and name != "linux-x64":
-                continue  # other Pythons are those of Linux distributions
+                continue  # only Linux distributions have other Pythons
             for distribution in sorted(distributions):
                 wheel = _newest(distribution, platform, python, folder)
                 if wheel is None:
                     say(f"{name}, Python {python}: no wheel of {distribution}")
                 else:
-                    found[wheel.name] = hashlib.sha256(wheel.read_bytes()).hexdigest()
-    lines = [f"{found[wheel]}  {wheel}\n" for wheel in sorted(found)]
+                    pinned[wheel.name] = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    lines = [f"{pinned[wheel]}  {wheel}\n" for wheel in sorted(pinned)]
     target.write_text("".join(lines), encoding="utf-8", newline="\n")
 
 
 def _newest(distribution: str, platform: Platform, python: str, folder: Path) -> Path | None:
     tags = ["any"] if distribution in PURE else platform.tags()
     for version in VERSIONS[distribution][python]:
-        for tag in tags:  # one by one: the wheel for the oldest system wins
+        for tag in tags:  # in order: the wheel for the oldest system wins
             try:
                 return download(f"{distribution}=={version}", [tag], python, folder)
             except WheelError:
@@ -309,7 +310,7 @@ def download(requirement: str, tags: Iterable[str], python: str, folder: Path) -
 
 
 def carries_licence(wheel: Path) -> bool:
-    """Test a wheel for the text of its licence."""
+    """Test a wheel for a licence file."""
     with zipfile.ZipFile(wheel) as archive:
         names = [name.upper() for name in archive.namelist() if ".dist-info/" in name]
     files = [name.rpartition("/")[2] for name in names]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build hook of hatchling: compiles the library of ``engine/native``.
 
-Without the library the package works, slower; so whatever goes wrong, the installation goes on.
+The package works without the library, slower, so a failure does not stop the installation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from release import native_build  # beside this file, not installed
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):
-    """Puts the library beside ``library.py``: into the tree if editable, else into the wheel."""
+    """Hook for the library next to ``library.py``, in the tree (if editable) or in the wheel."""
 
     _work: tempfile.TemporaryDirectory[str] | None = None
 

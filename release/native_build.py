@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compiles the library of ``hfx_blender/engine/native``: ``python native_build.py`` for this one.
+"""Compilation of the library of ``hfx_blender/engine/native``; run without options for this system.
 
-The compiler is zig's, from the PyPI package ``ziglang``, on every system for every other one.
+The compiler is zig, from the PyPI package ``ziglang``, a cross compiler for all systems.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from release.native_interface import interface
 
 ROOT = Path(__file__).resolve().parents[1]
 NATIVE = Path("hfx_blender", "engine", "native")
-SWITCH = "HFX_NATIVE"  # 0: build none, as the package then loads none
+SWITCH = "HFX_NATIVE"  # 0: do not build; the package does not load a library then
 
-ZIG_VERSION = "0.17.1"  # another one may write other bytes
+ZIG_VERSION = "0.17.1"  # another version may write other bytes
 REQUIREMENT = f"ziglang=={ZIG_VERSION}"
 FETCHED = ROOT / "build" / "zig"
-_OLDEST_MACOS = (13, 0)  # that zig's wheels run on; what it builds runs on older ones
+_OLDEST_MACOS = (13, 0)  # oldest for zig's wheels; the compiled library runs on older systems
 
-# By the library's ending. Nothing of the compiler's runtime, so only our sources are compiled. zig
-# has the symbols of each system's C library, of glibc those of the release that a target names.
+# By the library's suffix. No compiler runtime, so only this project's sources are compiled. zig has
+# the symbols of each system's C library; for glibc, of the release in the target's name.
 _LINKED = {
     "so": ["-lm", "-lc", "-Wl,-z,defs", "-Wl,-soname,{}"],
     "dylib": ["-Wl,-install_name,{}"],
@@ -48,9 +48,9 @@ class BuildError(Exception):
 
 
 class Target(NamedTuple):
-    """A kind of computer: how zig, wheels and Python's ``ctypes`` call it.
+    """Kind of computer, by zig's target and processor and the wheels' platform tag.
 
-    Processors are the oldest that Blender 4.2 runs on: SSE 4.2 on x86-64.
+    Processors are the oldest supported by Blender 4.2: SSE 4.2 on x86-64.
     """
 
     zig: str
@@ -59,7 +59,7 @@ class Target(NamedTuple):
 
     @property
     def library(self) -> str:
-        """The file's name, as ``engine/native/library.py`` looks for it."""
+        """File name of the library, as in ``engine/native/library.py``."""
         ends = {"macosx": "dylib", "win": "dll"}
         return f"hfx_native.{ends.get(self.wheel.partition('_')[0], 'so')}"
 
@@ -72,8 +72,8 @@ class Target(NamedTuple):
         return ["-target", self.zig, f"-mcpu={self.processor}"]
 
 
-# By Blender's names of platforms. Releases of systems are the oldest that zig can name and that
-# Blender 4.2, or the module bpy, runs on.
+# By Blender's names of platforms. Releases of systems are the oldest supported by zig's targets and
+# by Blender 4.2 or the module bpy.
 TARGETS = {
     "linux-arm64": Target("aarch64-linux-gnu.2.17", "generic", "manylinux_2_17_aarch64"),
     "linux-x64": Target("x86_64-linux-gnu.2.17", "x86_64_v2", "manylinux_2_17_x86_64"),
@@ -85,20 +85,19 @@ TARGETS = {
 
 
 def this_target() -> Target | None:
-    """Target of the running Python, if it is one that we build for."""
+    """Target of the running Python; None without a supported one."""
     system, _, machine = sysconfig.get_platform().partition("-")
     systems = {"linux": "linux", "macosx": "macos", "win": "windows"}
     if system == "macosx":
-        machine = platform.machine()  # a universal Python tells of both
+        machine = platform.machine()  # a universal Python names both machines
     machines = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64", "arm64": "arm64"}
     return TARGETS.get(f"{systems.get(system)}-{machines.get(machine)}")
 
 
 def requirements(root: Path = ROOT) -> list[str]:
-    """Requirements of an installation from ``root`` beside its build backend: the compiler, or
-    nothing.
+    """Build requirements of an installation from ``root``: the compiler, or an empty list.
 
-    Nothing where no library is wanted or can be made, or the one that is there is current.
+    Empty if the library is disabled, unsupported or current.
     """
     target = this_target()
     if target is None or not wanted():
@@ -109,26 +108,26 @@ def requirements(root: Path = ROOT) -> list[str]:
 
 
 def wanted() -> bool:
-    """Test that the environment does not disable the library."""
+    """Test that the environment variable does not disable the library."""
     return os.environ.get(SWITCH) != "0"
 
 
 def digest(root: Path = ROOT) -> str:
-    """Digest of the C sources, as the package computes it.
+    """Digest of the C sources, computed like in the package.
 
     Raises
     ------
     BuildError
-        There are no sources.
+        The sources are missing.
     """
-    found = _sources(root).digest()
-    if found is None:
+    value = _sources(root).digest()
+    if value is None:
         raise BuildError(f"{root / NATIVE}: there are no sources")
-    return str(found)
+    return str(value)
 
 
 def is_current(library: Path, target: Target, root: Path = ROOT) -> bool:
-    """Test that a file is the library of the present sources, for this target."""
+    """Test that a file is the library of the current sources for a target; False without a file."""
     try:
         return mark(target, root).encode() in library.read_bytes()
     except OSError:
@@ -136,17 +135,17 @@ def is_current(library: Path, target: Target, root: Path = ROOT) -> bool:
 
 
 def compiler() -> Path:
-    """The program ``zig`` of the package ``ziglang``, installed or fetched by ``build_addon.py``.
+    """Find the program ``zig`` of the package ``ziglang``, installed or fetched.
 
     Raises
     ------
     BuildError
-        It is not there, or is another version.
+        The program is missing, or is another version.
     """
     spec = importlib.util.find_spec("ziglang")
     folders = [*((spec and spec.submodule_search_locations) or ()), FETCHED / "ziglang"]
     fault = "there is no compiler"
-    for path in (Path(each, f"zig{'.exe' * (sys.platform == 'win32')}") for each in folders):
+    for path in (Path(folder, f"zig{'.exe' * (sys.platform == 'win32')}") for folder in folders):
         if path.is_file():
             version = _version(path)
             if version == ZIG_VERSION:
@@ -157,19 +156,19 @@ def compiler() -> Path:
 
 def _version(zig: Path) -> str:
     try:
-        told = subprocess.run([zig, "version"], capture_output=True, text=True, timeout=60)
+        completed = subprocess.run([zig, "version"], capture_output=True, text=True, timeout=60)
     except (OSError, subprocess.SubprocessError) as error:
         return f"unknown ({error})"
-    return told.stdout.strip() or "unknown"
+    return completed.stdout.strip() or "unknown"
 
 
 def fetched_compiler(say: Callable[[str], None]) -> Path:
-    """Compiler, fetched by pip into ``build/zig`` if it is not there.
+    """Find the compiler, fetched by pip into ``build/zig`` if missing.
 
     Raises
     ------
     BuildError
-        pip cannot get it.
+        pip fails.
     """
     try:
         return compiler()
@@ -187,22 +186,22 @@ def fetched_compiler(say: Callable[[str], None]) -> Path:
 
 
 def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
-    """Compile the library into a folder, where it replaces an older one as a whole.
+    """Compile the library into a folder; an older library is replaced atomically.
 
     Parameters
     ----------
     target : Target
     folder : Path
-        Of the finished library; everything else is written to a temporary folder.
+        Folder of the finished library; all other files go to a temporary folder.
     zig : Path
         See :func:`compiler`.
     root : Path
-        The project.
+        Root of the project.
 
     Raises
     ------
     BuildError
-        A source is faulty or calls what no C library has, or a file cannot be written.
+        A source does not compile or link, or a file cannot be written.
     """
     sources = _sources(root)
     try:
@@ -211,16 +210,18 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             run = _Compiler(zig, target, work)
             header = work / "hfx_build.h"
             declared = json.dumps(interface(sources.files()))  # a string in C, too
-            told = f'#define HFX_BUILD "{mark(target, root)}"\n#define HFX_INTERFACE {declared}\n'
-            header.write_text(told, encoding="utf-8")
+            defines = (
+                f'#define HFX_BUILD "{mark(target, root)}"\n#define HFX_INTERFACE {declared}\n'
+            )
+            header.write_text(defines, encoding="utf-8")
             flags = [*_flags(sources.FOLDER), "-include", header.name, f"-I{sources.FOLDER}"]
             paths = [path for path in sources.files() if path.suffix == ".c"]
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 objects = list(pool.map(lambda path: run.compile(path, flags), paths))
-            made = run.link(objects)
+            linked = run.link(objects)
             folder.mkdir(parents=True, exist_ok=True)
             new = folder / f"{target.library}.new"  # on the folder's own disk
-            new.write_bytes(made.read_bytes())
+            new.write_bytes(linked.read_bytes())
             new.chmod(0o755)
             return new.replace(folder / target.library)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
@@ -228,26 +229,26 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
 
 
 class _Compiler(NamedTuple):
-    """Compiler of one target, working in a temporary folder."""
+    """Compiler for a target, working in a temporary folder."""
 
     zig: Path
     target: Target
     work: Path
 
     def compile(self, source: Path, flags: Iterable[str]) -> str:
-        made = f"{source.stem}.o"
+        object_name = f"{source.stem}.o"
         position = [] if self.target.is_windows else ["-fPIC"]
-        self("-c", str(source), "-o", made, *flags, *position)
-        return made
+        self("-c", str(source), "-o", object_name, *flags, *position)
+        return object_name
 
     def link(self, objects: Sequence[str]) -> Path:
-        made = self.target.library
-        options = [each.format(made) for each in _LINKED[made.rpartition(".")[2]]]
-        self("-shared", "-nostdlib", "-s", "-o", made, *objects, *options)
-        return self.work / made
+        library = self.target.library
+        options = [option.format(library) for option in _LINKED[library.rpartition(".")[2]]]
+        self("-shared", "-nostdlib", "-s", "-o", library, *objects, *options)
+        return self.work / library
 
     def __call__(self, *arguments: str) -> None:
-        cache = str(self.work / "cache")  # never in the tree, and none is left behind
+        cache = str(self.work / "cache")  # removed with the temporary folder
         done = subprocess.run(
             [str(self.zig), "cc", *self.target.options, *arguments],
             cwd=self.work,
@@ -255,7 +256,7 @@ class _Compiler(NamedTuple):
                 **os.environ,
                 "ZIG_GLOBAL_CACHE_DIR": cache,
                 "ZIG_LOCAL_CACHE_DIR": cache,
-                "SOURCE_DATE_EPOCH": "0",  # a DLL holds when it was linked: the same bytes always
+                "SOURCE_DATE_EPOCH": "0",  # a DLL contains its time of linking: equal bytes
             },
             capture_output=True,
             text=True,
@@ -272,12 +273,12 @@ def _flags(folder: Path) -> list[str]:
 
 
 def mark(target: Target, root: Path) -> str:
-    """Mark of the library, by which it is recognised without being loaded."""
+    """Mark inside the library file, for recognition without loading."""
     return f"{_sources(root).MARK} {digest(root)} {target.zig} {target.processor}"
 
 
 def _sources(root: Path) -> Any:
-    """The module ``sources`` of the package, which may be installed nowhere and lack numpy."""
+    """Load the package's module ``sources`` by path: package and numpy may be not installed."""
     path = root / NATIVE / "sources.py"
     spec = importlib.util.spec_from_file_location("hfx_native_sources", path)
     if spec is None or spec.loader is None:
@@ -305,11 +306,11 @@ def main() -> int:
         sys.stderr.write("No library is built for this computer; name a --platform.\n")
         return 2
     try:
-        made = build(target, options.output or ROOT / NATIVE, compiler())
+        library = build(target, options.output or ROOT / NATIVE, compiler())
     except BuildError as error:
         sys.stderr.write(f"{error}\n")
         return 3
-    sys.stdout.write(f"{made} ({made.stat().st_size} bytes)\n")
+    sys.stdout.write(f"{library} ({library.stat().st_size} bytes)\n")
     return 0
 
 

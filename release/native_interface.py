@@ -16,11 +16,11 @@ _DECLARATION = re.compile(r"((?:const )?\w+) (.*)", re.DOTALL)
 _NAME = re.compile(r"(\**)(\w+)(?:\[(\w+)\])?")
 
 Variable = tuple[str, str, int]
-"""Name, type such as ``const double *``, and count of elements: 0 for what is no array in C."""
+"""Name, type such as ``const double *``, and number of elements; 0 if not an array in C."""
 
 
 def interface(sources: Iterable[Path]) -> str:
-    """JSON: ``functions`` by name, with result and arguments; ``structures``, with their fields.
+    """Read C sources to JSON: ``functions`` (result, arguments), ``structures`` (fields) by name.
 
     Raises
     ------
@@ -41,14 +41,14 @@ def interface(sources: Iterable[Path]) -> str:
 
 
 def _variables(declarations: Iterable[str], constants: dict[str, str]) -> list[Variable]:
-    return [each for text in declarations for each in _declared(text.strip(), constants)]
+    return [variable for text in declarations for variable in _declared(text.strip(), constants)]
 
 
 def _declared(declaration: str, constants: dict[str, str]) -> Iterator[Variable]:
     """Variables of one declaration, as ``const double *boxes, *far``."""
     parts = _DECLARATION.fullmatch(declaration)
-    for each in parts[2].split(",") if parts else ():
-        named = _NAME.fullmatch(each.strip())
+    for declarator in parts[2].split(",") if parts else ():
+        named = _NAME.fullmatch(declarator.strip())
         if named is None:
             parts = None
             break

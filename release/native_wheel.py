@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The compiled library as a wheel of its own: how a Blender extension brings it.
+"""Wheel of the compiled library, for Blender extensions.
 
-Windows replaces no library that is loaded, and Blender cannot unload one while an extension is
-upgraded. So the wheel and its module are named after the sources' digest: Blender leaves them alone
-where they did not change, and else puts the new ones beside the old, which it removes at its next
-start.
+Windows cannot replace a loaded library, and Blender cannot unload a library during an upgrade of an
+extension. So the wheel and its module are named after the sources' digest: unchanged sources keep
+the installed module, and changed sources give a second module; Blender removes the old module at
+the next start.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from . import native_build
 from .native_build import ROOT, Target
 
 NAME = "hfx_native"
-_TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
+_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes for equal content
 
 
 def make(target: Target, folder: Path, zig: Path) -> Path:
-    """Compile the library for a target and write its wheel into a folder.
+    """Compile the library for a target and write its wheel into a folder; returns the path.
 
-    ``engine/native/library.py`` looks for its module, ``hfx_native_`` and the digest.
+    ``engine/native/library.py`` imports the module ``hfx_native_DIGEST`` of the wheel.
 
     Raises
     ------
     BuildError
-        It cannot be compiled.
+        The library cannot be compiled.
     """
     with tempfile.TemporaryDirectory(prefix="hfx_native_") as work:
         library = native_build.build(target, Path(work), zig).read_bytes()

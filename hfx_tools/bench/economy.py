@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Economy: cost of vertices, volumes and bodies without contact, and of one live evaluation.
 
-The engine alone is timed, on a shipped model that bends at random among a few volumes; each
-case is timed in turn with the plain one.
+The engine alone is timed, on a shipped model bending at random among a few volumes; each case is
+timed in turn with the plain case.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from hfx_blender.files.staging import temporary_folder
 
 MODEL_ID: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times
-_AWAY_M: Final = 5.0  # place of everything without contact
+_AWAY_M: Final = 5.0  # distance of volumes and bodies without contact
 _SHAPES: Final = (Sphere(), Cuboid(), Cylinder(), Capsule(0.75), Sphere())
 _PLACES: Final = ((0.0, 0.0, 1.2), (0.2, 0.0, 0.9), (-0.2, 0.05, 0.5), (0.0, 0.1, 1.6), (0, 0, 0.1))
 
@@ -51,7 +51,10 @@ def measure(
     tolerance: Tolerance = STANDARD,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    """Plain data; Blender is needed for the demo only."""
+    """Time all cases and live evaluation; Blender is needed for the demo only.
+
+    The result is plain data: milliseconds per time, median ratio to the plain case, contacts.
+    """
     blocks = 1 if short else 4
     cases: dict[str, Callable[[], Callable[[], Engine]]] = {
         "plain": lambda: evaluated_case(blocks, tolerance),
@@ -62,11 +65,11 @@ def measure(
         "100 more volumes": lambda: evaluated_case(blocks, tolerance, idle_volumes=100),
         "twice the bodies": lambda: evaluated_case(blocks, tolerance, idle_bodies=1),
     }
-    made = {name: make() for name, make in cases.items()}
-    seconds: dict[str, list[float]] = {name: [] for name in made}
+    runners = {name: make() for name, make in cases.items()}
+    seconds: dict[str, list[float]] = {name: [] for name in runners}
     contacts: dict[str, int] = {}
     for k in range(rounds + 1):  # the first round warms up
-        for name, work in made.items():
+        for name, work in runners.items():
             start = time.perf_counter()
             engine = work()
             if k:
@@ -88,9 +91,9 @@ def measure(
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
+    """Format a result of :func:`measure` for a terminal."""
     lines = [
-        f"What touches nothing ({result['model']}, 5 volumes, {result['tolerance']}): engine time",
+        f"Cost without contact ({result['model']}, 5 volumes, {result['tolerance']}): engine time",
         f"  {'case':20} {'ms/time':>8} {'ratio':>6}  contacts",
     ]
     lines += [
@@ -113,7 +116,10 @@ def evaluated_case(
     idle_volumes: int = 0,
     idle_bodies: int = 0,
 ) -> Callable[[], Engine]:
-    """Function that evaluates blocks of a moving body and volumes, and returns the engine."""
+    """Build a function for evaluating a moving body and volumes; each call returns the engine.
+
+    Idle volumes and bodies move along, too far away for any contact.
+    """
     model = model or load_model(MODEL_ID)
     effects = tuple(
         EffectDescription(f"v{k}", f"v{k}", "vibration", model.id, HapticVolume(Falloff()))
@@ -168,21 +174,21 @@ def _block(number: int, bones: int, idle_volumes: int, idle_bodies: int) -> Anim
 
 
 def doubled_model(model: PerceptualModel) -> PerceptualModel:
-    """Model with a copy of itself beside it, far from every volume.
+    """Model with a second copy of all vertices, far from every volume.
 
-    The copy's parts have labels of their own: the model stays in the clusters that it had.
+    The copy's parts have other labels, so the clusters of the first half stay equal.
     """
     count = len(model)
 
     def twice(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         return np.concatenate([values, values])
 
-    beside = (model.vertices + np.array([0.0, -_AWAY_M, 0.0])).astype(np.float32)
+    copies = (model.vertices + np.array([0.0, -_AWAY_M, 0.0])).astype(np.float32)
     weights = model.weights
     offsets = np.concatenate([weights.offsets, weights.offsets[1:] + weights.offsets[-1]])
     return replace(
         model,
-        vertices=np.concatenate([model.vertices, beside]),
+        vertices=np.concatenate([model.vertices, copies]),
         triangles=np.concatenate([model.triangles, model.triangles + count]).astype(np.int32),
         normals=twice(model.normals),
         areas_m2=twice(model.areas_m2),
@@ -197,9 +203,7 @@ def doubled_model(model: PerceptualModel) -> PerceptualModel:
 
 
 def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
-    """Measure live evaluation, time by time as while the timeline plays; the first pass
-    warms up.
-    """
+    """Measure evaluation of the demo in blocks of one time; the first of two passes warms up."""
     from hfx_blender.processes import blender_session
 
     bpy = blender_session.start()
@@ -217,23 +221,23 @@ def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
         if not (short and k % 4)
         for single in _single_times(block)
     ]
-    took: list[float] = []
+    times_ms: list[float] = []
     for turn in range(2):
         for block in rows:
             start = time.perf_counter()
             engine.evaluate(block)
             if turn:
-                took.append(1e3 * (time.perf_counter() - start))
+                times_ms.append(1e3 * (time.perf_counter() - start))
     return {
-        "times": len(took),
-        "median_ms": statistics.median(took),
-        "p99_ms": float(np.quantile(took, 0.99)),
-        "largest_ms": max(took),
+        "times": len(times_ms),
+        "median_ms": statistics.median(times_ms),
+        "p99_ms": float(np.quantile(times_ms, 0.99)),
+        "largest_ms": max(times_ms),
     }
 
 
 def _single_times(block: AnimationBlock) -> list[AnimationBlock]:
-    """A block cut into blocks of one time."""
+    """Cut a block into blocks of one time each, without the block's warm-up rows."""
     return [_cut(block, slice(row, row + 1)) for row in range(len(block.indices))[block.own]]
 
 

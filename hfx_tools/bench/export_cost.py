@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cost of an export, against stepping the same scene without the add-on.
+"""Cost of an export, relative to stepping the same scene without the add-on.
 
-One scene, read in each of the three ways: the demo's garage and its walker, with five volumes
-on three models that go along with him and are felt all the time, by about 900 vertices; one
-sample a frame. His rig has no constraints, or has some, or has a driver that reads the scene,
-which no scratch scene can reproduce. The demo itself is measured besides, at its own rate.
+One scene, read in each of the three ways: the demo's garage and walker, with five volumes on
+three models moving along in permanent contact with about 900 vertices; one sample a frame. The
+rig has no constraints, or some, or a driver reading the scene, so that no scratch scene can
+reproduce the pose. The unchanged demo is measured too, at 100 samples a second.
 
-Each pair is measured in processes of their own, in turn, without their start-up: A is the time
-of ``scene.frame_set`` over the whole range where this package was never loaded; the export
-reads, evaluates, records, renders all of the demo's devices and writes track and CSV files, at
-two tolerances.
+Each pair is measured in separate processes, in turn, without start-up time: A is the time of
+``scene.frame_set`` over the whole range in a process without this package; the export reads,
+evaluates, records, renders all devices of the demo and writes track and CSV files, at two
+tolerances.
 """
 
 from __future__ import annotations
@@ -65,25 +65,25 @@ os._exit(0)
 
 @dataclass(frozen=True)
 class Kind:
-    """Variant of the scene, read in one of the ways, with its target ratio at each tolerance."""
+    """Variant of the scene, with a target ratio per tolerance; None: no target."""
 
     name: str
     title: str
     targets: tuple[float, float] | None
-    change: Callable[[Any], None]  # of the demo, whose armature is given
+    change: Callable[[Any], None]  # edits the demo; the argument is the walker's armature
 
 
 def add_volumes(body: Any) -> None:
-    """Add five volumes that move along, instead of the demo's effects, one sample a frame."""
+    """Replace the demo's effects by five volumes parented to a body, one sample a frame."""
     import bpy
 
     bpy.data.batch_remove([obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"])
     bpy.context.scene.hfx.rate = bpy.context.scene.render.fps
-    for modality, shape, size, place in _VOLUMES:
+    for modality, shape, size, position in _VOLUMES:
         bpy.ops.hfx.add_volume(modality=modality, shape=shape, name=f"Bench {modality} {shape}")
         volume = bpy.context.object
         volume.hfx.radius, volume.hfx.height, volume.hfx.size = size, 3 * size, (2 * size,) * 3
-        volume.parent, volume.location = body, place
+        volume.parent, volume.location = body, position
         volume.hfx.falloff = "smooth" if shape == "SPHERE" else "none"
 
 
@@ -94,11 +94,11 @@ _VOLUMES = (
     ("wind", "CUBOID", 0.1, (0.1, -0.2, 1.5)),
     ("temperature", "SPHERE", 0.3, (0.0, -0.3, 1.2)),
 )
-"""Modality, shape, radius or half an edge (m), and place beside the walker."""
+"""Modality, shape, radius or half an edge (m), and location relative to the walker (m)."""
 
 
 def _constrain(body: Any) -> None:
-    """Look at the camera, and keep the hands from turning too far."""
+    """Add the volumes, a constraint of the head toward the camera, and limits of the wrists."""
     import bpy
 
     add_volumes(body)
@@ -111,7 +111,7 @@ def _constrain(body: Any) -> None:
 
 
 def _drive(body: Any) -> None:
-    """Breathe with the scene's time, by a driver."""
+    """Add the volumes, and a driver from the scene to the scale of a bone."""
     import bpy
 
     add_volumes(body)
@@ -136,7 +136,7 @@ KINDS = (
 def measure(
     rounds: int = 5, progress: Callable[[float], None] = lambda share: None
 ) -> dict[str, Any]:
-    """Seconds of each run, and for each kind of scene the ratios export / stepping."""
+    """Measure seconds of each run and, per kind of scene, the ratios export / stepping."""
     from ..demo import garage
 
     bpy = blender_session.start()
@@ -156,21 +156,24 @@ def measure(
         }
         for k in range((rounds + 1) * len(KINDS)):
             kind, scene = KINDS[k % len(KINDS)], _scene(folder, KINDS[k % len(KINDS)])
-            found, is_warm = kinds[kind.name], k >= len(KINDS)  # the first warms the disk's cache
+            row, is_warm = (
+                kinds[kind.name],
+                k >= len(KINDS),
+            )  # the first round warms the disk's cache
             stepping, _ = _run(_STEP, scene)
             if is_warm:
-                found["stepping_s"].append(stepping)
+                row["stepping_s"].append(stepping)
             for name in TOLERANCES:
                 exporting, engine = _run(_EXPORT, scene, folder, name)
-                found[name]["engine"] = engine
+                row[name]["engine"] = engine
                 if is_warm:
-                    found[name]["export_s"].append(exporting)
-                    found[name]["ratios"].append(exporting / stepping)
+                    row[name]["export_s"].append(exporting)
+                    row[name]["ratios"].append(exporting / stepping)
             progress((k + 1) / ((rounds + 1) * len(KINDS)))
     for kind in KINDS:
         for name, target in zip(TOLERANCES, kind.targets or (None, None), strict=True):
-            found = kinds[kind.name][name]
-            found |= {"median_ratio": statistics.median(found["ratios"]), "target": target}
+            row = kinds[kind.name][name]
+            row |= {"median_ratio": statistics.median(row["ratios"]), "target": target}
     return {
         "kinds": kinds,
         "frames": round(garage.DURATION_S * garage.FPS),
@@ -185,33 +188,41 @@ def _scene(folder: Path, kind: Kind) -> Path:
 
 
 def _run(program: str, *arguments: Path | str) -> tuple[float, dict[str, Any]]:
-    """Run a program; returns its own measurement in seconds, and its report."""
+    """Run a program; returns the seconds measured by the program, and the engine's report.
+
+    The report is empty for a program without one.
+
+    Raises
+    ------
+    RuntimeError
+        The program printed no measurement.
+    """
     done = processes.run(processes.program(program, *arguments))
-    before, found, seconds = done.stderr.rpartition("seconds=")
-    if not found:
+    before, has_seconds, seconds = done.stderr.rpartition("seconds=")
+    if not has_seconds:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")
-    _, told, report = before.rpartition("report=")
-    return float(seconds), json.loads(report) if told else {}
+    _, has_report, report = before.rpartition("report=")
+    return float(seconds), json.loads(report) if has_report else {}
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
+    """Format a result of :func:`measure` for a terminal."""
     lines = [
         f"export against stepping (A) of the same {result['frames']} frames, "
         f"Blender {result['blender']}, {result['processors']} processors",
         f"{'':40}{'A':>8}{'export':>9}{'ratio':>8}{'lowest':>8}{'target':>8}",
     ]
     for kind in KINDS:
-        found = result["kinds"][kind.name]
-        stepping = statistics.median(found["stepping_s"])
-        engine = found[TOLERANCES[0]]["engine"]
+        row = result["kinds"][kind.name]
+        stepping = statistics.median(row["stepping_s"])
+        engine = row[TOLERANCES[0]]["engine"]
         contacts = engine["contacts"] / max(engine["times_evaluated"], 1)
         lines += [f"  {kind.title}", f"    {engine['stepping']}; {contacts:.0f} contacts a sample"]
         for name in TOLERANCES:
-            each = found[name]
-            target = "" if each["target"] is None else f"{each['target']:.2f}"
+            ratios = row[name]
+            target = "" if ratios["target"] is None else f"{ratios['target']:.2f}"
             lines.append(
-                f"    {name:36}{stepping:7.2f}s{statistics.median(each['export_s']):8.2f}s"
-                f"{each['median_ratio']:8.2f}{min(each['ratios']):8.2f}{target:>8}"
+                f"    {name:36}{stepping:7.2f}s{statistics.median(ratios['export_s']):8.2f}s"
+                f"{ratios['median_ratio']:8.2f}{min(ratios['ratios']):8.2f}{target:>8}"
             )
     return "\n".join(lines)

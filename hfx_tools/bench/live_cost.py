@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Live devices: their cost in Blender per frame, and the delay from a frame to the port.
 
-*Handing over* is all that Blender's main thread does for devices once a frame has been evaluated,
-also while an animation plays with actuators that answer late: what these begin is taken from the
-record of values over the timeline.
-*Made into bytes* is what a thread beside it does then; it holds Python's lock meanwhile, so a frame
-may wait for it at worst. *At the port* is from a frame evaluated to the first datagram of it that
-is received on loopback: made into bytes, handed on, rendered, guarded, encoded, sent.
+*Handing over* is all work of Blender's main thread for devices after the evaluation of a frame,
+also during playback with late actuators: their values come from the recorded timeline.
+*Made into bytes* is the serialization in a second thread, under Python's global lock, so a frame
+may wait for this at worst. *At the port* is the time from an evaluated frame to its first
+datagram received on loopback: serialized, handed on, rendered, guarded, encoded, sent.
 """
 
 from __future__ import annotations
@@ -52,33 +51,33 @@ Progress = Callable[[float], None]
 def measure(
     *, short: bool = False, frames: int = 1000, progress: Progress = lambda share: None
 ) -> dict[str, Any]:
-    """Measure the live output over at least ``frames`` frames each; plain data.
+    """Measure the live output over ``frames`` frames per row (100 if short); plain data.
 
     Raises
     ------
     InputError
-        Devices do not play here.
+        Devices do not play on this computer.
     """
     frames = min(frames, 100) if short else frames
-    found: dict[str, Any] = {}
+    rows: dict[str, Any] = {}
     for k, interval_ms in enumerate(_INTERVALS_MS):
-        found[f"at the port, a device that is updated every {interval_ms} ms"] = _row(
+        rows[f"at the port, a device that is updated every {interval_ms} ms"] = _row(
             _at_port(interval_ms, frames), "p99_ms", AT_PORT_P99_MS
         )
         progress((k + 1) / (len(_INTERVALS_MS) + 1))
     evaluated, packed, handed = _in_blender(frames)
-    found["evaluating the demo, once for preview and devices"] = _row(evaluated)
+    rows["evaluating the demo, once for preview and devices"] = _row(evaluated)
     for name, (times, work) in handed.items():
         row = _row(times, "median_ms", HANDING_OVER_MS)
         row["processor_median_ms"] = _row(work)["median_ms"]
-        found[f"handing over to {name}"] = row
-    found["made into bytes, in a thread"] = _row(packed)
+        rows[f"handing over to {name}"] = row
+    rows["made into bytes, in a thread"] = _row(packed)
     progress(1.0)
-    return found
+    return rows
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """A table for people."""
+    """Format a result of :func:`measure` as a table for a terminal."""
     lines = [f"{'each frame':<76}{'trials':>8}{'median':>11}{'p99':>11}{'max':>11}  limit"]
     for name, row in result.items():
         figures = "".join(f"{row[key]:>8.3f} ms" for key in ("median_ms", "p99_ms", "max_ms"))
@@ -104,14 +103,14 @@ def _row(times_s: list[float], of: str = "", limit_ms: float = 0.0) -> dict[str,
 
 
 class _Receiver:
-    """Port on this computer that notes the arrival time of each strength."""
+    """UDP port on loopback; records the first arrival time of each strength."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.5)
         self.port = int(self._socket.getsockname()[1])
-        self.arrived: dict[int, float] = {}  # by the level of a frame's number
+        self.arrived: dict[int, float] = {}  # monotonic seconds by 1000 x strength
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -128,20 +127,20 @@ class _Receiver:
             except TimeoutError:
                 continue
             now = time.monotonic()
-            # A message of one float; its strength is 1/1000 of a frame's number.
+            # A message of one float.
             (strength,) = struct.unpack(">f", content[-4:])
             self.arrived.setdefault(round(strength * 1000.0), now)
 
 
 def _at_port(interval_ms: int, frames: int) -> list[float]:
-    """Seconds from a frame evaluated to its bytes at a port on loopback, 60 frames a second.
+    """Seconds from an evaluated frame to its bytes at a port on loopback, 60 frames a second.
 
-    At that rate a device that is updated every 10 ms is sent each frame as it is; one that is
-    updated every 5 ms begins its way to it at once.
+    At this rate a device updated every 10 ms receives each frame unchanged; a device updated
+    every 5 ms begins to interpolate toward the frame at once.
     """
     receiver = _Receiver()
     client = LiveClient()
-    found = []
+    delays_s = []
     try:
         with temporary_folder() as folder:
             _write_device(Path(folder), interval_ms)
@@ -161,35 +160,36 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
             before = 0.0
             for k in range(frames):
                 client.events()
-                if not client.devices["one"].is_armed:  # this process did not come to its beat
+                if not client.devices["one"].is_armed:  # this process was late with a heartbeat
                     client.arm()
                 receiver.arrived.clear()
-                wanted = _level(k)
-                moment = moment_of(wanted)
+                amplitude = _level(k)
+                moment = moment_of(amplitude)
                 begun = time.monotonic()
                 client.show(moment)
                 client.heartbeat()
                 due = max(due + 1.0 / _RATE_HZ, time.monotonic())
                 time.sleep(max(0.0, due - time.monotonic()))
-                # Anything on the way from the frame before to this one is of this one.
+                # A level other than the previous frame's can only come from this frame: on the way
+                # to the new level a device passes values in between.
                 times = [
                     at
                     for level, at in list(receiver.arrived.items())
                     if abs(level / 1000.0 - before) > 1e-3 and at >= begun
                 ]
                 if times:
-                    found.append(min(times) - begun)
+                    delays_s.append(min(times) - begun)
                 elif k:
-                    found.append(1.0 / _RATE_HZ)  # it came later, or never
-                before = wanted
+                    delays_s.append(1.0 / _RATE_HZ)  # late or lost: a whole frame is counted
+                before = amplitude
     finally:
         client.close()
         receiver.close()
-    return found
+    return delays_s
 
 
 def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], LiveFrame]]:
-    """A scene of one effect on all skin, and its moments by amplitude."""
+    """Header of a scene with one effect on all skin, and a function from amplitude to a frame."""
     model = load_model(_MODEL)
     stream = Stream("skin", "body", "vibration", model.id)
     header = TrackHeader(
@@ -248,8 +248,9 @@ def _write_device(folder: Path, interval_ms: int) -> None:
 def _in_blender(
     frames: int,
 ) -> tuple[list[float], list[float], dict[str, tuple[list[float], list[float]]]]:
-    """Seconds for evaluating each frame of the demo, making it into bytes, handing it over: on the
-    clock, and of the processor.
+    """Seconds for evaluating, serializing and handing over each frame of the demo.
+
+    Handing over: by name, seconds of the clock and of this thread's processor time.
     """
     bpy = blender_session.start()
 
@@ -283,11 +284,11 @@ def _in_blender(
         times: list[float] = []
         work: list[float] = []
         try:
-            for each in devices:
-                live.connect(each, LiveSettings())
-            live.handlers.stop_listening()  # called directly, in its place
+            for device in devices:
+                live.connect(device, LiveSettings())
+            live.handlers.stop_listening()  # this loop calls the handlers' methods directly
             end = time.monotonic() + _PATIENCE_S
-            while sum(each.is_armed for each in live.states.values()) < len(devices):
+            while sum(state.is_armed for state in live.states.values()) < len(devices):
                 live.exchange_heartbeat()
                 time.sleep(0.005)
                 if time.monotonic() > end:
@@ -295,7 +296,7 @@ def _in_blender(
             if plays:
                 live.describe(bpy.context)
                 recorder.update_now(scene)
-                live.arm()  # which takes longer than devices wait
+                live.arm()  # the recording took longer than the devices' timeout
             for k in range(frames):
                 scene.frame_set(scene.frame_start + k % (scene.frame_end - scene.frame_start))
                 live.describe(bpy.context)
@@ -307,7 +308,7 @@ def _in_blender(
                 work.append(time.thread_time() - worked)
                 ended = time.perf_counter()
                 live.exchange_heartbeat()
-                if not all(each.is_armed for each in live.states.values()):
+                if not all(state.is_armed for state in live.states.values()):
                     live.arm()
                 evaluated.append(between - begun)
                 times.append(ended - between)
@@ -320,7 +321,7 @@ def _in_blender(
 
 
 def _packing(evaluation: Evaluation) -> float:
-    """Seconds that a thread works to make a frame into bytes."""
+    """Seconds for serializing the current frame."""
     assert evaluation.scene is not None
     streams = moment_header(evaluation.scene.description).streams
     places = {stream: k for k, stream in enumerate(streams)}

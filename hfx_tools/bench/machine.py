@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Machine that a measurement was made on, and the file that measurements are stored in."""
+"""Description of the measuring machine, and the history file of measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PACKAGES = ("numpy", "scipy", "trimesh", "embreex", "libigl")
 
 
 def describe() -> dict[str, Any]:
-    """Machine, versions, and the time."""
+    """Describe machine, versions and UTC time; None for an unknown load, Blender or package."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "hfx": __version__,
@@ -37,41 +37,42 @@ def describe() -> dict[str, Any]:
     }
 
 
-def as_line(found: dict[str, Any]) -> str:
-    """Description of the machine for a terminal or a caption, in one line."""
-    blender = f", Blender {found['blender']}" if found["blender"] else ""
-    load = "" if found["load"] is None else f", load {found['load']:.0f}"
-    engine = f", engine: {found['engine']}" if "engine" in found else ""  # in older histories
+def as_line(machine: dict[str, Any]) -> str:
+    """Format a result of :func:`describe` as one line, for a terminal or a caption."""
+    blender = f", Blender {machine['blender']}" if machine["blender"] else ""
+    load = "" if machine["load"] is None else f", load {machine['load']:.0f}"
+    engine = f", engine: {machine['engine']}" if "engine" in machine else ""  # in older histories
     return (
-        f"hfx {found['hfx']}{blender}, Python {found['python']}, numpy {found['numpy']}{engine}, "
-        f"{found['processors']} x {found['processor']}, {found['system']}, "
-        f"{found['date'].partition('T')[0]}{load}"
+        f"hfx {machine['hfx']}{blender}, Python {machine['python']}, "
+        f"numpy {machine['numpy']}{engine}, "
+        f"{machine['processors']} x {machine['processor']}, {machine['system']}, "
+        f"{machine['date'].partition('T')[0]}{load}"
     )
 
 
 def as_one_line(machines: Sequence[dict[str, Any]]) -> str:
-    """The same of measurements that are shown together: what differs is listed, without the load.
+    """Format several descriptions as one line; differing values are listed, the load is left out.
 
-    A process that did not start Blender tells of none.
+    Machines without a value (such as Blender's version) do not count for that value.
     """
     together: dict[str, Any] = {}
-    for key in dict.fromkeys(key for each in machines for key in each):
-        values = [each[key] for each in machines if each.get(key) is not None]
+    for key in dict.fromkeys(key for machine in machines for key in machine):
+        values = [machine[key] for machine in machines if machine.get(key) is not None]
         if key == "date":
-            values = sorted(each.partition("T")[0] for each in values)
+            values = sorted(date.partition("T")[0] for date in values)
         together[key] = " and ".join(dict.fromkeys(map(str, values))) or None
     return as_line({**together, "load": None})
 
 
 def append(path: Path, record: dict[str, Any]) -> int:
-    """Append a measurement to a history, one JSON object a line; returns their number.
+    """Append a measurement to a history, one JSON object a line; returns the number of lines.
 
     Raises
     ------
     InputError
-        The file is there and is something else: nothing is added to it.
+        The existing file is no history of measurements; the file stays unchanged.
     OutputError
-        It cannot be written; it is as it was.
+        The file cannot be written; its content stays unchanged.
     """
     try:
         before = path.read_bytes() if path.exists() else b""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Comparison with the usual solutions for mesh volumes: evaluated meshes, vertex by vertex.
 
-One avatar walks through one mesh volume. Each way answers the same question for every frame:
-which vertices of the perceptual model (45,000) are inside the mesh?
+One avatar walks through one mesh volume. Each method computes, for every frame, the vertices of
+the perceptual model (45,000) inside the mesh.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FPS: Final = 24
 
 
 def measure(*, short: bool = False, progress: Progress = lambda share: None) -> dict[str, Any]:
-    """Plain data; builds its scene in a new file."""
+    """Measure all methods on a scene built in a new file; plain data."""
     frames = 8 if short else 24
     scene, model_object, volume = _scene(frames)
     ways: dict[str, Callable[[], dict[int, Bool]]] = {
@@ -44,9 +44,9 @@ def measure(*, short: bool = False, progress: Progress = lambda share: None) -> 
     rows: list[dict[str, Any]] = []
     answers: dict[str, dict[int, Bool]] = {}
     for name, work in ways.items():
-        if name == "hfx":  # it does not need the model as a mesh
+        if name == "hfx":  # the engine does not need the model as a mesh
             model_object.hide_viewport = True
-            work()  # voxels and skin are made once for a scene, the others have nothing to make
+            work()  # builds voxels and skin once per scene; the rivals have no such caches
         start = time.perf_counter()
         answers[name] = work()
         seconds = time.perf_counter() - start
@@ -54,9 +54,11 @@ def measure(*, short: bool = False, progress: Progress = lambda share: None) -> 
         rows.append({"way": name, "ms_per_frame": 1e3 * seconds / frames})
         progress(len(rows) / len(ways))
     for row in rows:
-        theirs, ours = answers[row["way"]], answers["hfx"]
-        row["inside"] = int(sum(each.sum() for each in theirs.values()))
-        row["differs"] = int(sum(np.count_nonzero(theirs[f] != ours[f]) for f in range(frames)))
+        rival_answer, engine_answer = answers[row["way"]], answers["hfx"]
+        row["inside"] = int(sum(is_inside.sum() for is_inside in rival_answer.values()))
+        row["differs"] = int(
+            sum(np.count_nonzero(rival_answer[f] != engine_answer[f]) for f in range(frames))
+        )
         row["times_hfx"] = row["ms_per_frame"] / rows[0]["ms_per_frame"]
     return {
         "frames": frames,
@@ -68,7 +70,7 @@ def measure(*, short: bool = False, progress: Progress = lambda share: None) -> 
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
+    """Format a result of :func:`measure` for a terminal."""
     lines = [
         f"{result['vertices']} vertices of a walking avatar in a mesh of {result['triangles']} "
         f"faces, {result['frames']} frames:",
@@ -89,7 +91,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
     scene.frame_start, scene.frame_end = 0, frames - 1
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": place} for place in ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0))]
+    way = [{"name": "", "location": position} for position in ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0))]
     bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=frames)
     bpy.ops.mesh.primitive_torus_add(
         major_segments=150,
@@ -105,7 +107,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
 
 
 def _engine(scene: Any, frames: int) -> dict[int, Bool]:
-    """Evaluate by an export's code, with the paper's test, for the same question as the others."""
+    """Vertices inside, (V,) Booleans by frame, from the engine at the paper's tolerance."""
     reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PAPER)
     engine = Engine(reader.description, tolerance=PAPER)
     count = len(load_model(_MODEL))
@@ -126,7 +128,7 @@ def _rate(scene: Any) -> Any:
 def _stepped(
     scene: Any, posed: Any, volume: Any, frames: int, test: Callable[[Any, F64], Bool]
 ) -> dict[int, Bool]:
-    """Evaluated meshes, frame by frame."""
+    """Vertices inside, (V,) Booleans by frame, from evaluated meshes of a stepped scene."""
     inside = {}
     for frame in range(frames):
         scene.frame_set(frame)
@@ -144,7 +146,7 @@ def _world(evaluated: Any) -> F64:
 
 
 def _by_bvh(volume: Any, points: F64) -> Bool:
-    """Test points by the nearest face and its normal, the solution that forums give."""
+    """Test points by the nearest face and its normal, the usual solution in forums."""
     from mathutils import Vector
     from mathutils.bvhtree import BVHTree
 
@@ -154,8 +156,8 @@ def _by_bvh(volume: Any, points: F64) -> Bool:
     )
     inside = np.zeros(len(points), np.bool_)
     for k, point in enumerate(points.tolist()):
-        place, normal, _, _ = tree.find_nearest(point)
-        inside[k] = (Vector(point) - place).dot(normal) <= 0.0
+        nearest, normal, _, _ = tree.find_nearest(point)
+        inside[k] = (Vector(point) - nearest).dot(normal) <= 0.0
     return inside
 
 
@@ -166,5 +168,5 @@ def _by_trimesh(volume: Any, points: F64) -> Bool:
     triangles = np.zeros(len(volume.data.loop_triangles) * 3, np.int32)
     volume.data.loop_triangles.foreach_get("vertices", triangles)
     mesh = trimesh.Trimesh(_world(volume), triangles.reshape(-1, 3), process=False)
-    found: Bool = np.asarray(mesh.contains(points), np.bool_)
-    return found
+    is_inside: Bool = np.asarray(mesh.contains(points), np.bool_)
+    return is_inside

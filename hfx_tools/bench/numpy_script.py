@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Comparison with a script of numpy and scipy that a user would write for volumes with a formula.
+"""Comparison with a user's script of numpy and scipy for volumes with a formula.
 
-It poses every vertex of the perceptual models that the scene's volumes are felt on, by one sparse
-product in 32 bits, and tests those within a volume's box in the volume's space: the faster of
-two such scripts. Both get what Blender says of bones and volumes; that takes the time of
-stepping the scene, which is shown apart. Seconds are those of a processor, of one thread.
+The script poses every vertex of the scene's perceptual models by one sparse float32 product, and
+tests the vertices within a volume's world box in the volume's local space: the faster of two
+usual scripts. Engine and script get bones and volumes from Blender; the time of stepping the
+scene is shown apart. Seconds are processor time of one thread.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from .scenes import MODALITIES, empty_scene, move, volume
 _FRAMES: Final = 240
 _SHAPES: Final = ("SPHERE", "CUBOID", "CYLINDER", "CAPSULE")
 TOLERANCES: Final = {PAPER: 3.0, STANDARD: 2.0}
-"""And how many times as fast as the script the engine is to be."""
+"""Target of each tolerance: script time / engine time."""
 
-Felt = dict[tuple[int, str], I64]
-"""Vertices inside, by frame and volume."""
+VerticesInside = dict[tuple[int, str], I64]
+"""Vertices inside, by frame and name of the volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +51,15 @@ class _Script:
     def __init__(self) -> None:
         self.body = next(o for o in bpy.context.scene.objects if o.hfx.role == "BODY")
         self.volumes = effects.effects_of(bpy.context.scene)
-        self.model_of = {
-            each.name: effects.model_id_for(each.hfx.modality) for each in self.volumes
-        }
-        self.tests = {each.name: _test_of(each.hfx) for each in self.volumes}
+        self.model_of = {obj.name: effects.model_id_for(obj.hfx.modality) for obj in self.volumes}
+        self.tests = {obj.name: _test_of(obj.hfx) for obj in self.volumes}
         names = [bone.name for bone in self.body.pose.bones]
         models = {model_id: load_model(model_id) for model_id in {*self.model_of.values()}}
-        self.halves = {each.name: _half_edges(each.hfx) for each in self.volumes}
+        self.halves = {obj.name: _half_edges(obj.hfx) for obj in self.volumes}
         self.skins = {model_id: _skin(model, names) for model_id, model in models.items()}
 
     def read(self) -> _Frame:
-        """Bones and volumes at the scene's frame."""
+        """Read bones and volumes at the scene's current frame."""
         graph = bpy.context.view_layer.depsgraph
         body = self.body.evaluated_get(graph)
         columns = np.zeros(len(body.pose.bones) * 16, np.float32)
@@ -71,10 +69,10 @@ class _Script:
         return _Frame(bones[:, :3], placed)
 
     def inside(self, frame: _Frame) -> dict[str, I64]:
-        """Vertices inside each volume."""
+        """Vertices inside each volume, ascending, by name."""
         bones = frame.bones.transpose(0, 2, 1).reshape(-1, 3).astype(np.float32)
         posed = {model_id: (skin @ bones).T.copy() for model_id, skin in self.skins.items()}
-        found = {}
+        inside_ids = {}
         for name, matrix in frame.matrices.items():
             points, half = posed[self.model_of[name]], self.halves[name]
             reach, middle = np.abs(matrix[:3, :3]) @ half, matrix[:3, 3]
@@ -85,8 +83,8 @@ class _Script:
             )
             to_local = np.linalg.inv(matrix)
             local = to_local[:3, :3] @ points[:, near] + to_local[:3, 3:]
-            found[name] = near[self.tests[name](local)]
-        return found
+            inside_ids[name] = near[self.tests[name](local)]
+        return inside_ids
 
 
 def _skin(model: PerceptualModel, names: list[str]) -> csr_array:
@@ -131,7 +129,7 @@ def _test_of(hfx: Any) -> Callable[[F64], Any]:
 def measure(
     *, short: bool = False, progress: Callable[[float], None] = lambda share: None
 ) -> list[dict[str, Any]]:
-    """Compare in each scene, built in a new file; plain data, milliseconds a frame."""
+    """Compare engine and script in each scene, built in a new file; milliseconds a frame."""
     frames = 24 if short else _FRAMES
     rows = []
     for number, (name, build) in enumerate(_SCENES.items()):
@@ -145,63 +143,66 @@ def _compared(frames: int) -> dict[str, Any]:
     scene, script = bpy.context.scene, _Script()
     scene.frame_set(0)
     begin = time.process_time()
-    read = []
+    poses = []
     for frame in range(frames):
         scene.frame_set(frame)
-        read.append(script.read())
+        poses.append(script.read())
     stepping = time.process_time() - begin
-    script.inside(read[0])
+    script.inside(poses[0])
     begin = time.process_time()
-    felt = [script.inside(each) for each in read]
+    inside_ids = [script.inside(pose) for pose in poses]
     taken = time.process_time() - begin
-    theirs = {(k, name): ids for k, each in enumerate(felt) for name, ids in each.items()}
-    found: dict[str, Any] = {
+    script_ids = {
+        (k, name): ids for k, by_name in enumerate(inside_ids) for name, ids in by_name.items()
+    }
+    row: dict[str, Any] = {
         "volumes": len(script.volumes),
         "stepping": 1e3 * stepping / frames,
         "script": 1e3 * taken / frames,
-        "inside": sum(map(len, theirs.values())),
+        "inside": sum(map(len, script_ids.values())),
     }
     for tolerance in TOLERANCES:
-        seconds, ours = _evaluated(tolerance, frames)
-        found[tolerance.name] = 1e3 * seconds / frames
+        seconds, engine_ids = _evaluated(tolerance, frames)
+        row[tolerance.name] = 1e3 * seconds / frames
         if tolerance is PAPER:
-            nobody = np.zeros(0, np.int64)
-            pairs = ((ids, ours.get(key, nobody)) for key, ids in theirs.items())
-            found["differs"] = sum(len(np.setxor1d(*pair)) for pair in pairs)
-    return found
+            no_vertices = np.zeros(0, np.int64)
+            pairs = ((ids, engine_ids.get(key, no_vertices)) for key, ids in script_ids.items())
+            row["differs"] = sum(len(np.setxor1d(*pair)) for pair in pairs)
+    return row
 
 
-def _evaluated(tolerance: Tolerance, frames: int) -> tuple[float, Felt]:
-    """Processor time of evaluating what was read, and what is felt."""
+def _evaluated(tolerance: Tolerance, frames: int) -> tuple[float, VerticesInside]:
+    """Processor seconds of the engine alone, without reading, and the vertices inside."""
     scene = bpy.context.scene
     reader = SceneReader(scene, rate_hz=Fraction(scene.render.fps), tolerance=tolerance)
     blocks = list(reader.blocks())
     Engine(reader.description, tolerance=tolerance).evaluate(blocks[0])  # loads modules and models
     engine = Engine(reader.description, tolerance=tolerance)
     begin = time.process_time()
-    runs = [run for _, found in engine.evaluated(blocks) for run in found]
+    runs = [run for _, block_runs in engine.evaluated(blocks) for run in block_runs]
     seconds = time.process_time() - begin
-    names = {each.id: each.name for each in reader.description.effects}
-    felt = {
+    names = {effect.id: effect.name for effect in reader.description.effects}
+    inside_ids = {
         (index, names[run.stream.effect_id]): sample.vertices.astype(np.int64)
         for run in runs
         for index, sample in zip(run.indices.tolist(), run, strict=True)
     }
-    return seconds, felt
+    return seconds, inside_ids
 
 
 def as_text(rows: list[dict[str, Any]]) -> str:
-    """The comparison for a terminal."""
-    wanted = ", ".join(f"{times:g} at {each.name}" for each, times in TOLERANCES.items())
+    """Format a result of :func:`measure` for a terminal."""
+    text = ", ".join(f"{times:g} at {tolerance.name}" for tolerance, times in TOLERANCES.items())
     lines = [
-        f"volumes with a formula, processor ms a frame; times a numpy script (to reach: {wanted}):",
+        f"volumes with a formula, processor ms a frame; times a numpy script (to reach: {text}):",
         f"  {'scene':24}{'stepping':>9}{'script':>9}"
-        + "".join(f"{each.name:>10}{'times':>7}" for each in TOLERANCES)
+        + "".join(f"{tolerance.name:>10}{'times':>7}" for tolerance in TOLERANCES)
         + "   inside  other answers",
     ]
     for row in rows:
         times = "".join(
-            f"{row[each.name]:10.2f}{row['script'] / row[each.name]:7.1f}" for each in TOLERANCES
+            f"{row[tolerance.name]:10.2f}{row['script'] / row[tolerance.name]:7.1f}"
+            for tolerance in TOLERANCES
         )
         name = f"{row['scene']} ({row['volumes']})"
         lines.append(
@@ -212,7 +213,7 @@ def as_text(rows: list[dict[str, Any]]) -> str:
 
 
 def _bend(body: Any, rng: np.random.Generator, strength: float, frames: int) -> None:
-    """Key all bones at the first and the last frame, turned by chance."""
+    """Key random rotations of all bones at the first and the last frame."""
     for frame in (0, frames - 1):
         for bone in body.pose.bones:
             bone.rotation_mode = "XYZ"
@@ -225,26 +226,29 @@ def _near_body(rng: np.random.Generator) -> Any:
 
 
 def _many(frames: int) -> None:
-    """200 volumes, half of them moving, on a body that bends."""
+    """Build 200 volumes, half of them moving, around a bending body."""
     scene = empty_scene("Many", 24, frames / 24)
     rng = np.random.default_rng(11)
     _bend(bpy.context.object, rng, 0.25, frames)
     for k in range(200):
-        size, place = float(rng.uniform(0.03, 0.4)), _near_body(rng)
-        made = volume(
-            *(MODALITIES[k % 4], _SHAPES[k // 4 % 4], tuple(place)),
+        size, position = float(rng.uniform(0.03, 0.4)), _near_body(rng)
+        obj = volume(
+            *(MODALITIES[k % 4], _SHAPES[k // 4 % 4], tuple(position)),
             radius=size / 2,
             height=1.7 * size,
             size=(size, 0.4 * size, 1.2 * size),
         )
-        made.rotation_euler, made.scale = rng.uniform(0, 2 * pi, 3), rng.uniform(0.6, 1.5, 3)
+        obj.rotation_euler, obj.scale = rng.uniform(0, 2 * pi, 3), rng.uniform(0.6, 1.5, 3)
         if k % 2:
-            move(made, [(0, tuple(place)), (frames - 1, tuple(place + rng.normal(0, 0.15, 3)))])
+            move(
+                obj,
+                [(0, tuple(position)), (frames - 1, tuple(position + rng.normal(0, 0.15, 3)))],
+            )
     scene.frame_set(0)
 
 
 def _rig(frames: int) -> None:
-    """The walker of the bench of exports, with five volumes that go along."""
+    """Build the walker of :mod:`export_cost` with five volumes moving along."""
     from ..demo import garage
 
     garage.build()
@@ -254,30 +258,30 @@ def _rig(frames: int) -> None:
 
 
 def _sheared(frames: int) -> None:
-    """Ten turning volumes, half with falloff, under turned, unevenly scaled, mirrored parents."""
+    """Build ten turning volumes, half with falloff, under rotated, unevenly scaled parents."""
     scene = empty_scene("Sheared", 24, frames / 24)
     rng = np.random.default_rng(21)
     _bend(bpy.context.object, rng, 0.3, frames)
     for k in range(10):
-        made = volume(
+        obj = volume(
             *(MODALITIES[k % 4], _SHAPES[k % 4], (0.0, 0.0, 0.0)),
             radius=0.12,
             height=0.5,
             size=(0.2, 0.3, 0.3),
         )
-        made.rotation_euler = rng.uniform(0, 6, 3)
+        obj.rotation_euler = rng.uniform(0, 6, 3)
         if k % 2:
-            made.hfx.falloff, made.hfx.falloff_share = "smooth", 0.6
-        for place in ((0.0, 0.0, 0.0), _near_body(rng)):
+            obj.hfx.falloff, obj.hfx.falloff_share = "smooth", 0.6
+        for position in ((0.0, 0.0, 0.0), _near_body(rng)):
             parent = bpy.data.objects.new("Parent", None)
             scene.collection.objects.link(parent)
             parent.scale = rng.uniform(0.3, 2.5, 3) * rng.choice([-1, 1], 3)
-            parent.location, parent.rotation_euler = place, rng.uniform(0, 6, 3)
-            child = made if made.parent is None else made.parent
+            parent.location, parent.rotation_euler = position, rng.uniform(0, 6, 3)
+            child = obj if obj.parent is None else obj.parent
             child.parent = parent
         for frame in (0, frames - 1):
-            made.parent.rotation_euler = rng.uniform(0, 6, 3)
-            made.parent.keyframe_insert("rotation_euler", frame=frame)
+            obj.parent.rotation_euler = rng.uniform(0, 6, 3)
+            obj.parent.keyframe_insert("rotation_euler", frame=frame)
     scene.frame_set(0)
 
 

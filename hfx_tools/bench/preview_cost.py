@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cost of the preview per frame of playback: the demo with 20 volumes, 5 of them in contact.
 
-Each frame is played with and without the preview, one after the other in one run; of all rounds
-the least counts. Counted is the processor time of all that the preview does by itself: its handler,
-looking for changes as often as it does, what is felt, colours, actuators, and handing them to the
-graphics card. Draw calls are counted apart: without a card they are this processor's work. What
-Blender itself draws is left out, as it would be this processor's work, too.
+Each frame is played with and without the preview, one after the other in one run; the minimum
+of all rounds counts. Measured is the processor time of the preview alone: frame handler, checks
+for scene changes at the usual interval, evaluation, colours, actuators, and transfer to the
+graphics card. Draw calls are measured apart: without a card this processor executes them.
+Blender's own drawing is left out for the same reason.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ TOUCHED: Final = (
     ("spine02", "vibration"),
     ("lowerleg01.R", "pressure"),
 )
-"""Bones that carry the volumes in contact, and the modality of each."""
+"""Parent bone and modality of each volume in contact."""
 
 _MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
-_IDLE: Final = (430, 770)  # frames of the demo in which nothing is on
-_LOOKS_EVERY: Final = {"worked out at each frame": 15, "from the record": 60}
-"""Frames between two looks for changes, at 60 frames a second."""
+_IDLE: Final = (430, 770)  # frames of the demo without an active effect, end excluded
+_CHECK_INTERVALS: Final = {"worked out at each frame": 15, "from the record": 60}
+"""Frames between two checks for scene changes, at 60 frames a second."""
 
 _SIZE: Final = (320, 200)
 
@@ -55,7 +55,7 @@ Progress = Callable[[float], None]
 def measure(
     *, short: bool = False, rounds: int = 9, progress: Progress = lambda share: None
 ) -> dict[str, Any]:
-    """Rows of figures by name; plain data."""
+    """Measure the preview with live and with recorded evaluation; rows of figures by name."""
     bpy = blender_session.start()
 
     with temporary_folder() as folder:
@@ -77,26 +77,28 @@ def measure(
     screen = _Screen()
     preview.forget()
     preview.describe()
-    found: dict[str, Any] = {}
-    for name in _LOOKS_EVERY:
-        if name == "from the record":  # which is made once nothing is edited for a moment
+    rows: dict[str, Any] = {}
+    for name in _CHECK_INTERVALS:
+        if name == "from the record":  # usually made after a moment without edits
             recorder.check_settings(scene)
             recorder.update_now(scene)
         for part, frames, key, limit in parts:
-            own, with_it, without = _play(screen, frames, rounds, _LOOKS_EVERY[name])
-            found[f"{part}, {name}"] = {
+            own, with_preview, without_preview = _play(
+                screen, frames, rounds, _CHECK_INTERVALS[name]
+            )
+            rows[f"{part}, {name}"] = {
                 **_figures(own),
                 "of": key,
                 "limit_ms": limit,
-                "playback_with_ms": _median_ms(with_it),
-                "playback_without_ms": _median_ms(without),
+                "playback_with_ms": _median_ms(with_preview),
+                "playback_without_ms": _median_ms(without_preview),
             }
-            progress(len(found) / 4)
-    return found
+            progress(len(rows) / 4)
+    return rows
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """A table for people."""
+    """Format a result of :func:`measure` as a table for a terminal."""
     title = f"the preview, {VOLUMES} volumes, {len(TOUCHED)} in contact"
     lines = [
         f"{title:<44}{'frames':>7}{'median':>11}{'p95':>11}{'engine':>11}{'card':>11}  limit"
@@ -116,7 +118,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def build(path: Path) -> Path:
-    """Save the demo with volumes to make :data:`VOLUMES` as a .blend."""
+    """Save a .blend of the demo, filled up to :data:`VOLUMES` volumes; returns the path."""
     import bpy
 
     from ..demo import garage
@@ -135,7 +137,7 @@ def build(path: Path) -> Path:
         volume = bpy.context.object
         if bone:
             volume.parent, volume.parent_type, volume.parent_bone = body, "BONE", bone
-        else:  # beside the way
+        else:  # away from the walk
             at = rng.uniform((-5.0, -3.0, 0.3), (5.0, -2.0, 1.8))
             volume.location = at.tolist()
         for first, end in clips:
@@ -145,7 +147,7 @@ def build(path: Path) -> Path:
 
 
 class _Screen:
-    """Off-screen viewport in which only the preview draws."""
+    """Off-screen viewport for the preview's drawing alone."""
 
     def __init__(self) -> None:
         import bpy
@@ -157,12 +159,12 @@ class _Screen:
         self._meshes = [body.hfx.avatar for body in bodies]
         if hasattr(gpu, "init"):
             gpu.init()
-        else:  # a picture starts it, too
+        else:  # in older Blender, rendering a picture starts the graphics module
             render = scene.render
-            kept = render.engine, render.resolution_x, render.resolution_y
+            stored = render.engine, render.resolution_x, render.resolution_y
             render.engine, render.resolution_x, render.resolution_y = "BLENDER_WORKBENCH", 8, 8
             bpy.ops.render.render()
-            render.engine, render.resolution_x, render.resolution_y = kept
+            render.engine, render.resolution_x, render.resolution_y = stored
         self._buffer = gpu.types.GPUOffScreen(*_SIZE)
         self._view = Matrix.LocRotScale(
             (0.0, -9.0, 1.2), Matrix.Rotation(1.5708, 3, "X"), None
@@ -172,12 +174,12 @@ class _Screen:
         )
 
     def draw(self, more: Callable[[], None]) -> None:
-        """Draw a viewport over the scene, as Blender would."""
+        """Call ``more`` with a viewport's matrices set, drawing into the off-screen buffer."""
         import bpy
         import gpu
 
         graph = bpy.context.evaluated_depsgraph_get()
-        for mesh in self._meshes:  # Blender needs normals for its own drawing
+        for mesh in self._meshes:  # Blender's own drawing computes normals, too
             _ = mesh.evaluated_get(graph).data.vertex_normals[0].vector
         with self._buffer.bind():
             gpu.matrix.load_matrix(self._view)
@@ -186,18 +188,18 @@ class _Screen:
 
 
 def _play(
-    screen: _Screen, frames: Sequence[int], rounds: int, looks_every: int
+    screen: _Screen, frames: Sequence[int], rounds: int, check_interval: int
 ) -> tuple[list[_Seconds], list[float], list[float]]:
-    """Least times of the preview at each frame, and of whole frames with and without it."""
+    """Minimum over all rounds, per frame: preview, frame with preview, frame without preview."""
     import bpy
 
     scene = bpy.context.scene
     own = [_Seconds(np.inf)] * len(frames)
-    with_it, without = [np.inf] * len(frames), [np.inf] * len(frames)
+    with_preview, without_preview = [np.inf] * len(frames), [np.inf] * len(frames)
     for turn in range(rounds + 1):  # the first round warms up
         for k, frame in enumerate(frames):
             for is_on in (True, False) if (turn + k) % 2 else (False, True):
-                took = _Preview(is_on, looks=k % looks_every == 0)
+                took = _Preview(is_on, is_check=k % check_interval == 0)
                 begun = time.perf_counter()
                 scene.frame_set(frame)
                 took.on_frame()
@@ -205,38 +207,38 @@ def _play(
                 ended = time.perf_counter() - begun
                 if turn and is_on:
                     own[k] = min(own[k], took.seconds)
-                    with_it[k] = min(with_it[k], ended)
+                    with_preview[k] = min(with_preview[k], ended)
                 elif turn:
-                    without[k] = min(without[k], ended)
-    return own, with_it, without
+                    without_preview[k] = min(without_preview[k], ended)
+    return own, with_preview, without_preview
 
 
 @dataclass(order=True)
 class _Seconds:
-    """Processor seconds of this thread, nearly independent of the machine's other work."""
+    """Processor seconds of this thread, nearly independent of other load on the machine."""
 
     own: float = 0.0
-    engine: float = 0.0  # among them
-    card: float = 0.0  # beside them
+    engine: float = 0.0  # part of own
+    card: float = 0.0  # not part of own
 
 
 class _Preview:
-    """Timed calls of the preview in one frame; no calls if it is off."""
+    """Timed calls of the preview in one frame; no calls with ``is_on`` False."""
 
-    def __init__(self, is_on: bool, looks: bool) -> None:
-        self._is_on, self._looks = is_on, looks
+    def __init__(self, is_on: bool, is_check: bool) -> None:
+        self._is_on, self._is_check = is_on, is_check
         self.seconds = _Seconds()
 
     def on_frame(self) -> None:
-        """Call the preview as on a change of the frame."""
+        """Call the preview's handler of frame changes."""
         from hfx_blender.playback.preview.preview import preview
 
         self._timed(preview.on_frame)
-        if self._looks:
+        if self._is_check:
             self._timed(lambda scene: preview.describe())
 
     def draw(self) -> None:
-        """Call the preview as for drawing the viewport."""
+        """Call the preview's handler of viewport drawing."""
         from hfx_blender.playback.preview.preview import preview
 
         self._timed(preview.draw_over)
@@ -261,19 +263,19 @@ class _Preview:
 
 @contextmanager
 def _timed(owner: Any, name: str) -> Iterator[list[float]]:
-    """Context that times each call of a function of an object."""
-    function, found = getattr(owner, name), []
+    """Context with a list of the seconds of each call of ``owner.name``."""
+    function, durations_s = getattr(owner, name), []
 
     def timed(*arguments: Any) -> Any:
         begun = _now_s()
         try:
             return function(*arguments)
         finally:
-            found.append(_now_s() - begun)
+            durations_s.append(_now_s() - begun)
 
     setattr(owner, name, timed)
     try:
-        yield found
+        yield durations_s
     finally:
         setattr(owner, name, function)
 
@@ -282,14 +284,14 @@ def _figures(took: list[_Seconds]) -> dict[str, Any]:
     def figure(of: Callable[[Any], Any], seconds: list[float]) -> float:
         return round(1000.0 * float(of(np.array(seconds))), 4)
 
-    own = [each.own for each in took]
+    own = [sample.own for sample in took]
     return {
         "frames": len(took),
         "median_ms": figure(np.median, own),
         "p95_ms": figure(lambda values: np.percentile(values, 95), own),
         "max_ms": figure(np.max, own),
-        "engine_ms": figure(np.median, [each.engine for each in took]),
-        "card_ms": figure(np.median, [each.card for each in took]),
+        "engine_ms": figure(np.median, [sample.engine for sample in took]),
+        "card_ms": figure(np.median, [sample.card for sample in took]),
     }
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes to measure in: the demo, a crowd of volumes, fast passes, and small things on skin.
+"""Scenes for measurements: the demo, a crowd of volumes, fast passes, and small objects on skin.
 
-Each is built anew in an empty file, with the operators that a user has, the same every time.
+Each is built in an empty file with the user's operators, and is equal at every call.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _Vector = tuple[float, float, float]
 
 
 def names() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """Names of all scenes."""
     return tuple(_BUILDERS)
 
 
@@ -35,17 +35,17 @@ def about(name: str) -> str:
 
 
 def short_frames(name: str) -> tuple[int, int]:
-    """Range of a scene's frames, both included, with many contacts."""
+    """First and last frame of a short range with many contacts."""
     return _BUILDERS[name][2]
 
 
 def builder(name: str) -> Callable[[], Any]:
-    """Function that builds a scene in an empty file."""
+    """Builder of a scene; a call opens an empty file first."""
     return _BUILDERS[name][0]
 
 
 def build(name: str, path: Path) -> Path:
-    """Build a scene and save it as a .blend."""
+    """Build a scene with the demo's devices and save a .blend; returns the path."""
     _BUILDERS[name][0]()
     for device in garage.DEVICES:
         if device not in bpy.context.scene.hfx.devices:
@@ -55,7 +55,7 @@ def build(name: str, path: Path) -> Path:
 
 
 def empty_scene(name: str, fps: int, seconds: float) -> Any:
-    """A new file with a scene that holds the avatar alone, which is active."""
+    """Open a new file with the avatar as the only, active object; returns the scene."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.name = name
@@ -66,7 +66,7 @@ def empty_scene(name: str, fps: int, seconds: float) -> Any:
 
 
 def volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
-    """Add a volume."""
+    """Add a volume at a world-space location; returns the object."""
     bpy.ops.hfx.add_volume(
         modality=modality, shape=shape, location=place, name=f"{modality} {shape}", **settings
     )
@@ -74,26 +74,26 @@ def volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
 
 
 def move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
-    """Key a straight motion from place to place."""
+    """Key an object's location, from (frame, location) pairs."""
     action = bpy.data.actions.new(obj.name)
     obj.animation_data_create().action = action
     for axis in range(3):
         curve = compat.new_fcurve(obj, action, "location", axis)
-        compat.set_keys(curve, [(frame, place[axis]) for frame, place in keys])
+        compat.set_keys(curve, [(frame, position[axis]) for frame, position in keys])
 
 
 def _crowded() -> None:
-    """Three hundred volumes of all kinds in a hall, and a walk right through them."""
+    """Build 300 volumes of all kinds in a hall, and a walk right through them."""
     scene = empty_scene("Crowded", 30, 4.0)
     ends = [{"name": "", "location": (x, 0.0, 0.0)} for x in (-2.0, 2.0)]
     bpy.ops.hfx.add_walk(places=ends, frame_start=0, frame_end=scene.frame_end)
     rng = np.random.default_rng(1)
     shapes = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")
     for k in range(300):
-        reach = (2.5, 0.6) if k % 3 == 1 else (6.0, 4.0)  # every third is on the way
+        reach = (2.5, 0.6) if k % 3 == 1 else (6.0, 4.0)  # every third is close to the walk
         x, y, z = rng.uniform((-reach[0], -reach[1], 0.0), (*reach, 2.0)).tolist()
         size = float(rng.uniform(0.05, 0.5))
-        made = volume(
+        obj = volume(
             MODALITIES[k % 4],
             shapes[k // 4 % 4],
             (x, y, z),
@@ -101,15 +101,15 @@ def _crowded() -> None:
             height=1.5 * size,
             size=(size, size / 2, size),
         )
-        made.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
+        obj.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
         if k % 3 == 0:
             drift = rng.normal(0.0, 0.5, 3)
             there = (x + float(drift[0]), y + float(drift[1]), z + float(drift[2]))
-            move(made, [(0, (x, y, z)), (scene.frame_end, there)])
+            move(obj, [(0, (x, y, z)), (scene.frame_end, there)])
 
 
 def _fast() -> None:
-    """Build balls, bars and walls of a millimetre that fly through a standing person."""
+    """Build balls, bars and walls of a millimetre, flying through a standing person."""
     scene = empty_scene("Fast", 24, 4.0)
     rng = np.random.default_rng(2)
     speeds = (2.0, 5.0, 10.0, 20.0, 50.0)
@@ -118,7 +118,7 @@ def _fast() -> None:
         angle = 2 * pi * float(rng.random())
         way = np.array([np.cos(angle), np.sin(angle), 0.0]) * speed
         middle = np.array([0.0, 0.0, float(rng.uniform(0.9, 1.5))])
-        frame = 4.0 + 4.5 * k  # when it is in the middle of the body
+        frame = 4.0 + 4.5 * k  # passes the middle of the body
         reach = 0.2  # seconds before and after
         kind = k % 3
         shape, settings = (
@@ -126,15 +126,15 @@ def _fast() -> None:
             ("CUBOID", {"size": (0.001, 1.5, 1.5)}),
             ("CAPSULE", {"radius": 0.01, "height": 0.6}),
         )[kind]
-        made = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
-        made.rotation_euler = (0.0, 0.0, angle)
+        obj = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
+        obj.rotation_euler = (0.0, 0.0, angle)
         frames = reach * scene.render.fps
         start, end = middle - reach * way, middle + reach * way
-        move(made, [(frame - frames, tuple(start)), (frame + frames, tuple(end))])
+        move(obj, [(frame - frames, tuple(start)), (frame + frames, tuple(end))])
 
 
 def _fine() -> None:
-    """Coins, pins, a ring and a blade that rest on and creep over hands, arms and face."""
+    """Build coins, pins, blades and pearls, creeping over hands, arms, face and feet."""
     scene = empty_scene("Fine", 24, 4.0)
     rng = np.random.default_rng(3)
     parts = ("hand_palm", "fingers", "forearm", "head", "foot_sole")
@@ -152,14 +152,14 @@ def _fine() -> None:
             (model.part == PARTS.index(part)) & (model.side == SIDES.index(side))
         )
         vertex = int(rng.choice(chosen))
-        place = model.vertices[vertex].astype(np.float64)
+        position = model.vertices[vertex].astype(np.float64)
         along = np.cross(model.normals[vertex], rng.normal(size=3))
         along *= 0.03 / np.linalg.norm(along)
         shape, settings = kinds[k % len(kinds)]
-        made = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
-        made.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
-        ends = [tuple((place - along).tolist()), tuple((place + along).tolist())]
-        move(made, [(0, ends[0]), (scene.frame_end, ends[1])])
+        obj = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
+        obj.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
+        ends = [tuple((position - along).tolist()), tuple((position + along).tolist())]
+        move(obj, [(0, ends[0]), (scene.frame_end, ends[1])])
 
 
 _BUILDERS: Final[dict[str, tuple[Callable[[], Any], str, tuple[int, int]]]] = {

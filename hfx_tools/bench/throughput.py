@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Batches: two workers against one, writing against evaluating, memory over scenes and frames.
 
-A batch is ten copies of the demo's garage. One worker and two do it in turn, from the start of
-the first process to the last file. Writing is timed on a recorded track, format by format, with
-what rendering for the device costs besides; in seconds of processor, so that other work on the
-machine does not count. Memory is the most that a process ever held, which
-Linux tells; each length is exported by a process of its own.
+A batch is ten copies of the demo's garage, exported by one worker and by two in turn, timed from
+the start of the first process to the last file. Writing is timed on a recorded track, format by
+format, with rendering for the device apart; in processor seconds, independent of other load on
+the machine. Memory is the peak of a process (Linux); each length is exported in a new process.
 """
 
 from __future__ import annotations
@@ -128,7 +127,7 @@ def measure(
     rounds: int = 3,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    """Measure all; plain data. Seconds, and bytes of memory."""
+    """Run all measurements of batches; plain data, seconds and bytes."""
     blender_session.start()
     from . import scenes
 
@@ -144,7 +143,7 @@ def measure(
         devices = f"{DEVICE},{_VIBRATING},forearm_band_left"
         result["writing_s"] = json.loads(_child(_WRITING, first, folder, devices))
         progress(0.9)
-        # The first seconds alone would need less: nothing heavy happens in them.
+        # Shorter exports would need less: the first seconds of the demo are nearly empty.
         counts = (400, 1600) if short else (400, 1600, 6400)
         result["memory_by_frames"] = {
             kind: [
@@ -183,7 +182,13 @@ def _workers(
 
 
 def _run(blends: list[Path], folder: Path, jobs: int) -> tuple[float, list[int]]:
-    """Seconds that a batch takes, and bytes that the first worker holds after each scene."""
+    """Seconds of a batch, and bytes held by the first worker after each scene.
+
+    Raises
+    ------
+    RuntimeError
+        A scene failed.
+    """
     stage = folder / "stage"
     stage.mkdir(parents=True)
     options = ExportOptions(formats=("track", "csv"), devices=(DEVICE,))
@@ -207,7 +212,7 @@ def _run(blends: list[Path], folder: Path, jobs: int) -> tuple[float, list[int]]
 
 
 def _resident(pid: int) -> int:
-    """Resident memory of a process, bytes; 0 where the system does not report it."""
+    """Resident memory of a process, bytes; 0 on a system without ``/proc``."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     except (OSError, ValueError):
@@ -217,14 +222,14 @@ def _resident(pid: int) -> int:
 
 def _child(program: str, *arguments: Path | str) -> str:
     done = processes.run(processes.program(program, *arguments))
-    _, found, value = done.stderr.rpartition("found=")
-    if not found:
+    _, has_value, value = done.stderr.rpartition("found=")
+    if not has_value:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")
     return value
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
+    """Format a result of :func:`measure` for a terminal."""
     workers = result["workers"]
     one, two = statistics.median(workers["one_s"]), statistics.median(workers["two_s"])
     lines = [
@@ -242,7 +247,7 @@ def as_text(result: dict[str, Any]) -> str:
         for name, seconds in writing.items()
     ]
     lines.append("most memory held, MB, by frames:")
-    for kind, found in result["memory_by_frames"].items():
-        held = ", ".join(f"{count}: {most / 1e6:.0f}" for count, most in found)
+    for kind, peaks in result["memory_by_frames"].items():
+        held = ", ".join(f"{count}: {most / 1e6:.0f}" for count, most in peaks)
         lines.append(f"  {kind:28}{held}")
     return "\n".join(lines)

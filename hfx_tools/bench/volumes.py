@@ -2,8 +2,8 @@
 """Volumes: speed of queries to a mesh, and exactness of the inside test of every shape.
 
 Speed is compared with ``trimesh`` and its embree rays, exactness with libigl's winding number
-and, for the shapes with a formula, with whole-number arithmetic. What is not installed is left
-out, and told.
+and, for the shapes with a formula, with whole-number arithmetic. A comparison with a missing
+package is left out and mentioned.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from hfx_blender.engine.volume.placing_matrix import inverse_placement
 from hfx_blender.engine.volume.shape import Shape
 
 BAND: Final = 1e-9
-"""Points nearer to the boundary than this share of the shape's size are not judged."""
+"""Points nearer to the boundary than this share of the shape's size are not compared."""
 
 NEAR: Final = 0.02  # of the extent: "near the surface"
 
-_UNIT: Final = 64  # matrices are whole numbers over this
-_GRID: Final = 4096  # points are
+_UNIT: Final = 64  # denominator of the matrices' entries
+_GRID: Final = 4096  # denominator of the points' coordinates
 
 MATRICES: Final[dict[str, tuple[tuple[int, int, int], ...]]] = {
     "turned": ((10, 15, 30), (15, -30, 10), (30, 10, -15)),
@@ -48,42 +48,47 @@ def measure(
     rounds: int = 7,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    """Plain data; ``short`` judges a twentieth of the million points for each shape."""
+    """Measure speed and exactness; plain data.
+
+    ``short``: 50,000 instead of a million points for each shape.
+    """
     count = 50_000 if short else 1_000_000
     rng = np.random.default_rng(1)
     meshes = bench_meshes()
     steps = len(meshes) + len(SHAPES) * len(MATRICES)
-    found: list[dict[str, Any]] = []
+    mesh_rows: list[dict[str, Any]] = []
     for name, (vertices, triangles) in meshes.items():
-        found.append({"shape": name, **measure_mesh(name, vertices, triangles, count, rounds, rng)})
-        progress(len(found) / steps)
-    exact: list[dict[str, Any]] = []
+        mesh_rows.append(
+            {"shape": name, **measure_mesh(name, vertices, triangles, count, rounds, rng)}
+        )
+        progress(len(mesh_rows) / steps)
+    formula_rows: list[dict[str, Any]] = []
     for shape in SHAPES:
         for matrix in MATRICES:
-            judged = compare_formula(shape, matrix, count, rng)
-            exact.append({"shape": shape, "matrix": matrix, **judged})
-            progress((len(found) + len(exact)) / steps)
-    return {"meshes": found, "formulas": exact, "band": BAND, "near": NEAR}
+            comparison = compare_formula(shape, matrix, count, rng)
+            formula_rows.append({"shape": shape, "matrix": matrix, **comparison})
+            progress((len(mesh_rows) + len(formula_rows)) / steps)
+    return {"meshes": mesh_rows, "formulas": formula_rows, "band": BAND, "near": NEAR}
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
+    """Format a result of :func:`measure` for a terminal."""
     lines = [
         f"Mesh volumes, 10,000 points within {result['near']:.0%} of the surface, best of several:",
         f"  {'mesh':24} {'made':>9} {'hfx':>10} {'trimesh':>10} {'ratio':>7}   against the "
         "exact winding number",
     ]
     for row in result["meshes"]:
-        theirs, ratio = row["trimesh_ms"], row["ratio"]
+        trimesh_ms, ratio = row["trimesh_ms"], row["ratio"]
         lines.append(
             f"  {row['shape']:24} {row['build_ms']:6.0f} ms {row['hfx_ms']:7.2f} ms "
-            + (f"{theirs:7.2f} ms {ratio:6.1f}x" if theirs else f"{'-':>10} {'-':>7}")
+            + (f"{trimesh_ms:7.2f} ms {ratio:6.1f}x" if trimesh_ms else f"{'-':>10} {'-':>7}")
             + f"   {_verdict(row)}"
         )
     if not result["meshes"][0]["trimesh_ms"]:
         lines.append("  (trimesh's fast rays, the package 'embreex', are not installed)")
-    asked = [row for row in result["meshes"] if "depth_ms" in row]  # not in older histories
-    if asked:
+    timed_rows = [row for row in result["meshes"] if "depth_ms" in row]  # not in older histories
+    if timed_rows:
         lines.append(
             "The same points: how deep, a bound of the distance, when inside on a way of "
             f"{result['near']:.0%}:"
@@ -91,7 +96,7 @@ def as_text(result: dict[str, Any]) -> str:
     lines += [
         f"  {row['shape']:24} {row['depth_ms']:6.2f} ms {row['clearance_ms']:7.2f} ms "
         f"{row['passage_ms']:7.2f} ms"
-        for row in asked
+        for row in timed_rows
     ]
     lines.append("Shapes with a formula, against arithmetic in whole numbers:")
     lines += [
@@ -132,43 +137,41 @@ def bench_meshes() -> dict[str, tuple[F64, I32]]:
 def measure_mesh(
     name: str, vertices: F64, triangles: I32, count: int, rounds: int, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Times of the inside test, ours and trimesh's, and its faults by the winding number."""
+    """Time the inside test and trimesh's, and count wrong answers by the winding number."""
     start = time.perf_counter()
     volume = MeshVolume(vertices, triangles, name)
     points = _near_surface(vertices, triangles, 10_000, rng)
     columns = np.ascontiguousarray(points.T)
-    volume.contains(columns)  # the voxels are made at the first question
+    volume.contains(columns)  # the first query builds the voxels
     build_s = time.perf_counter() - start
-    theirs = _trimesh(vertices, triangles)
-    ours_s, theirs_s, differ = [], [], None
+    trimesh_mesh = _trimesh(vertices, triangles)
+    hfx_s, trimesh_s, differ = [], [], None
     for k in range(rounds + 1):
         inside, seconds = _timed(lambda: volume.contains(columns))
         if k:
-            ours_s.append(seconds)
-        if theirs is None:
+            hfx_s.append(seconds)
+        if trimesh_mesh is None:
             continue
-        other, seconds = _timed(lambda: theirs.contains(points))
-        differ = int(np.count_nonzero(inside != other))
+        trimesh_inside, seconds = _timed(lambda: trimesh_mesh.contains(points))
+        differ = int(np.count_nonzero(inside != trimesh_inside))
         if k:
-            theirs_s.append(seconds)
+            trimesh_s.append(seconds)
     return {
         "build_ms": 1e3 * build_s,
-        # The best of each: whatever else the machine does only ever adds.
-        "hfx_ms": 1e3 * min(ours_s),
-        "trimesh_ms": 1e3 * min(theirs_s) if theirs_s else None,
-        "ratio": min(theirs_s) / min(ours_s) if theirs_s else None,
+        # The minimum of each: other load on the machine only adds.
+        "hfx_ms": 1e3 * min(hfx_s),
+        "trimesh_ms": 1e3 * min(trimesh_s) if trimesh_s else None,
+        "ratio": min(trimesh_s) / min(hfx_s) if trimesh_s else None,
         "trimesh_differs": differ,
-        **_asked_more(volume, columns, rounds, rng),
+        **_time_queries(volume, columns, rounds, rng),
         **_against_winding(volume, vertices, triangles, count, rng),
     }
 
 
-def _asked_more(
+def _time_queries(
     volume: MeshVolume, points: F64, rounds: int, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Measure the other queries of skin to a mesh, with its tree already made; the best of some
-    rounds.
-    """
+    """Milliseconds of depth, clearance and passage queries with a built tree, minimum of rounds."""
     reach = NEAR * float(np.ptp(points, axis=1).max())
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
@@ -176,11 +179,11 @@ def _asked_more(
         "clearance_ms": lambda: volume.compiled().clearances(points),
         "passage_ms": lambda: volume.compiled().passages(points, ends),
     }
-    found = {}
+    milliseconds = {}
     for name, question in questions.items():
         question()
-        found[name] = 1e3 * min(_timed(question)[1] for _ in range(rounds))
-    return found
+        milliseconds[name] = 1e3 * min(_timed(question)[1] for _ in range(rounds))
+    return milliseconds
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
@@ -190,7 +193,7 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def _trimesh(vertices: F64, triangles: I32) -> Any:
-    """The mesh with embree rays; None where these are not installed."""
+    """Trimesh mesh with embree rays; None without the package embreex."""
     import trimesh
 
     if not trimesh.ray.has_embree:
@@ -230,7 +233,7 @@ def _against_winding(
         )
         winding = igl.fast_winding_number(vertices, faces, points)
         inside = volume.contains(np.ascontiguousarray(points.T))
-        # The fast number is an approximation: in doubt the exact one is computed.
+        # The fast number is approximate: the exact number is computed in doubt.
         plain = np.abs(np.abs(winding) - np.rint(np.abs(winding))) < 0.1
         plain &= (np.rint(np.abs(winding)) > 0) == inside
         doubtful = np.flatnonzero(~plain)
@@ -250,7 +253,7 @@ def _against_winding(
 
 
 def compare_formula(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Judge points whose places in shape space are fractions of whole numbers."""
+    """Compare a shape's inside test with whole-number arithmetic, on rational points."""
     whole = np.array(MATRICES[kind], np.int64)
     offset = np.array([17, -5, 40], np.int64)
     matrix = np.eye(4)
@@ -274,7 +277,10 @@ def compare_formula(name: str, kind: str, count: int, rng: np.random.Generator) 
 
 
 def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
-    """Signed distance past the boundary, negative inside, and the number that is the size."""
+    """Signed whole-number distance to the boundary, negative inside, and the shape's size in it.
+
+    Distance and size share one scale, linear or squared by shape.
+    """
     x, y, z = top
     if name == "cuboid":
         return np.max(top, axis=0) - bottom, float(bottom)
@@ -283,12 +289,12 @@ def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
         return x * x + y * y + z * z - square, float(square)
     if name == "cylinder":
         return np.maximum(x * x + y * y, z * z) - square, float(square)
-    beyond = np.maximum(4 * z - 3 * bottom, 0)  # half a segment of 3/4
+    beyond = np.maximum(4 * z - 3 * bottom, 0)  # half the segment is 3/4 of the radius
     return 16 * (x * x + y * y) + beyond * beyond - 16 * square, 16.0 * square
 
 
 def _lattice_points(shape: Shape, matrix: F64, count: int, rng: np.random.Generator) -> I64:
-    """Points (3, count) in 1/4096 m: half of them anywhere, half at the boundary."""
+    """Points (3, count) in 1/4096 m: half within 1.1 x the box, half at the boundary."""
     low, high = shape.bounds
     local = rng.uniform(1.1 * low[:, None], 1.1 * high[:, None], (3, count))
     near = local[:, : count // 2]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making the body models from the MakeHuman data: source, skin, cells, result."""
+"""Building of the body models from MakeHuman's data: source, skin, cells, result."""

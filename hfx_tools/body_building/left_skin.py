@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Left half of the skin: source of the thinned meshes, and samples to measure them on."""
+"""Left half of the skin: source of the thinned meshes, and samples for measuring errors."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from .meshes import mesh_edges
 from .outer_skin import Skins
 
 SAMPLES_ACROSS: Final = 7
-"""Sample points of the skin across one cell, about."""
+"""Approximate number of sample points across one cell of skin."""
 
 SOURCE_SPACING_M: Final = 0.002
-"""Samples are nowhere farther apart than this (Danieau et al. 2018: under 2 mm)."""
+"""Largest distance of neighbouring samples (Danieau et al. 2018: under 2 mm)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points spread evenly over the skin of the left half, each for a piece of skin."""
+    """Points spread evenly over the skin of the left half, each with its area of skin."""
 
     points: F64  # (S, 3)
     normals: F64  # (S, 3)
     areas_m2: F64  # (S,)
     part: U8  # (S,)
-    vertex: I64  # (S,) a vertex of the medium half beside it
+    vertex: I64  # (S,) near vertex of the medium half
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +44,17 @@ class Half:
 
 @dataclass(frozen=True, eq=False)
 class LeftSkin:
-    """Left half of the skin: source of the thinned meshes, reference for measuring them."""
+    """Left half of the skin: source of the thinned meshes, and reference for measurements."""
 
-    medium: Half  # on the first vertices of the dense half
+    medium: Half  # its vertices are the first of the dense half
     points: F64  # (V, 3) dense
     normals: F64  # (V, 3)
     quads: I64  # (F, 4) dense; the first corner of each is a vertex of the medium half
-    kept: I64  # (V,) vertex of the whole dense skin
+    source_ids: I64  # (V,) vertex of the whole dense skin
 
     @property
     def triangles(self) -> I64:
-        """The dense quads, split."""
+        """The dense quads split into triangles (2 F, 3)."""
         return _split(self.quads)
 
 
@@ -63,27 +63,27 @@ def _split(quads: I64) -> I64:
 
 
 def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
-    """The left half of the skins, with the labels of the dense one."""
+    """Cut the left half out of the skins; ``part`` and ``side`` label the dense vertices."""
     on_left = side != RIGHT
-    kept = np.flatnonzero(on_left)
+    left_ids = np.flatnonzero(on_left)
     renumber = np.full(len(side), -1, np.int64)
-    renumber[kept] = np.arange(len(kept))
+    renumber[left_ids] = np.arange(len(left_ids))
     quads, medium_quads = (
         renumber[faces[on_left[faces].all(axis=1)]]
         for faces in (skins.dense.faces, skins.medium_faces)
     )
-    points = skins.dense.vertices[kept]
+    points = skins.dense.vertices[left_ids]
     triangles = _split(quads)
     facing = mesh_edges.triangle_normals(points, triangles)
     normals = np.zeros_like(points)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], facing)
-    is_midline = side[kept] == CENTRE
+    is_midline = side[left_ids] == CENTRE
     normals[is_midline, 0] = 0.0
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     count = int(medium_quads.max()) + 1
-    medium = Half(points[:count], _split(medium_quads), part[kept[:count]], is_midline[:count])
-    return LeftSkin(medium, points, normals, quads, kept)
+    medium = Half(points[:count], _split(medium_quads), part[left_ids[:count]], is_midline[:count])
+    return LeftSkin(medium, points, normals, quads, left_ids)
 
 
 def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
@@ -119,8 +119,8 @@ def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
                         vertex[chosen],
                     )
                 )
-    points, facing, sizes, beside = (
+    points, facing, sizes, vertices = (
         np.concatenate(columns) for columns in zip(*pieces, strict=True)
     )
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    return Samples(points, facing, sizes, skin.medium.part[beside], beside)
+    return Samples(points, facing, sizes, skin.medium.part[vertices], vertices)

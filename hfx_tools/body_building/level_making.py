@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making levels of detail: the same model with fewer of its vertices, for quick previews."""
+"""Building of levels of detail: a model with a subset of its vertices, for quick previews."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ SHARES: Final = (4, 16)
 """Divisors of the number of vertices at levels 1, 2 ..."""
 
 FEWEST: Final = 1000
-"""A model with fewer vertices is coarse enough by itself: it gets no levels."""
+"""Smallest number of vertices of a model with levels of detail."""
 
 
 def coarser(model: PerceptualModel, vertices: int) -> Level:
-    """Decimate a model by quadrics, keeping where each vertex went.
+    """Decimate a model by quadrics, recording the coarse vertex of each vertex.
 
-    The left half is decimated and mirrored, so that the level is as symmetric as the model.
-    Each coarse vertex is one of the vertices that were merged into it, the nearest to the best
-    place: whatever poses, fits or binds the model does so for its levels too.
+    The left half is decimated and mirrored, so the level is as symmetric as the model. Each coarse
+    vertex is a vertex of the model, nearest to the optimum of its merged cluster, so poses, fits
+    and bindings of the model apply to its levels too.
     Source: Garland and Heckbert, SIGGRAPH 1997, in fast-simplification.
 
     Parameters
     ----------
     vertices : int
-        How many to keep, about; at least 8.
+        Approximate number of remaining vertices; at least 8.
 
     Raises
     ------
     ValueError
-        ``vertices`` is under 8, or not fewer than the model has.
+        ``vertices`` is under 8, or not below the model's number of vertices.
     """
     import fast_simplification
 
@@ -47,35 +47,35 @@ def coarser(model: PerceptualModel, vertices: int) -> Level:
     inside = model.triangles[(model.side[model.triangles] != RIGHT).all(axis=1)]
     points = np.ascontiguousarray(model.vertices[half])
     faces = np.searchsorted(half, inside).astype(np.int32)
-    wanted = max(4, round(len(faces) * vertices / len(model)))
+    target_count = max(4, round(len(faces) * vertices / len(model)))
     _, _, collapses = fast_simplification.simplify(
-        points, faces, target_count=wanted, return_collapses=True
+        points, faces, target_count=target_count, return_collapses=True
     )
-    places, triangles, coarse_of = fast_simplification.replay_simplification(
+    optima, triangles, coarse_of = fast_simplification.replay_simplification(
         points, faces, collapses
     )
-    vertex_of = half[_nearest_members(points.astype(np.float64), places, coarse_of)]
-    stands_in = np.zeros(len(model), np.int64)  # coarse vertex of each fine one
-    stands_in[half] = vertex_of[coarse_of]
+    vertex_of = half[_nearest_members(points.astype(np.float64), optima, coarse_of)]
+    coarse_id = np.zeros(len(model), np.int64)  # coarse vertex of each fine one
+    coarse_id[half] = vertex_of[coarse_of]
     right = np.flatnonzero(model.side == RIGHT)
-    stands_in[right] = model.mirror[stands_in[model.mirror[right]]]
+    coarse_id[right] = model.mirror[coarse_id[model.mirror[right]]]
     on_left = vertex_of[triangles.astype(np.int64)]
-    every = np.concatenate((on_left, model.mirror[on_left][:, ::-1]))
-    kept = np.unique(stands_in)
+    all_triangles = np.concatenate((on_left, model.mirror[on_left][:, ::-1]))
+    coarse_ids = np.unique(coarse_id)
     return Level(
-        vertices=kept.astype(np.int32),
-        triangles=np.searchsorted(kept, every).astype(np.int32),
-        coarse_of=np.searchsorted(kept, stands_in).astype(np.int32),
+        vertices=coarse_ids.astype(np.int32),
+        triangles=np.searchsorted(coarse_ids, all_triangles).astype(np.int32),
+        coarse_of=np.searchsorted(coarse_ids, coarse_id).astype(np.int32),
     )
 
 
-def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
-    """Nearest of the points that were merged into each coarse place, (C,)."""
-    distance = np.linalg.norm(points - places[coarse_of], axis=1)
+def _nearest_members(points: F64, optima: F64, coarse_of: I64) -> I64:
+    """Index of the nearest merged point of each coarse vertex, (C,)."""
+    distance = np.linalg.norm(points - optima[coarse_of], axis=1)
     order = np.lexsort((distance, coarse_of))
     first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))
-    found: I64 = order[first]
-    return found
+    nearest: I64 = order[first]
+    return nearest
 
 
 def save(model: PerceptualModel, folder: Path) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing of body models, and keeping of the editions before them."""
+"""Writing of body models."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from hfx_blender.files.atomic import atomic_file
 
 
 def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:
-    """Write a model, the avatar or a walk cycle as ``.npz`` (same bytes for the same content).
+    """Write a model, the avatar or a walk cycle as ``.npz``; equal content gives equal bytes.
 
     Raises
     ------
     OutputError
-        The file cannot be written; what was there before is untouched.
+        The file cannot be written; an old file stays unchanged.
     """
     meta = {"format": type(item).__name__, "version": FORMAT_VERSION, **_facts(item)}
     meta_bytes = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Folder of models as it is written: the files, and the manifest that lists them."""
+"""Folder of models: preparation, entries of the manifest, and the manifest file."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ MANIFEST_VERSION: Final = 1
 AVATAR_FILE: Final = "avatar.npz"
 
 
-def prepare(folder: Path, wanted: str | None) -> None:
-    """Make the folder of a set.
+def prepare(folder: Path, non_canonical: str | None) -> None:
+    """Create the folder of a set of models.
 
     Parameters
     ----------
-    wanted : str or None
-        What other than the canonical models is to be written; None for those.
+    non_canonical : str or None
+        Description of the models in the error; None for the canonical models.
 
     Raises
     ------
     OutputError
-        It cannot be made a folder.
+        The folder cannot be created.
     UsageError
-        It holds the canonical models, which nothing else may replace.
+        Non-canonical models for the folder of the canonical models.
     """
-    if wanted is not None and folder.resolve() == resources.body_models().resolve():
-        raise UsageError(f"{folder}: holds the canonical models; name another folder for {wanted}.")
+    if non_canonical is not None and folder.resolve() == resources.body_models().resolve():
+        raise UsageError(
+            f"{folder}: holds the canonical models; name another folder for {non_canonical}."
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -41,7 +43,7 @@ def prepare(folder: Path, wanted: str | None) -> None:
 
 
 def avatar_entry(avatar: Avatar) -> dict[str, Any]:
-    """Entry of the manifest for an avatar."""
+    """Entry of an avatar in the manifest."""
     return {
         "id": avatar.id,
         "file": AVATAR_FILE,
@@ -53,7 +55,7 @@ def avatar_entry(avatar: Avatar) -> dict[str, Any]:
 
 
 def model_entry(model: PerceptualModel) -> dict[str, Any]:
-    """Entry of the manifest for a perceptual model."""
+    """Entry of a perceptual model in the manifest."""
     return {
         "file": f"{model.modality}.npz",
         "hash": model.content_hash,
@@ -73,7 +75,7 @@ def _origin(item: Avatar | PerceptualModel) -> dict[str, Any]:
 
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
-    """Write the manifest of a set, after all files that it lists."""
+    """Write the manifest of a set; call last, after all listed files."""
     write_json(folder / MANIFEST_FILE, manifest)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The skin: the outer surface of the base mesh, capped, smoothed and scaled.
+"""Skin: the outer surface of the base mesh, capped, smoothed and scaled.
 
-The base mesh is one closed surface whose eye sockets, mouth and throat are pockets. They are
-pieces of their own in the texture layout, so they are cut there, and the three openings are
-closed by a strip of quads from lid to lid and from lip to lip.
+The base mesh is one closed surface with eye sockets, mouth and throat as pockets. Pockets are
+separate islands of the texture layout; they are cut off, and the three openings are closed by
+strips of quads from lid to lid and from lip to lip.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HEIGHT_M: Final = 1.8
 POCKETS: Final = (1, 3, 6)
-"""Texture islands that are not skin for a person to see: mouth with throat, eye sockets."""
+"""Texture islands inside the body: mouth with throat, eye sockets."""
 
 LEVELS: Final = 3
 """Catmull-Clark steps from the base mesh to the dense skin."""
@@ -33,7 +33,7 @@ LEVELS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A closed quad surface in metres, soles at Z = 0; its first vertices are the avatar's."""
+    """Closed quad surface in metres, soles at Z = 0; the first vertices are the avatar's."""
 
     vertices: F64  # (V, 3)
     faces: I32  # (F, 4)
@@ -43,20 +43,20 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Skins:
-    """Coarse skin that becomes the avatar, and the dense skin subdivided from it."""
+    """Coarse skin of the avatar, and the dense skin by subdivision."""
 
     avatar: Skin
     dense: Skin
-    medium_faces: I32  # (F / 4, 4) of one step before the dense skin, on its first vertices
-    uv: F64  # (F, 4, 2) of the avatar
+    medium_faces: I32  # (F / 4, 4) one step before the dense skin, in its vertex ids
+    uv: F64  # (F, 4, 2) of the avatar's faces
     source_vertices: I32  # (V,) avatar vertex -> vertex of the base mesh
     scale: float  # base mesh to rest space
     ground_m: float  # height of the soles in the base mesh, after scaling
-    steps: tuple[csr_array, ...] = ()  # of subdivision, avatar to dense skin; for reshaping
+    steps: tuple[csr_array, ...] = ()  # subdivision operators, avatar to dense skin
 
 
 def outer_faces(source: Source) -> tuple[I32, F64]:
-    """Faces of the skin, pockets cut and capped, in vertex numbers of the base mesh.
+    """Faces of the skin, pockets cut off and capped, in vertex ids of the base mesh.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def outer_faces(source: Source) -> tuple[I32, F64]:
     for island in POCKETS:
         loop = _boundary(source.faces[source.island == island])
         centred = source.vertices[loop, 0]
-        if centred.max() > 0.0:  # the right eye is made as the left one's mirror image
+        if centred.max() > 0.0:  # the right eye is the mirror image of the left eye
             cap = _strip(loop, source.vertices)
             caps.append(cap)
             if centred.min() > 0.0:
@@ -87,12 +87,12 @@ def _skin_uv(faces: I32, uv: F64, vertices: I32) -> F64:
     flat, corners = faces.ravel(), uv.reshape(-1, 2)
     order = np.argsort(flat, kind="stable")
     first = order[np.searchsorted(flat[order], vertices)]
-    found: F64 = corners[first]
-    return found
+    corner: F64 = corners[first]
+    return corner
 
 
 def _boundary(faces: I32) -> I32:
-    """The one boundary loop of a patch, in the direction of the patch's own faces."""
+    """Boundary loop of a patch with a single boundary, in the direction of the patch's faces."""
     edges = np.concatenate([faces[:, [k, (k + 1) % 4]] for k in range(4)]).tolist()
     known = {(start, end) for start, end in edges}
     following = {start: end for start, end in edges if (end, start) not in known}
@@ -103,9 +103,9 @@ def _boundary(faces: I32) -> I32:
 
 
 def _strip(loop: I32, vertices: F64) -> I32:
-    """Close an even loop by one strip of quads between its two shores.
+    """Close an even loop by one strip of quads between its two halves.
 
-    Of all ways to fold the loop into two shores, the one with the shortest rungs is taken.
+    Of all foldings of the loop into two halves, the strip with the shortest rungs is returned.
     """
     half = len(loop) // 2
 
@@ -114,30 +114,30 @@ def _strip(loop: I32, vertices: F64) -> I32:
         return turned[:half], turned[half:][::-1]
 
     def length(turn: int) -> float:
-        one, other = rungs(turn)
-        return float(np.linalg.norm(vertices[one] - vertices[other], axis=1).sum())
+        left, right = rungs(turn)
+        return float(np.linalg.norm(vertices[left] - vertices[right], axis=1).sum())
 
-    one, other = rungs(min(range(half), key=length))
-    return np.column_stack((one[:-1], one[1:], other[1:], other[:-1])).astype(np.int32)
+    left, right = rungs(min(range(half), key=length))
+    return np.column_stack((left[:-1], left[1:], right[1:], right[:-1])).astype(np.int32)
 
 
 def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
-    """Avatar and dense skin, scaled so that the avatar is exactly :data:`HEIGHT_M` tall."""
+    """Build avatar and dense skin, scaled to an avatar of exactly :data:`HEIGHT_M`."""
     from scipy.sparse import csr_array
 
     cage_faces, uv = outer_faces(source)
-    kept, inverse = np.unique(cage_faces, return_inverse=True)
+    used, inverse = np.unique(cage_faces, return_inverse=True)
     faces = inverse.reshape(cage_faces.shape).astype(np.int32)
     renumber = np.full(len(source.vertices), -1, np.int32)
-    renumber[kept] = np.arange(len(kept), dtype=np.int32)
+    renumber[used] = np.arange(len(used), dtype=np.int32)
 
     rows, columns, values = _weight_triples(source.weights, bone_names)
     weights = csr_array((values, (rows, columns)), shape=(len(source.vertices), len(bone_names)))[
-        kept
+        used
     ]
-    vertices, mirror = source.vertices[kept], renumber[source.mirror[kept]]
+    vertices, mirror = source.vertices[used], renumber[source.mirror[used]]
 
-    count = len(kept)
+    count = len(used)
     dense_faces = faces
     steps: list[csr_array] = []
     for _ in range(LEVELS):
@@ -150,21 +150,21 @@ def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
     dense = Skin(vertices, dense_faces, csr_array(weights), mirror)
     avatar = Skin(vertices[:count], faces, dense.weights[:count], mirror[:count])
     return Skins(
-        avatar, dense, medium_faces, uv, kept.astype(np.int32), scale, ground_m, tuple(steps)
+        avatar, dense, medium_faces, uv, used.astype(np.int32), scale, ground_m, tuple(steps)
     )
 
 
-def reshape(skins: Skins, places: F64, height_m: float | None) -> Skins:
-    """Move the skins onto another shape of the base mesh.
+def reshape(skins: Skins, base_vertices: F64, height_m: float | None) -> Skins:
+    """Apply another shape of the base mesh to the skins; returns new skins.
 
     Parameters
     ----------
-    places : (V, 3) float64
+    base_vertices : (V, 3) float64
         Vertices of the base mesh, metres.
     height_m : float or None
-        What the avatar is scaled to; None leaves it as tall as the base mesh makes it.
+        Height of the avatar after scaling; None: no scaling.
     """
-    cage = places[skins.source_vertices]
+    cage = base_vertices[skins.source_vertices]
     vertices, scale, ground_m = _placed(cage, skins.steps, skins.dense.mirror, height_m)
     return replace(
         skins,
@@ -178,7 +178,7 @@ def reshape(skins: Skins, places: F64, height_m: float | None) -> Skins:
 def _placed(
     cage: F64, steps: Sequence[csr_array], mirror: I32, height_m: float | None
 ) -> tuple[F64, float, float]:
-    """Subdivided, symmetric and scaled vertices; the scale; the soles' height at that scale."""
+    """Subdivided, symmetric and scaled vertices; the scale; the scaled height of the soles."""
     vertices = cage
     for operator in steps:
         vertices = operator @ vertices
@@ -201,7 +201,7 @@ def _weight_triples(
 
 
 def _mirrored_exactly(vertices: F64, mirror: I32) -> F64:
-    """Copy the left half onto the right, and put the midline on x = 0."""
+    """Mirror the left half onto the right and set the midline to x = 0; returns a copy."""
     result = vertices.copy()
     right = vertices[:, 0] < vertices[mirror, 0]
     result[right] = vertices[mirror[right]] * (-1.0, 1.0, 1.0)
@@ -210,7 +210,7 @@ def _mirrored_exactly(vertices: F64, mirror: I32) -> F64:
 
 
 def subdivide(faces: I32, mirror: I32) -> tuple[Any, I32, I32]:
-    """One step of Catmull-Clark subdivision of a closed quad mesh, as a linear operator.
+    """Build one step of Catmull-Clark subdivision of a closed quad mesh as a linear operator.
 
     Source: Catmull and Clark, Computer-Aided Design 10(6), 1978.
 
@@ -222,7 +222,7 @@ def subdivide(faces: I32, mirror: I32) -> tuple[Any, I32, I32]:
     Returns
     -------
     operator : (V + F + E, V) sparse float64
-        Old points to new points: first the old vertices, moved; then face points, edge points.
+        Old points to new points: moved old vertices, then face points, then edge points.
     faces : (4 F, 4) int32
     mirror : (V + F + E,) int32
     """

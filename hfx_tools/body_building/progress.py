@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
-"""Callback with the share that is done, 0..1, and the present step."""
+"""Callback with the finished share, 0..1, and the name of the current step."""
 
 
 def quiet(_share: float, _text: str) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body parts on the dense skin: from the skin weights, and from the way that the skin faces.
+"""Body parts on the dense skin, from skin weights and normals.
 
-Bones decide between the parts of a limb; in the hand and the foot the direction of the skin
-decides between back and palm, top and sole. Smoothing draws the borders as clean lines, and
-whatever is left apart from its part goes to the part around it.
+Skin weights separate the parts of a limb; in hand and foot the normals separate back and palm,
+top and sole. Smoothing gives clean borders, and pieces cut off from their part join the part
+around them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 
 from .outer_skin import Skin
 
-_HAND, _FOOT = -1, -2  # not parts yet: split by direction
+_HAND, _FOOT = -1, -2  # placeholders, split by normals later
 _PART_OF_BONE: Final = {
     "head": "head",
     "upperarm01": "upper_arm",
@@ -32,9 +32,9 @@ _PART_OF_BONE: Final = {
     "lowerleg02": "lower_leg",
 }
 _RIBBON_M: Final = 0.012
-_SOLE_LIMIT: Final = 0.35  # how far the skin of the foot must face down to be sole
+_SOLE_LIMIT: Final = 0.35  # smallest downward component of a sole's normal
 _SMOOTHING_STEPS: Final = 60
-"""Averaging steps on the dense skin: clean borders about 4 mm around."""
+"""Averaging steps on the dense skin, for clean borders within about 4 mm."""
 
 
 def _stem(bone: str) -> str:
@@ -42,10 +42,10 @@ def _stem(bone: str) -> str:
 
 
 def bone_parts(skeleton: Skeleton) -> list[str]:
-    """Body part that each bone moves; ``hand`` and ``foot`` where the direction decides.
+    """Name of the body part of each bone; ``hand`` and ``foot`` are split by normals later.
 
-    A bone that is not named here belongs to the part of its parent, the trunk to the torso.
-    The neck is torso: the head is what the bone ``head`` and the face bones move.
+    A bone without a table entry belongs to the part of its parent, the root to the torso. The
+    neck is torso: the part ``head`` is the bone ``head`` with the face bones.
     """
     parts: list[str] = []
     for name, parent in zip(skeleton.bone_names, skeleton.parents.tolist(), strict=True):
@@ -64,7 +64,7 @@ def bone_parts(skeleton: Skeleton) -> list[str]:
 
 
 def label(skin: Skin, skeleton: Skeleton) -> tuple[U8, U8]:
-    """Part and side of each vertex, each part of a side in one piece, left equal to right.
+    """Label part and side of each vertex; each part of a side is one piece, left mirrors right.
 
     Returns
     -------
@@ -104,8 +104,8 @@ def _sides(skin: Skin) -> U8:
     x = skin.vertices[:, 0]
     side = np.where(x > 0.0, LEFT, RIGHT)
     side[skin.mirror == np.arange(len(x))] = CENTRE
-    found: U8 = side.astype(np.uint8)
-    return found
+    sides: U8 = side.astype(np.uint8)
+    return sides
 
 
 def _mirror_sign(skin: Skin) -> F64:
@@ -113,10 +113,10 @@ def _mirror_sign(skin: Skin) -> F64:
 
 
 def _palm_axis(skeleton: Skeleton) -> F64:
-    """Direction out of the left palm: square to the hand and to the row of knuckles."""
-    place = dict(zip(skeleton.bone_names, skeleton.rest[:, :3, 3].astype(float), strict=True))
-    along = place["finger3-1.L"] - place["wrist.L"]
-    across = place["finger2-1.L"] - place["finger5-1.L"]  # toward the thumb
+    """Unit direction out of the left palm: normal to the hand and the row of knuckles."""
+    heads = dict(zip(skeleton.bone_names, skeleton.rest[:, :3, 3].astype(float), strict=True))
+    along = heads["finger3-1.L"] - heads["wrist.L"]
+    across = heads["finger2-1.L"] - heads["finger5-1.L"]  # toward the thumb
     axis = np.cross(along, across)
     unit: F64 = axis / np.linalg.norm(axis)
     return unit
@@ -142,7 +142,7 @@ def _adjacency(skin: Skin) -> Any:
 
 
 def _averaging(skin: Skin) -> Any:
-    """Smoothing operator: mixes each vertex half with the mean of its neighbours, sparse (V, V)."""
+    """Sparse smoothing operator (V, V): half a vertex, half the mean of its neighbours."""
     from scipy.sparse import diags_array, eye_array
 
     adjacency = _adjacency(skin)
@@ -164,18 +164,20 @@ class _HalfGraph:
         self.shape = adjacency.shape
 
     def pieces(self, part: U8) -> npt.NDArray[np.int32]:
-        """Number of the connected piece of equal part that each vertex is in."""
+        """Id of each vertex's connected piece of equal part, (V,)."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         same = part[self.rows] == part[self.columns]
         edges = (self.rows[same], self.columns[same])
         graph = coo_array((np.ones(len(edges[0])), edges), self.shape)
-        found: npt.NDArray[np.int32] = connected_components(graph, directed=False)[1]
-        return found
+        ids: npt.NDArray[np.int32] = connected_components(graph, directed=False)[1]
+        return ids
 
     def distances_m(self, sources: npt.NDArray[Any]) -> tuple[F64, npt.NDArray[np.int32]]:
-        """Distance along edges to the nearest source, and the vertex before on the way."""
+        """Distance along edges to the nearest source, and the predecessor on the path, negative at
+        sources; infinite without a path.
+        """
         from scipy.sparse import coo_array, csr_array
         from scipy.sparse.csgraph import dijkstra
 
@@ -187,39 +189,39 @@ class _HalfGraph:
 
 
 def _join(graph: _HalfGraph, part: U8, number: int) -> U8:
-    """Join the large pieces of a part by a ribbon along the shortest path between them.
+    """Join the large pieces of a part by ribbons along shortest paths; returns new labels.
 
-    This is the thumb, which hangs on the palm by itself: the skin of the first web counts as
-    fingers, as that between the other fingers does.
+    For the thumb, a separate piece of the fingers: the ribbon through the first web counts as
+    fingers, like the skin between fingers.
     """
     result = part.copy()
     while True:
         piece = graph.pieces(result)
-        mine = graph.members & (result == number)
-        sizes = np.bincount(piece[mine], minlength=piece.max() + 1)
-        large = np.flatnonzero(sizes > 0.05 * mine.sum())
+        is_member = graph.members & (result == number)
+        sizes = np.bincount(piece[is_member], minlength=piece.max() + 1)
+        large = np.flatnonzero(sizes > 0.05 * is_member.sum())
         if len(large) == 1:
             return result
         main = large[np.argmax(sizes[large])]
-        distance, before = graph.distances_m(np.flatnonzero(mine & (piece == main)))
-        others = np.flatnonzero(mine & np.isin(piece, large) & (piece != main))
-        vertex = int(others[np.argmin(distance[others])])
-        way = [vertex]
-        while (vertex := int(before[way[-1]])) >= 0:
-            way.append(vertex)
-        result[graph.distances_m(np.array(way))[0] < _RIBBON_M / 2.0] = number
+        distance, before = graph.distances_m(np.flatnonzero(is_member & (piece == main)))
+        candidates = np.flatnonzero(is_member & np.isin(piece, large) & (piece != main))
+        vertex = int(candidates[np.argmin(distance[candidates])])
+        path = [vertex]
+        while (vertex := int(before[path[-1]])) >= 0:
+            path.append(vertex)
+        result[graph.distances_m(np.array(path))[0] < _RIBBON_M / 2.0] = number
 
 
 def _in_one_piece(skin: Skin, part: U8, side: U8) -> U8:
-    """Give every stray piece to the part that it shares the longest border with."""
+    """Give every stray piece to the part with the longest common border; returns new labels."""
     graph = _HalfGraph(skin, side)
     result = _join(graph, part, PARTS.index("fingers"))
     for _ in PARTS:
         piece = graph.pieces(result)
         stray = graph.members.copy()
         for number in np.unique(result):
-            mine = graph.members & (result == number)
-            stray &= ~(mine & (piece == np.bincount(piece[mine]).argmax()))
+            is_member = graph.members & (result == number)
+            stray &= ~(is_member & (piece == np.bincount(piece[is_member]).argmax()))
         if not stray.any():
             break
         for number in np.unique(piece[stray]):

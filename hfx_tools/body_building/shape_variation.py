@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shape variation of people, from MakeHuman's macro targets: ``body_models/shapes.npz``.
 
-Many people are drawn at random, and each gets a rig whose joints are displaced at random, as
-rigs disagree on where a hip or a shoulder is. The canonical avatar is posed onto each of them as
-onto anybody's avatar; what that misses, in the avatar's rest space, is a field of displacements.
-Their principal components are what :mod:`...engine.retargeting.shape_fields` fits with.
+400 random people get rigs with randomly displaced joints, since rigs differ in the location of
+hips and shoulders. The canonical avatar is retargeted to each person; the remaining error, in the
+avatar's rest space, is a field of displacements. The principal components of these fields are the
+basis of :mod:`...engine.retargeting.shape_fields`.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from .variant import _MACRO, _ORIGINS, Variant, target_shares
 
 PEOPLE: Final = 400
 FIELDS: Final = 32
-"""Fields that are kept: with more, no part of a known person gets better by half a millimetre."""
+"""Number of fields: more fields improve no part of a known person by half a millimetre."""
 
 _SEED: Final = 6
 _AVERAGE_EVERY: Final = 4
-"""Period of the average adult among the samples; of this one only the joints are displaced."""
+"""Period of the average adult, with displaced joints only, among the random people."""
 
 _JOINTS_M: Final = {
     "upperleg01": (0.015, 0.015, 0.025),
@@ -50,24 +50,24 @@ _JOINTS_M: Final = {
     **{f"finger{f}-{p}": (0.0025, 0.0025, 0.0025) for f in range(1, 6) for p in range(1, 4)},
     **{f"toe{number}-1": (0.006, 0.006, 0.006) for number in range(1, 6)},
 }
-"""Standard deviation of joints between rigs, of a body 1.7 m tall."""
+"""Standard deviation (x, y, z) of joints between rigs, metres, for a body of 1.7 m."""
 
 
 def write(average: Source, folder: Path, avatar: Avatar, destination: Path) -> None:
-    """Make the fields and write them into a folder of models; see :func:`make`."""
+    """Build the fields and write their file into a folder of models; see :func:`make`."""
     fields, mirror = make(average, folder, avatar)
     save(fields, mirror, destination / SHAPES_FILE)
 
 
 def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I64]:
-    """The fields of the canonical avatar, and its mirror table.
+    """Build the fields of the canonical avatar, and its mirror table (V,).
 
     Parameters
     ----------
     average : Source
-        The average adult.
+        Average adult.
     folder : Path
-        Where its data lies.
+        Folder of MakeHuman's data.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
     ids = source_vertices(avatar)
     mirror = _mirror(avatar.vertices.astype(np.float64))
     mapping: BoneMapping | None = None
-    missed = []
+    errors = []
     for number in range(PEOPLE):
         shares = _random_person(rng) if number % _AVERAGE_EVERY else source_data.AVERAGE_ADULT
         vertices = base.copy()
@@ -97,18 +97,18 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
         shaped = replace(average, vertices=0.1 * vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0))
         target = _avatar_of(shaped, avatar, ids, rng)
         mapping = mapping or map_bones(target.bones)  # type: ignore[arg-type]
-        missed.append(_missed(avatar, target, mapping, mirror))
-    return ShapeFields(_components(np.stack(missed))), mirror
+        errors.append(_retarget_error(avatar, target, mapping, mirror))
+    return ShapeFields(_components(np.stack(errors))), mirror
 
 
 def source_vertices(avatar: Avatar) -> I64:
-    """Vertex of MakeHuman's base mesh of each of an avatar's."""
+    """Vertex id in MakeHuman's base mesh for each vertex of an avatar."""
     runs = avatar.provenance["source_vertices"]
     return np.concatenate([np.arange(first, last + 1) for first, last in runs])
 
 
 def _random_person(rng: np.random.Generator) -> dict[str, float]:
-    """Shape targets of a person drawn at random, extremes as likely as the middle."""
+    """Shares of shape targets for a random person; extremes are as likely as the middle."""
     gender, muscle, weight, stature, proportions = rng.beta(0.6, 0.6, 5).tolist()
     age = float(rng.uniform(4.0, 90.0))
     person = Variant(gender, age, muscle, weight, stature, proportions)
@@ -121,7 +121,7 @@ def _random_person(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _avatar_of(shaped: Source, avatar: Avatar, ids: I64, rng: np.random.Generator) -> TargetAvatar:
-    """A person with the canonical mesh and weights, and joints that are not quite there."""
+    """Target avatar of a person, with canonical mesh and weights and displaced joints."""
     bones = skeleton.make(shaped, 1.0, 0.0)
     vertices = shaped.vertices[ids]
     height = float(np.ptp(vertices[:, 2])) / 1.7
@@ -145,25 +145,25 @@ def _avatar_of(shaped: Source, avatar: Avatar, ids: I64, rng: np.random.Generato
     return TargetAvatar(vertices, avatar_triangles(avatar), avatar.weights, names, rig)
 
 
-def _point(place: F64) -> tuple[float, float, float]:
-    x, y, z = place.tolist()
+def _point(point: F64) -> tuple[float, float, float]:
+    x, y, z = point.tolist()
     return x, y, z
 
 
 def avatar_triangles(avatar: Avatar) -> I64:
-    """The quads of an avatar, halved."""
+    """Split the quads of an avatar into triangles (2 F, 3)."""
     quads = avatar.faces.astype(np.int64)
     return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 
 
-def _missed(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, mirror: I64) -> F64:
-    """Error of posing the canonical avatar onto a person, (V, 3), in its rest space; symmetric."""
+def _retarget_error(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, mirror: I64) -> F64:
+    """Error (V, 3) of the canonical avatar retargeted to a person, in rest space, symmetric."""
     bodies = skeletons_of(avatar, target, mapping)
     moved = matrices(avatar, bodies)
     truth = apply(np.linalg.inv(bodies.to_target), target.vertices)
     miss = np.linalg.solve(moved[..., :3], (truth - posed(avatar, moved))[..., None])[..., 0]
-    found: F64 = (miss + miss[mirror] * (-1.0, 1.0, 1.0)) / 2.0
-    return found
+    error: F64 = (miss + miss[mirror] * (-1.0, 1.0, 1.0)) / 2.0
+    return error
 
 
 def _mirror(vertices: F64) -> I64:
@@ -176,11 +176,11 @@ def _mirror(vertices: F64) -> I64:
 
 
 def _components(fields: F64) -> F64:
-    """Principal components about no displacement, each as large as one standard deviation."""
+    """Uncentred principal components, scaled to one standard deviation, (32, V, 3)."""
     rows = fields.reshape(len(fields), -1)
     _, vectors = np.linalg.eigh(rows @ rows.T)
     largest = vectors[:, ::-1][:, :FIELDS]
-    # The sign of an eigenvector is nobody's choice.
+    # The sign of an eigenvector is arbitrary: the largest component becomes positive.
     largest *= np.sign(largest[np.abs(largest).argmax(axis=0), np.arange(largest.shape[1])])
-    found: F64 = (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
-    return found
+    components: F64 = (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
+    return components

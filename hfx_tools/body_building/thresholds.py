@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two-point thresholds: smallest distance at which two touches are felt as two.
+"""Two-point thresholds: smallest distance between two touches felt as separate.
 
-Source: Danieau et al., VRST 2018, section 3.1 (after Weber, Weinstein and others) and Table 1.
-All in millimetres, in the order of :data:`~.parts.PARTS`.
+Source: Danieau et al., VRST 2018, section 3.1 (after Weber, Weinstein et al.) and Table 1. All
+tables are millimetres, in the order of :data:`~.parts.PARTS`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ LITERATURE_MM: Final[Targets] = {
     "vibration": (2.5, 20.0, 50.0, 25.0, 16.0, 10.0, 2.0, 30.0, 30.0, 20.0, 10.0),
     "temperature": (50.0, 50.0, 150.0, 150.0, 19.0, 19.0, 19.0, 150.0, 150.0, 150.0, 150.0),
 }
-"""Thresholds named in the paper, to which the shipped models are made."""
+"""Thresholds in the paper's text, the targets of the shipped models."""
 
 TABLE_1_MM: Final[Targets] = {
     "pressure": (7.72, 13.0, 22.3, 15.3, 15.2, 7.2, 2.59, 25.2, 27.6, 17.3, 7.58),
     "vibration": (2.62, 20.1, 50.9, 25.5, 16.1, 10.0, 1.93, 30.0, 30.5, 20.5, 16.1),
     "temperature": (48.8, 50.4, 150.4, 150.0, 20.0, 20.0, 20.0, 149.0, 155.5, 147.7, 147.7),
 }
-"""Results of the authors, as printed."""
+"""Results of the paper's authors, as printed."""
 
 NOTE_ON_TABLE_1: Final = (
     "Table 1 prints 16.1 (10.7) for the vibration of the foot sole, which repeats the hand "
@@ -55,17 +55,16 @@ _TABLE_1_USED: Final[Targets] = TABLE_1_MM | {"vibration": (*TABLE_1_MM["vibrati
 
 
 def read(name: str) -> Targets:
-    """Targets by name (``literature``, ``table1``) or from a JSON file.
+    """Read targets by name (``literature``, ``table1``) or from a JSON file.
 
-    The file maps modalities to parts to millimetres, and names only what differs from the
-    literature: ``{"pressure": {"head": 10, "fingers": 4}}``. Modalities that it does not name
-    are not made.
+    The file maps modalities to parts to millimetres; missing parts have the literature's values:
+    ``{"pressure": {"head": 10, "fingers": 4}}``. Missing modalities are left out.
 
     Raises
     ------
     InputError
-        The file cannot be read, or names an unknown modality or part, or a spacing that is not
-        a number between :data:`SMALLEST_MM` and :data:`LARGEST_MM`.
+        The file cannot be read, or has an unknown modality or part, or a spacing outside of
+        :data:`SMALLEST_MM` to :data:`LARGEST_MM`.
     """
     if name in ("literature", "table1"):
         return LITERATURE_MM if name == "literature" else _TABLE_1_USED
@@ -107,9 +106,8 @@ def canonical_id(modality: str) -> str:
 
 
 def model_id(modality: str, spacings_mm: tuple[float, ...], method: str = "cells") -> str:
-    """Id of the model of these spacings: the canonical one, or one named after the numbers.
-
-    Decimated models end in the method's name.
+    """Id of a model: the canonical id, for other spacings with a hash, for another method with
+    its name.
     """
     identity = canonical_id(modality)
     if spacings_mm != LITERATURE_MM[modality]:

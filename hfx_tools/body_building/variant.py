@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body variants: MakeHuman's macro values, and the shape targets that they mix."""
+"""Body variants: MakeHuman's macro values, and the resulting mix of shape targets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _AGES_YEARS: Final = (1.0, 10.0, 25.0, 90.0)
 
 @dataclass(frozen=True)
 class Variant:
-    """A person by MakeHuman's macro values; the defaults are the average adult's."""
+    """MakeHuman's macro values of a person; the defaults are the average adult."""
 
     gender: float = 0.5  # 0 female, 1 male
     age: float = 25.0  # years
@@ -30,13 +30,13 @@ class Variant:
     weight: float = 0.5  # 0 least, 1 most
     stature: float = 0.5  # build, 0 of a short, 1 of a tall person: limbs against head
     proportions: float = 0.5  # 0 uncommon, 1 ideal
-    height: float | None = None  # metres; None is as tall as the source makes this person
+    height: float | None = None  # metres; None: height of the shape targets
 
     def __str__(self) -> str:
         return ",".join(f"{name}={value:g}" for name, value in self.values().items())
 
     def values(self) -> dict[str, float]:
-        """Values that describe the person, by name; no height where the source decides it."""
+        """Values by name, without a height of None."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     @property
@@ -50,16 +50,16 @@ RANGES: Final = {field.name: (0.0, 1.0) for field in fields(Variant)} | {
     "age": (_AGES_YEARS[0], _AGES_YEARS[-1]),
     "height": (0.4, 2.6),
 }
-"""Smallest and largest value of each; age in years, height in metres."""
+"""Smallest and largest allowed value by name; age in years, height in metres."""
 
 
 def parse(text: str) -> Variant:
-    """A variant from the command line: ``gender=1,age=70,height=1.72``.
+    """Parse a variant of the command line: ``gender=1,age=70,height=1.72``.
 
     Raises
     ------
     UsageError
-        An unknown or repeated name, or a value that is not a number of its range.
+        An unknown or repeated name, or a value outside of its range.
     """
     values: dict[str, float] = {}
     for item in text.split(","):
@@ -86,12 +86,11 @@ def parse(text: str) -> Variant:
 
 
 def target_shares(variant: Variant) -> dict[str, float]:
-    """Shares of shape targets, combined as MakeHuman does.
+    """Shares of shape targets by file, combined like in MakeHuman.
 
-    A share is the product over the axes that the target is made for (gender, age, muscle,
-    weight), each axis linear between its two nearest targets; the three origins have a third
-    each. Ages are those of MakeHuman's: baby 1, child 10, young 25, old 90 years. Babies have
-    no targets of proportions.
+    A share is the product over the target's axes (gender, age, muscle, weight), each axis linear
+    between its two nearest targets; the three origins have a third each. MakeHuman's ages are baby
+    1, child 10, young 25, old 90 years. Babies have no targets of proportions.
     """
     shares: dict[str, float] = {}
     genders = {"female": 1.0 - variant.gender, "male": variant.gender}
@@ -120,7 +119,7 @@ def target_shares(variant: Variant) -> dict[str, float]:
 def _between(
     value: float, names: tuple[str, ...], places: tuple[float, ...] = (0.0, 0.5, 1.0)
 ) -> dict[str, float]:
-    """Shares of the names on either side of a value; they sum to 1."""
+    """Interpolation shares of the one or two names next to a value; the sum is 1."""
     shares = np.interp(value, places, np.arange(len(places))) - np.arange(len(places))
     return {
         name: float(1.0 - abs(share))

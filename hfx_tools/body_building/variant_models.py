@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``hfx body build --variant``: the canonical models as another person, vertex ids unchanged.
 
-No mesh is made anew: each vertex keeps its place on the dense skin, and the skin is shaped by
-other MakeHuman targets. A vertex id means the same spot of the body in every variant.
+No mesh is rebuilt: each vertex stays on its triangle of the dense skin, and the skin is shaped by
+other MakeHuman targets. A vertex id is the same spot of the body in every variant.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .variant import Variant, target_shares
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The average adult, from which every variant is shaped."""
+    """Skin of the average adult, the start of every variant."""
 
     folder: Path
     skins: Skins
@@ -41,7 +41,7 @@ class Original:
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """A variant's avatar and skin; the quads of the skin are the original's."""
+    """Avatar and skin of a variant; the skin has the quads of the average adult."""
 
     variant: Variant
     avatar: Avatar
@@ -50,7 +50,7 @@ class Person:
 
 
 def original(source: Path | None) -> Original:
-    """Read the skin that the canonical models were made on.
+    """Rebuild the skin of the canonical models.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def original(source: Path | None) -> Original:
 
 
 def person(adult: Original, variant: Variant) -> Person:
-    """Shape skin and skeleton as a variant.
+    """Apply a variant to the average adult's skin and skeleton.
 
     Raises
     ------
@@ -100,50 +100,52 @@ def _origin(canonical: Avatar | PerceptualModel, variant: Variant) -> dict[str, 
     }
 
 
-def model(canonical: PerceptualModel, someone: Person) -> PerceptualModel:
-    """A canonical perceptual model on the skin of a variant.
+def model(canonical: PerceptualModel, person_: Person) -> PerceptualModel:
+    """Move a canonical perceptual model to the skin of a variant; returns a new model.
 
-    Ids, triangles, parts, sides, mirror table and skin weights are the canonical ones; places,
+    Vertex ids, triangles, parts, sides, mirror table and skin weights are canonical; positions,
     normals, areas, the binding to the avatar and the statistics are the variant's.
     """
-    points = _both_sides(canonical, _moved(canonical, someone))
+    points = _both_sides(canonical, _moved(canonical, person_))
     triangles = canonical.triangles.astype(np.int64)
     normals = _both_sides(canonical, assemble.vertex_normals(points, triangles))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    places = points.astype(np.float32)
-    areas_m2, gaps_m, errors_m = _measured(canonical, places.astype(np.float64), someone.left)
-    avatar = someone.avatar
+    vertices = points.astype(np.float32)
+    areas_m2, gaps_m, errors_m = _measured(canonical, vertices.astype(np.float64), person_.left)
+    avatar = person_.avatar
     avatar_triangles = assemble.triangles_of(avatar.faces)
-    over, shares, offset_m = locate(points, avatar.vertices.astype(np.float64), avatar_triangles)
-    made = replace(
+    avatar_triangle, shares, offset_m = locate(
+        points, avatar.vertices.astype(np.float64), avatar_triangles
+    )
+    moved = replace(
         canonical,
-        id=canonical.id + someone.variant.suffix,
-        vertices=places,
+        id=canonical.id + person_.variant.suffix,
+        vertices=vertices,
         normals=normals.astype(np.float32),
         areas_m2=areas_m2.astype(np.float32),
-        avatar_vertices=avatar_triangles[over].astype(np.int32),
+        avatar_vertices=avatar_triangles[avatar_triangle].astype(np.int32),
         avatar_weights=shares.astype(np.float32),
         avatar_offset_m=offset_m.astype(np.float32),
-        provenance={**canonical.provenance, **_origin(canonical, someone.variant)},
+        provenance={**canonical.provenance, **_origin(canonical, person_.variant)},
     )
-    made.provenance["statistics"] = stats.statistics(made, gaps_m, errors_m)
-    return made
+    moved.provenance["statistics"] = stats.statistics(moved, gaps_m, errors_m)
+    return moved
 
 
-def _moved(canonical: PerceptualModel, someone: Person) -> F64:
-    """Move the vertices to the variant's skin; those of the right side are not set.
+def _moved(canonical: PerceptualModel, person_: Person) -> F64:
+    """Positions (V, 3) on the variant's skin; zeros for vertices of the right side.
 
-    Vertices raised over the skin, so that their triangles lie on it, keep their rise in
-    proportion to the size of the skin below.
+    A vertex raised above the skin keeps its height relative to the size of the triangle below.
     """
-    here, there = someone.original, someone.left
+    here, there = person_.original, person_.left
     chosen = np.flatnonzero(canonical.side != RIGHT)
-    at = canonical.vertices[chosen].astype(np.float64)
-    triangle, shares, rise_m = locate(at, here.points, here.triangles)
+    points_ = canonical.vertices[chosen].astype(np.float64)
+    triangle, shares, rise_m = locate(points_, here.points, here.triangles)
     corners = here.triangles[triangle]
     facing = triangle_normals(there.points, corners)
     size_before, size = (
-        np.linalg.norm(each, axis=1) for each in (triangle_normals(here.points, corners), facing)
+        np.linalg.norm(normals, axis=1)
+        for normals in (triangle_normals(here.points, corners), facing)
     )
     rise_m *= np.sqrt(size / size_before)
     points = np.zeros((len(canonical), 3))
@@ -153,7 +155,7 @@ def _moved(canonical: PerceptualModel, someone: Person) -> F64:
 
 
 def _both_sides(canonical: PerceptualModel, vectors: F64) -> F64:
-    """Mirror vectors of the left side to the right; those of the midline lose x."""
+    """Mirror vectors (V, 3) from left to right; x of the midline becomes 0. Returns a copy."""
     result = vectors.copy()
     right = canonical.side == RIGHT
     result[right] = vectors[canonical.mirror[right]] * (-1.0, 1.0, 1.0)
@@ -162,9 +164,9 @@ def _both_sides(canonical: PerceptualModel, vectors: F64) -> F64:
 
 
 def _measured(canonical: PerceptualModel, points: F64, left: LeftSkin) -> tuple[F64, F64, F64]:
-    """Skin of each vertex, then largest gap and mean error for each part.
+    """Skin of each vertex (V,), then largest gap and mean error by part, metres.
 
-    A piece of skin belongs to the nearest vertex of its part.
+    Each sample of skin belongs to the nearest vertex of its part.
     """
     from scipy.spatial import cKDTree
 
@@ -195,15 +197,14 @@ def build(
     source : Path, optional
         See :func:`.source.locate`.
     destination : Path
-        Folder; files of the same names are replaced, each when it is complete, the manifest
-        last.
+        Folder; each file of the same name is replaced as a whole, the manifest last.
     progress : callable
-        Given the share that is done, 0..1, and what is being done.
+        Called with the finished share, 0..1, and the current step.
 
     Returns
     -------
     dict
-        The manifest, as written.
+        The written manifest.
 
     Raises
     ------
@@ -212,16 +213,16 @@ def build(
     OutputError
         The folder or a file in it cannot be written.
     UsageError
-        The folder is that of the canonical models.
+        The folder of the canonical models.
     """
     model_set.prepare(destination, "a variant")
     progress(0.0, "reading the source")
     adult = original(source)
     progress(0.25, "shaping the skin")
-    someone = person(adult, variant)
-    avatar = someone.avatar
+    person_ = person(adult, variant)
+    avatar = person_.avatar
     heights_m = avatar.vertices[:, 2]
-    made: dict[str, Any] = {
+    new_manifest: dict[str, Any] = {
         "version": model_set.MANIFEST_VERSION,
         "variant": variant.values(),
         "avatar": {
@@ -234,9 +235,9 @@ def build(
     canonical_ids = list(manifest()["models"])
     for number, canonical_id in enumerate(canonical_ids):
         progress(0.3 + 0.7 * number / len(canonical_ids), canonical_id)
-        each = model(load_model(canonical_id), someone)
-        model_file.save(each, destination / f"{each.modality}.npz")
-        made["models"][each.id] = model_set.model_entry(each)
-    model_set.write_manifest(destination, made)
+        moved = model(load_model(canonical_id), person_)
+        model_file.save(moved, destination / f"{moved.modality}.npz")
+        new_manifest["models"][moved.id] = model_set.model_entry(moved)
+    model_set.write_manifest(destination, new_manifest)
     progress(1.0, "done")
-    return made
+    return new_manifest

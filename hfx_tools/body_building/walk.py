@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A cycle of walking in place for the canonical skeleton, made by formula.
+"""Cycle of walking in place for the canonical skeleton, by formula.
 
 The standing foot rolls over the ground without sliding (heel, flat, ball), the swinging foot
-follows a smooth curve between; hips and knees follow from the ankles. Phases and angles are
-those of an adult at a free pace (Perry and Burnfield, Gait Analysis, 2010).
+follows a smooth curve; hips and knees follow from the ankles. Phases and angles are typical for
+an adult at a free pace (Perry and Burnfield, Gait Analysis, 2010).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ RATE_HZ: Final = 30.0
 FRAMES: Final = 32
 STRIDE_M: Final = 1.30
 
-_STANCE: Final = 0.62  # share of the cycle that a foot is on the ground
+_STANCE: Final = 0.62  # share of the cycle with the foot on the ground
 # The foot lies flat between these phases.
 _FLAT: Final = 0.10
 _HEEL_OFF: Final = 0.38
@@ -30,14 +30,14 @@ _STRIKE_DEG: Final = 18.0
 _TOE_OFF_DEG: Final = -48.0
 _TOE_OUT_DEG: Final = 7.0
 _TOE_LAG: Final = 0.2  # share of the cycle until the lifted toes are in line again
-_LEAVING: Final = 0.5  # speed of the foot when it leaves the ground, over the ground's
+_LEAVING: Final = 0.5  # speed of the foot at toe-off, relative to the ground's speed
 _ARRIVING: Final = 0.6
 _CLEARANCE_M: Final = 0.025  # added to the swinging foot
-_BEHIND_M: Final = 0.065  # the middle of the way on the ground, behind the hips
+_BEHIND_M: Final = 0.065  # middle of the ground contact, behind the hips
 _STEP_WIDTH_M: Final = 0.10
 _SWAY_M: Final = 0.018
 _BOB_M: Final = 0.023
-_LEG_REACH: Final = 0.992  # of the leg's length: a knee is never quite straight
+_LEG_REACH: Final = 0.992  # largest share of the leg's length: the knee is never quite straight
 _PELVIS_TURN_DEG: Final = 5.0
 _PELVIS_LIST_DEG: Final = 3.0
 _CHEST_TURN_DEG: Final = 5.0
@@ -49,10 +49,10 @@ _FINGER_CURL_DEG: Final = 11.0
 
 
 def make(avatar: Avatar) -> WalkCycle:
-    """Make one cycle, left heel strike first.
+    """Build one cycle, from left heel strike.
 
-    Rotations are made as turns in rest space (what a bone does to the body at rest) and turned
-    into Blender's bone-local quaternions at the end.
+    Rotations are computed in rest space (relative to the body at rest), and converted to Blender's
+    bone-local quaternions at the end.
     """
     bones = avatar.skeleton
     turns = np.broadcast_to(np.eye(3), (FRAMES, len(bones.bone_names), 3, 3)).copy()
@@ -60,8 +60,8 @@ def make(avatar: Avatar) -> WalkCycle:
     feet = {side: _Foot(avatar, side) for side in ("L", "R")}
     for frame in range(FRAMES):
         phase = frame / FRAMES
-        offsets[frame], given = _posture(bones, feet, phase)
-        turns[frame] = _inherited(bones, given)
+        offsets[frame], led_turns = _posture(bones, feet, phase)
+        turns[frame] = _inherited(bones, led_turns)
     return WalkCycle(
         rate_hz=RATE_HZ,
         stride_m=STRIDE_M,
@@ -73,7 +73,7 @@ def make(avatar: Avatar) -> WalkCycle:
 
 
 class _Foot:
-    """Motion of one foot, and the point of its rest shape that touches the ground."""
+    """Motion of a foot, with the contact points of its rest shape."""
 
     def __init__(self, avatar: Avatar, side: str) -> None:
         bones = avatar.skeleton
@@ -81,7 +81,7 @@ class _Foot:
         self.hip, self.knee, self.ankle = (
             _head(bones, f"{name}.{side}") for name in ("upperleg01", "lowerleg01", "foot")
         )
-        # Both feet from the left one's sole; turned so that the toes point straight ahead.
+        # Both feet use the sole of the left foot, rotated so that the toes point straight ahead.
         sole = avatar.vertices[
             (avatar.part == PARTS.index("foot_sole")) & (avatar.side == LEFT)
         ].astype(float) * (self.sign, 1.0, 1.0)
@@ -95,7 +95,7 @@ class _Foot:
         self.ball_point = np.array([0.0, ball[1], ball[2]])  # the toes' joints
 
     def pitch(self, phase: float) -> float:
-        """Turn about X, radians, positive with the toes up; ``phase`` from its heel strike."""
+        """Pitch about X, radians, positive with the toes up; ``phase`` 0 is the heel strike."""
         knots = (0.0, _FLAT, _HEEL_OFF, 0.52, _STANCE, 0.73, 0.87, 1.0)
         degrees = (_STRIKE_DEG, 0.0, 0.0, -20.0, _TOE_OFF_DEG, -34.0, 6.0, _STRIKE_DEG)
         return float(np.radians(_smooth(phase, knots, degrees)))
@@ -106,37 +106,37 @@ class _Foot:
         return _about(2, yaw) @ _about(0, -self.pitch(phase)) @ _about(2, -self.rest_yaw)
 
     def toe_turn(self, phase: float) -> F64:
-        """The toes stay on the ground while the heel is off."""
+        """Rotation (3, 3) of the toes: flat on the ground with the heel off, then in line again."""
         yaw = self.sign * np.radians(_TOE_OUT_DEG)
         follows = np.clip((phase - _STANCE) / _TOE_LAG, 0.0, 1.0)
         pitch = max(self.pitch(phase), follows * self.pitch(phase))
         return _about(2, yaw) @ _about(0, -pitch) @ _about(2, -self.rest_yaw)
 
     def ankle_at(self, phase: float) -> F64:
-        """Place of the ankle over the moving ground, x from the midline, y from the hips."""
+        """Position (3,) of the ankle on the moving ground, x from the midline, y from the hips."""
         if phase < _STANCE:
             return self._standing(phase)
-        # A cubic from toe-off to heel strike, near the ground's own speed at both ends, lifted.
+        # A cubic from toe-off to heel strike, close to the ground's speed at both ends, lifted.
         step = 1e-4
         start, end = self._standing(_STANCE - step), self._standing(0.0)
         leave = _LEAVING * (start - self._standing(_STANCE - 2 * step)) / step
         arrive = _ARRIVING * (self._standing(step) - end) / step
         length = 1.0 - _STANCE
         u = (phase - _STANCE) / length
-        place = (
+        ankle = (
             (2 * u**3 - 3 * u**2 + 1) * start
             + (u**3 - 2 * u**2 + u) * length * leave
             + (3 * u**2 - 2 * u**3) * end
             + (u**3 - u**2) * length * arrive
         )
-        place[2] += _CLEARANCE_M * 6.75 * u * (1.0 - u) ** 2  # highest at a third of the way
-        return place
+        ankle[2] += _CLEARANCE_M * 6.75 * u * (1.0 - u) ** 2  # highest at a third of the way
+        return ankle
 
     def under_hip(self, phase: float) -> F64:
-        """Place of the ankle in rest space."""
-        place = self.ankle_at(phase)
-        place[1] += self.hip[1]
-        return place
+        """Position (3,) of the ankle in rest space."""
+        ankle = self.ankle_at(phase)
+        ankle[1] += self.hip[1]
+        return ankle
 
     def _standing(self, phase: float) -> F64:
         yaw = _about(2, self.sign * np.radians(_TOE_OUT_DEG))
@@ -152,17 +152,17 @@ class _Foot:
 def _posture(
     bones: Skeleton, feet: Mapping[str, _Foot], phase: float
 ) -> tuple[F64, dict[str, F64]]:
-    """Offset of the root, and turns in rest space of the bones that lead the others."""
+    """Offset (3,) of the root, and rest-space rotations (3, 3) of the leading bones by name."""
     around = 2.0 * np.pi * phase
-    # At phase 0 the left foot is in front: the left hip goes ahead, the chest turns against.
+    # At phase 0 the left foot is in front: the left hip moves ahead, the chest counter-rotates.
     pelvis = _about(2, -np.radians(_PELVIS_TURN_DEG) * np.cos(around)) @ _about(
         1, -np.radians(_PELVIS_LIST_DEG) * np.sin(around)
     )
     chest = _about(2, np.radians(_CHEST_TURN_DEG) * np.cos(around)) @ _about(0, np.radians(2.0))
-    given: dict[str, F64] = {"root": pelvis, "neck01": _mix(np.eye(3), chest, 0.5)}
+    turns: dict[str, F64] = {"root": pelvis, "neck01": _mix(np.eye(3), chest, 0.5)}
     for number, share in (("05", 0.1), ("04", 0.35), ("03", 0.6), ("02", 0.85), ("01", 1.0)):
-        given[f"spine{number}"] = _mix(pelvis, chest, share)
-    given["head"] = np.eye(3)
+        turns[f"spine{number}"] = _mix(pelvis, chest, share)
+    turns["head"] = np.eye(3)
 
     root = _head(bones, "root")
     offset = np.array([_SWAY_M * np.sin(around), 0.0, -_BOB_M * np.cos(2.0 * around)])
@@ -172,16 +172,16 @@ def _posture(
     for side, foot in feet.items():
         hip = root + offset + pelvis @ (foot.hip - root)
         ankle = foot.under_hip(phases[side])
-        given |= _leg(foot, side, hip, ankle)
-        given[f"foot.{side}"] = foot.turn(phases[side])
+        turns |= _leg(foot, side, hip, ankle)
+        turns[f"foot.{side}"] = foot.turn(phases[side])
         for digit in range(1, 6):
-            given[f"toe{digit}-1.{side}"] = foot.toe_turn(phases[side])
-        given |= _arm(bones, side, chest, np.cos(around) * foot.sign)
-    return offset, given
+            turns[f"toe{digit}-1.{side}"] = foot.toe_turn(phases[side])
+        turns |= _arm(bones, side, chest, np.cos(around) * foot.sign)
+    return offset, turns
 
 
 def _hip_drop(feet: Mapping[str, _Foot]) -> float:
-    """Distance by which the hips are lowered, so that no leg is ever overstretched."""
+    """Vertical offset of the hips (0 or negative, metres) that keeps every leg in reach."""
     foot = feet["L"]
     reach = _LEG_REACH * (
         np.linalg.norm(foot.knee - foot.hip) + np.linalg.norm(foot.ankle - foot.knee)
@@ -199,7 +199,7 @@ def _hip_drop(feet: Mapping[str, _Foot]) -> float:
 
 
 def _leg(foot: _Foot, side: str, hip: F64, ankle: F64) -> dict[str, F64]:
-    """Turns of thigh and shank that bring the ankle to its place, knee to the front."""
+    """Rotations of thigh and shank by two-bone inverse kinematics, knee to the front."""
     thigh, shank = foot.knee - foot.hip, foot.ankle - foot.knee
     upper, lower = float(np.linalg.norm(thigh)), float(np.linalg.norm(shank))
     way = ankle - hip
@@ -219,7 +219,7 @@ def _leg(foot: _Foot, side: str, hip: F64, ankle: F64) -> dict[str, F64]:
 
 
 def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]:
-    """Turns of the arm; ``swing`` is 1 with the leg of the same side in front: arm behind."""
+    """Rotations of arm and fingers; ``swing`` is 1 with the arm behind, -1 in front."""
     sign = 1.0 if side == "L" else -1.0
     shoulder, elbow, wrist = (
         _head(bones, f"{name}.{side}") for name in ("upperarm01", "lowerarm01", "wrist")
@@ -233,18 +233,18 @@ def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]
     straight = _shortest(lower @ (wrist - elbow), hang + np.array([0.0, 0.0, -0.05]))
     bend = np.radians(_ELBOW_DEG - _ELBOW_SWING_DEG * swing)
     fore = chest @ swung @ _about(0, -bend) @ straight @ lower
-    given = {f"upperarm01.{side}": upper, f"lowerarm01.{side}": fore, f"wrist.{side}": fore}
+    turns = {f"upperarm01.{side}": upper, f"lowerarm01.{side}": fore, f"wrist.{side}": fore}
     knuckles = _head(bones, f"finger2-1.{side}") - _head(bones, f"finger5-1.{side}")
     axis = sign * knuckles / np.linalg.norm(knuckles)
     for digit in range(2, 6):
         for joint in range(1, 4):
             curl = _about_axis(axis, np.radians(_FINGER_CURL_DEG * joint))
-            given[f"finger{digit}-{joint}.{side}"] = fore @ curl
-    return given
+            turns[f"finger{digit}-{joint}.{side}"] = fore @ curl
+    return turns
 
 
 def _inherited(bones: Skeleton, given: Mapping[str, F64]) -> F64:
-    """Turn of every bone: its own if given, else that of its parent."""
+    """Rotations (B, 3, 3) of all bones: the given rotation, or the parent's."""
     turns = np.zeros((len(bones.bone_names), 3, 3))
     for number, (name, parent) in enumerate(
         zip(bones.bone_names, bones.parents.tolist(), strict=True)
@@ -254,20 +254,20 @@ def _inherited(bones: Skeleton, given: Mapping[str, F64]) -> F64:
 
 
 def _local_quaternions(bones: Skeleton, turns: F64) -> F64:
-    """Turns in rest space to ``rotation_quaternion``, (T, B, 4), without sign jumps."""
+    """Convert rest-space rotations to ``rotation_quaternion``, (T, B, 4), without sign jumps."""
     rest = bones.rest[:, :3, :3].astype(float)
     before = np.concatenate((turns, np.broadcast_to(np.eye(3), turns[:, :1].shape)), axis=1)
     relative = np.swapaxes(before[:, bones.parents], -1, -2) @ turns
     local = np.swapaxes(rest, -1, -2) @ relative @ rest
-    found = _quaternions(local)
-    for frame in range(1, len(found)):
-        flipped = np.einsum("bk,bk->b", found[frame], found[frame - 1]) < 0.0
-        found[frame, flipped] *= -1.0
-    return found
+    quaternions = _quaternions(local)
+    for frame in range(1, len(quaternions)):
+        flipped = np.einsum("bk,bk->b", quaternions[frame], quaternions[frame - 1]) < 0.0
+        quaternions[frame, flipped] *= -1.0
+    return quaternions
 
 
 def _quaternions(matrices: F64) -> F64:
-    """Unit quaternions (w, x, y, z) of rotations by less than a half turn, w positive."""
+    """Unit quaternions (w, x, y, z), w positive, of rotations by less than pi."""
     m = matrices
     w = np.sqrt(np.maximum(1.0 + np.trace(m, axis1=-2, axis2=-1), 1e-12)) / 2.0
     xyz = np.stack(
@@ -278,14 +278,14 @@ def _quaternions(matrices: F64) -> F64:
         ),
         axis=-1,
     ) / (4.0 * w[..., None])
-    found = np.concatenate((w[..., None], xyz), axis=-1)
-    unit: F64 = found / np.linalg.norm(found, axis=-1, keepdims=True)
+    wxyz = np.concatenate((w[..., None], xyz), axis=-1)
+    unit: F64 = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
     return unit
 
 
 def _head(bones: Skeleton, name: str) -> F64:
-    place: F64 = bones.rest[bones.bone_names.index(name), :3, 3].astype(float)
-    return place
+    head: F64 = bones.rest[bones.bone_names.index(name), :3, 3].astype(float)
+    return head
 
 
 def _about(axis: int, angle: float) -> F64:
@@ -300,7 +300,7 @@ def _about_axis(axis: F64, angle: float) -> F64:
 
 
 def _shortest(start: F64, end: F64) -> F64:
-    """Smallest rotation that takes one direction to the other, (3, 3)."""
+    """Shortest rotation (3, 3) from a direction to another; identity for opposite directions."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     axis = np.cross(start, end)
     sine = float(np.linalg.norm(axis))
@@ -321,7 +321,7 @@ def _mix(one: F64, other: F64, share: float) -> F64:
 
 
 def _frame(along: F64, ahead: F64) -> F64:
-    """Orthonormal columns: along, ahead made square to it, and the third."""
+    """Orthonormal columns: ``along``, the part of ``ahead`` normal to it, and their product."""
     first = along / np.linalg.norm(along)
     second = ahead - first * (first @ ahead)
     second = second / np.linalg.norm(second)
@@ -329,7 +329,7 @@ def _frame(along: F64, ahead: F64) -> F64:
 
 
 def _smooth(phase: float, knots: tuple[float, ...], values: tuple[float, ...]) -> float:
-    """Values at knots joined by cubics, flat at every knot that is an extreme."""
+    """Evaluate a periodic monotone cubic through knots, flat at extreme knots."""
     from_knot = int(np.searchsorted(knots, phase, side="right")) - 1
     from_knot = min(max(from_knot, 0), len(knots) - 2)
     slopes = _monotone_slopes(np.array(knots), np.array(values))

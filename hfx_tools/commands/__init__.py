@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands of hfx that only an installation by pip has."""
+"""Commands of hfx in an installation by pip only."""

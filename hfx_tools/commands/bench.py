@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx bench``: measures cost and accuracy on this machine, and the usual alternatives."""
+"""``hfx bench``: measurement of cost and accuracy on this machine, and of usual alternatives."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ Measure on this machine. Every measurement names the machine, versions and sizes
   export    an export against stepping the same scene without this add-on
   trade     a scene at every setting: time, contacts, actuators, onsets, memory
   volumes   inside tests: speed against trimesh and embree, exactness
-  economy   what costs that touches nothing; one live evaluation
-  naive     what a user would write today, side by side
+  economy   cost of vertices, volumes and bodies without contact; one live evaluation
+  naive     comparison with usual scripts for Blender
   batch     two workers against one, writing against evaluating, memory over scenes and frames
   texture   haptic surfaces: roughness, identification, maps, contacts
-  relief    relief that is estimated from pictures against the true one
-  words     surfaces from words: kinds recognised, comparatives, strokes told apart
-  safety    how long until a device is silent, whoever fails; 1,000 times each, about an hour
-  live      what devices cost Blender each frame, and how soon a frame is at the port
-  preview   what the viewport's colours and actuators cost a frame that plays
+  relief    relief estimated from pictures against the true relief
+  words     surfaces from words: recognized kinds, comparatives, classified strokes
+  safety    time from any failure to a silent device; 1,000 times each, about an hour
+  live      cost of devices in Blender per frame, and delay of a frame at the port
+  preview   cost of the viewport's colours and actuators per frame of playback
   all       all of them but safety, live and preview (the default)
 """
 
@@ -37,7 +37,7 @@ Measure on this machine. Every measurement names the machine, versions and sizes
 def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "bench",
-        help="measure what things cost",
+        help="measure cost and accuracy",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -61,9 +61,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="for trade: write its CSV and its plot"
     )
-    parser.add_argument(
-        "--busy", action="store_true", help="for safety: with every processor busy meanwhile"
-    )
+    parser.add_argument("--busy", action="store_true", help="for safety: with every processor busy")
     parser.add_argument(
         "--only",
         action="append",
@@ -75,19 +73,19 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Measure and print."""
+    """Run the measurements, print text or JSON, and append to the history; returns 0."""
     from ..bench import machine
 
     if options.rounds is not None and options.rounds < 1:
         raise UsageError(f"--rounds {options.rounds}: expected at least 1")
     if options.name != "trade" and (options.scene or options.output or options.frames):
         raise UsageError("SCENE, --frames and --output belong to 'hfx bench trade'")
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for name in NAMES if options.name == "all" else (options.name,):
         result, text = _MEASURES[name](options, console.progress(f"Measuring {name}"))
-        found[name] = result
+        results[name] = result
         console.say(f"{text}\n", several_lines=True)
-    record = {"machine": machine.describe(), "short": options.short, **found}
+    record = {"machine": machine.describe(), "short": options.short, **results}
     console.say(machine.as_line(record["machine"]))
     if options.history is not None:
         count = machine.append(options.history, record)
@@ -132,7 +130,10 @@ def measure_trade(
     frames: tuple[int, int] | None = None,
     progress: _Progress = lambda share: None,
 ) -> dict[str, Any]:
-    """Open or build a scene and measure it; plain data."""
+    """Open or build a scene and measure speed against accuracy; plain data.
+
+    ``short`` restricts ``frames`` None to about half a second of the scene.
+    """
     bpy = blender_session.start()
 
     from ..bench import scenes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx body``: make the perceptual models, and hold them against the literature."""
+"""``hfx body``: build the perceptual models, and compare them with the literature."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def add_parser(commands: Any) -> None:
     build.add_argument(
         "--levels",
         action="store_true",
-        help="only make the levels of detail of a folder's models anew (needs no source)",
+        help="only rebuild the levels of detail of a folder's models (needs no source)",
     )
     build.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: body_models/")
     build.add_argument(
@@ -84,13 +84,13 @@ def _build(options: argparse.Namespace, console: Console) -> int:
             "--variant has the canonical vertices: it cannot have other --targets or --method."
         )
     if is_variant:
-        who = variant.parse(options.variant)
-        folder = _folder(options, f"variant-{who.suffix[1:]}", "--variant")
-        made = variant_models.build(options.source, folder, who, progress)
+        person = variant.parse(options.variant)
+        folder = _folder(options, f"variant-{person.suffix[1:]}", "--variant")
+        manifest = variant_models.build(options.source, folder, person, progress)
     else:
         targets = thresholds.read(options.targets or "literature")
-        is_other = targets != thresholds.LITERATURE_MM or method != "cells"
-        if options.install is not None and not is_other:
+        is_changed = targets != thresholds.LITERATURE_MM or method != "cells"
+        if options.install is not None and not is_changed:
             raise UsageError(
                 "--install is for a --variant, other --targets or another --method: the canonical "
                 "models are there already."
@@ -98,21 +98,24 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         name = Path(options.targets or "literature").stem + (
             "" if method == "cells" else "-quadric"
         )
-        other = "--targets" if targets != thresholds.LITERATURE_MM else "--method quadric"
-        folder = _folder(options, name, other if is_other else None)
-        made = build.build(options.source, folder, targets, progress, method)
-    for name, facts in made["models"].items():
+        option = "--targets" if targets != thresholds.LITERATURE_MM else "--method quadric"
+        folder = _folder(options, name, option if is_changed else None)
+        manifest = build.build(options.source, folder, targets, progress, method)
+    for name, facts in manifest["models"].items():
         console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
     if options.install is not None:
         console.say(f"Installed in {folder}.")
         for fault in model_library.installed()[1]:
             console.warn(fault)
-    console.result(made)
+    console.result(manifest)
     return 0
 
 
-def _folder(options: argparse.Namespace, name: str, wanted: str | None) -> Path:
-    """Folder of the new set."""
+def _folder(options: argparse.Namespace, name: str, non_canonical: str | None) -> Path:
+    """Folder of the new set, from -o, --install or the default.
+
+    ``non_canonical`` is the option of a non-canonical set; None for the canonical set.
+    """
     if options.install is not None and options.output is not None:
         raise UsageError("--install has a folder of its own: it cannot have -o DIR too.")
     if options.install is not None:
@@ -120,9 +123,9 @@ def _folder(options: argparse.Namespace, name: str, wanted: str | None) -> Path:
         if not re.fullmatch(r"\w[\w. +-]*", name):
             raise UsageError(f"--install '{name}': expected a plain name for the folder.")
         return resources.user_body_models() / name
-    if options.output is None and wanted is not None:
+    if options.output is None and non_canonical is not None:
         raise UsageError(
-            f"{wanted} needs a folder of its own: name it with -o DIR, or say --install."
+            f"{non_canonical} needs a folder of its own: name it with -o DIR, or say --install."
         )
     return Path(options.output or resources.body_models())
 
@@ -130,14 +133,14 @@ def _folder(options: argparse.Namespace, name: str, wanted: str | None) -> Path:
 def _levels(options: argparse.Namespace, console: Console) -> int:
     from ..body_building import build
 
-    others = ("source", "targets", "method", "variant", "install")
-    if any(getattr(options, other) is not None for other in others):
+    excluded = ("source", "targets", "method", "variant", "install")
+    if any(getattr(options, name) is not None for name in excluded):
         raise UsageError("--levels takes nothing but the folder, with -o DIR.")
     folder = options.output or resources.body_models()
-    made = build.make_levels(folder, console.progress("Levels of detail"))
-    for modality, count in made.items():
+    counts = build.make_levels(folder, console.progress("Levels of detail"))
+    for modality, count in counts.items():
         console.say(f"{modality}: {count or 'no'} levels")
-    console.result(made)
+    console.result(counts)
     return 0
 
 
@@ -154,10 +157,10 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
     if not folder.exists() and (resources.user_body_models() / folder).is_dir():
         folder = resources.user_body_models() / folder
     files = [folder / f"{modality}.npz" for modality in MODALITIES]
-    found = [file for file in files if file.is_file()]
-    if not found:
+    present_files = [file for file in files if file.is_file()]
+    if not present_files:
         raise InputError(f"{folder}: holds no body model ({', '.join(f.name for f in files)}).")
-    models = [load(PerceptualModel, file) for file in found]
+    models = [load(PerceptualModel, file) for file in present_files]
     rows = stats.table(models)
     console.say(stats.as_text(rows), several_lines=True)
     levels = {model.modality: _level_sizes(model, folder) for model in models}
@@ -173,7 +176,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
         console.say(
             "\n" + stats.comparison_as_text(model_library.manifest(), _times()), several_lines=True
         )
-    installed = [{"id": each.id, "kind": each.kind, "file": str(each.path)} for each in entries]
+    installed = [{"id": entry.id, "kind": entry.kind, "file": str(entry.path)} for entry in entries]
     console.result(
         {"parts": [asdict(row) for row in rows], "levels": levels, "installed": installed}
     )
@@ -181,7 +184,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
 
 
 def _level_sizes(model: Any, folder: Path) -> list[int]:
-    """Vertices of the model and of its levels."""
+    """Number of vertices of the model and of each level."""
     from hfx_blender.engine.body.levels import LEVELS_FILE, read_levels
 
     path = folder / LEVELS_FILE.format(modality=model.modality)
@@ -195,9 +198,11 @@ def _say_installed(entries: Sequence[Any], console: Console) -> None:
         return
     console.say()
     console.say("Your own:")
-    for each in entries:
-        what = each.facts.get("modality", each.kind)
-        console.say(f"{each.id:<34}{what:<13}{each.facts['vertices']:>7} vertices  {each.folder}")
+    for entry in entries:
+        kind = entry.facts.get("modality", entry.kind)
+        console.say(
+            f"{entry.id:<34}{kind:<13}{entry.facts['vertices']:>7} vertices  {entry.folder}"
+        )
 
 
 def _times() -> dict[str, Any]:
@@ -205,7 +210,7 @@ def _times() -> dict[str, Any]:
 
     path = resources.body_models() / TIMES_FILE
     try:
-        found: dict[str, Any] = json.loads(path.read_bytes())
+        document: dict[str, Any] = json.loads(path.read_bytes())
     except (OSError, ValueError):
-        return {}  # an extra: the table says nothing of time then
-    return found
+        return {}  # the table omits the times
+    return document

@@ -42,7 +42,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Build, save, open again, export, draw, and report."""
+    """Build, save, reopen and export the scene, draw, and report; returns 0."""
     if options.scene == "belt":
         from .demo_belt import run as run_belt
 
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     pictures = None
     if not options.no_pictures:
         pictures = _draw(scene_file, track_file, folder, console)
-    _say_what_there_is(console, folder, report, pictures)
+    _say_files(console, folder, report, pictures)
     console.result({**report.as_dict(), "folder": str(folder), "pictures": pictures})
     return 0
 
@@ -92,10 +92,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
 def _draw(
     scene_file: Path, track_file: Path, folder: Path, console: Console
 ) -> dict[str, str] | None:
-    """Draw the pictures; returns their paths, or None if this machine cannot."""
+    """Draw the pictures; returns the path of the sheet, or None (with a warning) on failure."""
     console.say()
     console.say("Drawing four pictures; this can take a minute ...")
-    if blender_session.inside_blender():  # a whole Blender cannot be started as a Python module
+    if blender_session.inside_blender():  # a second Python process with bpy is not possible
         problem = _draw_here(scene_file, track_file, folder)
     else:
         problem = _draw_apart(scene_file, track_file, folder)
@@ -106,7 +106,7 @@ def _draw(
 
 
 def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
-    """Draw in this process; returns the error."""
+    """Draw in this process; returns the error, or None."""
     from ..demo import avatar_pictures
 
     try:
@@ -117,7 +117,7 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
-    """Draw in a separate process, which may crash; returns the error."""
+    """Draw in a separate process (rendering may crash); returns the error, or None."""
     command = start.command("hfx_tools.demo.picture_process", scene_file, track_file, folder)
     try:
         done = processes.run(command, _PICTURE_LIMIT_S)
@@ -131,7 +131,7 @@ def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     return last_line or f"the drawing process ended with code {done.returncode}"
 
 
-def _say_what_there_is(
+def _say_files(
     console: Console, folder: Path, report: ExportReport, pictures: dict[str, str] | None
 ) -> None:
     lines = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx demo --scene belt``: particles round a walker, felt on a belt and heard all round."""
+"""``hfx demo --scene belt``: particles around a walker, felt on a belt, heard all around."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEM = "belt"
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Build, save, open again, export, sound, draw, and report."""
+    """Build, save, reopen and export the scene, write sound, draw, and report; returns 0."""
     bpy = blender_session.start()
 
     from hfx_blender.devices.configuration import load_device
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with TrackReader(folder / f"{STEM}.hfxtrack") as track:
         ((_, raster),) = render_devices(track, (device,))
     draw_belt(raster, sound_file, layout, folder / "belt.svg")
-    touched = {each["effect"] for each in report.felt}
+    touched = {row["effect"] for row in report.felt}
     console.say(
         "\n".join(
             (

@@ -17,7 +17,7 @@ DEVICES = ("phone_wide_band", "phone_lra")
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Build, save, open again, export, and report what each square plays."""
+    """Build, save, reopen and export the scene; report the phones' output by square; returns 0."""
     bpy = blender_session.start()
 
     from hfx_blender.devices.configuration import load_device
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         played.append(row)
         cells = (row[device] for device in DEVICES)
         shown = (f"{c['amplitude_m_s2']:.2f} m/s2 {c['frequency_hz'] or 0.0:.0f} Hz" for c in cells)
-        console.say(name.ljust(14) + f"{begin_s:8.2f}" + "".join(f"{each:>24}" for each in shown))
+        console.say(name.ljust(14) + f"{begin_s:8.2f}" + "".join(f"{cell:>24}" for cell in shown))
     console.say()
     console.say(f"In {folder}: {STEM}.blend, its track, and .csv, .ahap and .he of each phone")
     console.result({**report.as_dict(), "folder": str(folder), "squares": played})

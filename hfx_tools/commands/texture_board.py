@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture board``: the example of haptic surfaces, as a .blend."""
+"""``hfx texture board``: example of haptic surfaces as a .blend."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def add_parser(actions: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Make the example and save it."""
+    """Build the example and save its file; returns 0."""
     if options.output.suffix != ".blend":
         raise UsageError(f"{options.output}: expected a name that ends in .blend")
     check_folder(options.output)
     blender_session.start()
     from ..demo import board
 
-    made = board.save(options.output)
-    console.say(f"wrote {options.output}: {len(made)} squares")
-    console.result({"file": str(options.output), "squares": made})
+    squares = board.save(options.output)
+    console.say(f"wrote {options.output}: {len(squares)} squares")
+    console.result({"file": str(options.output), "squares": squares})
     return 0

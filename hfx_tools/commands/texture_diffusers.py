@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Diffusion models of the user's own for ``hfx texture generate``."""
+"""The user's diffusion models for ``hfx texture generate``."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def add_arguments(parser: Any) -> None:
 
 
 def maker(options: argparse.Namespace, console: Console) -> Callable[[int], Generated]:
-    """Function that makes the surface of a seed with the model of the options.
+    """Build a function from seed to generated surface, with the model of the options.
 
     Raises
     ------
     HfxError
-        The model, the decoder or the packages are missing or cannot be used.
+        Model, decoder or packages are missing or unusable.
     """
     from ..diffusion import diffusion, touch_decoder
     from ..diffusion.model_folder import ModelFolder

@@ -54,18 +54,18 @@ def add_parser(actions: Any) -> None:
 
 
 def _is_stopped(training: DecoderTraining, console: Console) -> bool:
-    """Train to the end, or to the end of the step in which Ctrl-C is pressed."""
-    asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _frame: asked.append(number))
+    """Train to the end, or to the end of the current step on Ctrl-C; True if stopped."""
+    interrupts: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: interrupts.append(number))
     try:
-        training.run(console.progress("Training"), lambda: bool(asked))
+        training.run(console.progress("Training"), lambda: bool(interrupts))
     finally:
         signal.signal(signal.SIGINT, before)
-    return bool(asked)
+    return bool(interrupts)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Train, and tell the errors on pairs that were held out."""
+    """Train, and report the errors on held-out pairs; returns 0, or 130 after Ctrl-C."""
     from ..diffusion.decoder_pairs import FolderPairs, LibraryPairs
     from ..diffusion.decoder_training import DecoderTraining, Pairs, TrainingSettings
     from ..diffusion.model_folder import ModelFolder
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if options.pictures is None:
         pairs = LibraryPairs(options.resolution, options.pairs, options.truth, options.seed)
         judged: Pairs = pairs
-        numbers = range(options.pairs, options.pairs + _HELD_OUT)  # never asked for in training
+        numbers = range(options.pairs, options.pairs + _HELD_OUT)  # not used in training
     else:
         pairs = judged = FolderPairs(
             options.pictures,
@@ -102,12 +102,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if _is_stopped(training, console):
         console.warn(f"stopped after step {training.step}; the same command goes on from there")
         return 130
-    found = training.errors(judged, list(numbers))
+    errors = training.errors(judged, list(numbers))
     which = "held-out pairs" if options.pictures is None else "pairs of the training"
     console.say(
-        f"{which}: MSE {found['mse']:.5f}, perceptual distance {found['perceptual_distance']:.5f} "
-        f"({training.network.name})"
+        f"{which}: MSE {errors['mse']:.5f}, perceptual distance "
+        f"{errors['perceptual_distance']:.5f} ({training.network.name})"
     )
     console.say(f"wrote {options.output}")
-    console.result({"folder": str(options.output), "steps": training.step, **found})
+    console.result({"folder": str(options.output), "steps": training.step, **errors})
     return 0

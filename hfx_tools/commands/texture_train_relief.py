@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture train-relief``: train the network of ``hfx texture build --from relief`` again."""
+"""``hfx texture train-relief``: retrain the network of ``hfx texture build --from relief``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add_parser(actions: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Make pictures, train and write the weights."""
+    """Generate pictures, train and write the weights; returns 0."""
     if options.jobs < 1:
         raise UsageError(f"--jobs {options.jobs}: expected at least 1")
     check_folder(options.output)

@@ -20,7 +20,7 @@ def avatar_colours(
     vertex_counts: Mapping[str, int],
     contact_effects: frozenset[str] = frozenset(),
 ) -> F64:
-    """Colours of an avatar's vertices at one time, (A, 3) linear RGB in 0..1."""
+    """Colours (A, 3) of an avatar's vertices at one time, linear RGB in 0..1, with bare skin."""
     shares = felt_shares(samples, spreads, vertex_counts, contact_effects)
     colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
     most = np.max(list(shares.values()), axis=0)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of the avatar with haptic colours, at the key moments of the demo.
 
-Rendered by Cycles on the processor, which needs neither display nor GPU.
+Cycles renders on the processor, so neither display nor GPU is needed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .garage import FPS, TASKS, Task
 SIZE = (480, 600)
 FELT = "hfx_felt"
 
-# Where the camera stands: angle from the walker's front (left positive), distance, height.
+# Camera: angle from the walker's front (left positive, degrees), distance, height (m).
 _VIEWS = {
     "T1": (-35.0, 4.4, 1.9),
     "T2": (165.0, 3.4, 1.7),
@@ -37,7 +37,7 @@ _VIEWS = {
 
 
 def draw(scene_file: Path, track_file: Path, folder: Path) -> list[Path]:
-    """Draw one picture for each task, and all of them side by side."""
+    """Render a picture for each task and a sheet ``felt.png``; returns all paths."""
     blender_session.open_blend(scene_file)
     scene = bpy.context.scene
     set_up_rendering(scene)
@@ -61,7 +61,7 @@ def draw(scene_file: Path, track_file: Path, folder: Path) -> list[Path]:
 
 
 def effects_by_id(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """The scene's effects by the ids that its track uses."""
+    """Effects of the scene by their ids in the track."""
     objects = effects.effects_of(scene)
     ids = effects.unique_ids([*effects.bodies_of(scene), *objects])
     return {ids[obj.name_full]: obj for obj in objects}
@@ -85,7 +85,7 @@ def _render(scene: bpy.types.Scene) -> None:
     except RuntimeError:
         if not scene.cycles.use_denoising:
             raise
-        # Distribution builds come without OpenImageDenoise: more samples instead.
+        # Distribution builds lack OpenImageDenoise: more samples instead.
         scene.cycles.use_denoising = False
         scene.cycles.samples = 32
         bpy.ops.render.render(write_still=True)
@@ -124,20 +124,20 @@ def colour_by_samples(avatar: bpy.types.Object, samples: list[Sample], header: T
 
 
 def _spread(avatar: np.ndarray, model: np.ndarray, count: int = 3) -> Spread:
-    """Interpolation from a model's vertices to an avatar's, by the nearest few."""
+    """Interpolation from a model's to an avatar's vertices, by the nearest ``count``."""
     tree = KDTree(len(model))
     for index, vertex in enumerate(model.tolist()):
         tree.insert(vertex, index)
     tree.balance()
-    found = [tree.find_n(vertex, count) for vertex in avatar.tolist()]
+    neighbours = [tree.find_n(vertex, count) for vertex in avatar.tolist()]
     return Spread.of_neighbours(
-        np.array([[index for _, index, _ in each] for each in found]),
-        np.array([[distance for _, _, distance in each] for each in found]),
+        np.array([[index for _, index, _ in row] for row in neighbours]),
+        np.array([[distance for _, _, distance in row] for row in neighbours]),
     )
 
 
 def _tube(effect: bpy.types.Object) -> bpy.types.Object | None:
-    """A volume's wire frame as thin glowing tubes; Blender renders no wires."""
+    """Add a volume's wireframe as thin glowing tubes, as Blender renders no wires; else None."""
     if effect.hfx.kind != "VOLUME":
         return None
     curve = bpy.data.curves.new("Wire", "CURVE")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scene of the audio-tactile belt: particles fly round a walker who wears eight motors.
+"""Scene of the audio-tactile belt: particles around a walker with a belt of eight motors.
 
-After simpleLife, the installation of Politis, Pugliese, Takala: objects that fly about freely,
-are felt as they come near and hit, and are heard where they are. One haptic sphere is
-instanced by a particle system; forces that the walker carries along keep the swarm round him.
+After simpleLife, the installation of Politis, Pugliese, Takala: freely flying objects, felt on
+approach and impact, and heard from their direction. A particle system instances one haptic
+sphere; force fields parented to the walker keep the swarm around the waist.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hfx_blender.engine.spatial_sound.hearing import Hearing
 
 FPS = 30
 DURATION_S = 8.0
-BIRTH_FRAMES = 60  # over which the swarm is born
+BIRTH_FRAMES = 60  # frames of particle births
 PARTICLES = 100
 RADIUS_M = 0.05
 WAIST_M = 1.08
@@ -24,12 +24,12 @@ WAY = ((0.0, 1.5, 0.0), (0.0, -1.5, 0.0), (2.5, -2.2, 0.0))
 
 DEVICE = "waist_belt"
 LOUDSPEAKERS = "ring8"
-HEARING = Hearing(reference_m=0.8, audible_m=2.0, spread_m=0.25)  # single particles are told apart
+HEARING = Hearing(reference_m=0.8, audible_m=2.0, spread_m=0.25)  # single particles are audible
 PARTICLE = "Particle"
 
 
 def build(particles: int = PARTICLES, duration_s: float = DURATION_S) -> bpy.types.Scene:
-    """Build the scene in a new, empty file."""
+    """Build the scene in a new, empty file; returns the scene at frame 0."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.name = "Belt"
@@ -52,13 +52,13 @@ def build(particles: int = PARTICLES, duration_s: float = DURATION_S) -> bpy.typ
 def _add_walker() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": place} for place in WAY]
+    way = [{"name": "", "location": position} for position in WAY]
     bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=round(DURATION_S * FPS))
     return body
 
 
 def _add_particle() -> bpy.types.Collection:
-    """Add the only haptic sphere, in a collection of its own that is in no scene."""
+    """Add the haptic sphere, in a new collection outside of the scene."""
     bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", radius=RADIUS_M, name=PARTICLE)
     particle = bpy.context.object
     hfx = particle.hfx
@@ -78,7 +78,7 @@ def _add_particle() -> bpy.types.Collection:
 
 
 def _add_forces(collection: bpy.types.Collection, body: bpy.types.Object) -> None:
-    """Add the forces that hold the swarm round the walker's waist and bounce it off him."""
+    """Add force fields around the walker's waist, and a collision ellipsoid of the body."""
     pull = _follower(collection, "Pull", body)
     pull.field.type = "HARMONIC"
     pull.field.strength = 1.6
@@ -126,7 +126,7 @@ def _add_swarm(
     count: int,
     duration_s: float,
 ) -> None:
-    """Particles that are born all round the walker's first steps."""
+    """Add the particle system, emitting around the walker's first steps."""
     import bmesh
 
     mesh = bpy.data.meshes.new("Nest")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The example of haptic surfaces: a board of 4 x 4 squares of four materials (Liu and Gu 2025).
+"""Example of haptic surfaces: a board of 4 x 4 squares of four materials (Liu and Gu 2025).
 
-Gravel, metal, fabric and wood, each once in every row and column; a cover hides which is which.
-An avatar stands beside it, and the board slides by under one of its fingertips, square after
-square, so that it can be played and exported as it is.
+Gravel, metal, fabric and wood, each once in every row and column, with an optional cover for
+blind tests. The board slides under a fingertip of a standing avatar, square after square, ready
+for playback and export.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ _COLOURS = {
 }
 _TEXELS = 256
 _SPEED_M_S = 0.1
-_TIP_M = 0.012  # reach of a fingertip to each side
+_TIP_M = 0.012  # half width of a fingertip
 _FPS = 50
 _RATE_HZ = 200
 
 
 def save(path: Path) -> list[str]:
-    """Make the example in a new file and save it; returns the names of its squares.
+    """Build the example in a new file and save it; returns the names of all squares.
 
     Raises
     ------
@@ -59,24 +59,24 @@ def save(path: Path) -> list[str]:
         The file cannot be written.
     """
     bpy.ops.wm.read_homefile(use_empty=True)
-    made = build(bpy.context)
+    squares = build(bpy.context)
     with temporary_folder() as folder:
-        kept = os.path.join(folder, "board.blend")
+        blend_file = os.path.join(folder, "board.blend")
         try:
-            bpy.ops.wm.save_as_mainfile(filepath=kept, compress=True, copy=True)
+            bpy.ops.wm.save_as_mainfile(filepath=blend_file, compress=True, copy=True)
         except RuntimeError as error:
             raise OutputError(f"{path}: Blender cannot save it ({error}).") from error
         with atomic_file(path) as file:
-            file.write(Path(kept).read_bytes())
-    return [obj.name for obj in made]
+            file.write(Path(blend_file).read_bytes())
+    return [obj.name for obj in squares]
 
 
 def build(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Put the avatar, the board and its way into a scene; returns the squares, row by row."""
+    """Add avatar, board and the board's motion to a scene; returns the squares, row by row."""
     scene = context.scene
     scene.render.fps, scene.hfx.rate = _FPS, _RATE_HZ
     body, _ = bodies.add_avatar(context)
-    place = _fingertip() + np.array(body.matrix_world.translation)
+    fingertip_m = _fingertip() + np.array(body.matrix_world.translation)
     board = bpy.data.objects.new("Board", None)
     board.empty_display_size = SQUARE_M
     collection = bpy.data.collections.new("Board")
@@ -93,19 +93,19 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
             if name not in first:
                 first[name] = square
                 square.data.materials.append(materials[name])
-                _make_felt(square, name)
+                _add_haptic_surface(square, name)
             square.parent = board
             middle = (SQUARES - 1) / 2.0
             square.location = ((column - middle) * SQUARE_M, (row - middle) * SQUARE_M, 0.0)
             squares.append(square)
     _add_cover(collection, board)
-    _slide(scene, board, place)
+    _slide(scene, board, fingertip_m)
     effects.store_unique_ids()
     return squares
 
 
 def _fingertip() -> F64:
-    """The lowest place of the avatar's fingers, which a level board touches first."""
+    """Lowest point (3,) of the avatar's fingers in rest space: a level board's first contact."""
     model = load_model(effects.model_id_for("vibration"))
     fingers = np.flatnonzero(np.asarray(model.part) == PARTS.index("fingers"))
     tip = model.vertices[fingers[np.argmin(model.vertices[fingers, 2])]]
@@ -115,7 +115,7 @@ def _fingertip() -> F64:
 def _square(
     collection: bpy.types.Collection, title: str, like: bpy.types.Object | None
 ) -> bpy.types.Object:
-    """Make a square; squares of one material share its mesh and its maps."""
+    """Add a square; ``like`` is a square of the same material, for a shared mesh and maps."""
     if like is None:
         half = SQUARE_M / 2.0
         mesh = bpy.data.meshes.new(title.split()[0])
@@ -131,26 +131,26 @@ def _square(
     return square
 
 
-def _make_felt(square: bpy.types.Object, name: str) -> None:
+def _add_haptic_surface(square: bpy.types.Object, name: str) -> None:
     square.hfx.surface.resolution = _TEXELS
     surfaces.add_surface(square, "PROCEDURAL")
     square.hfx.surface.procedural = name
     surfaces.make_maps(square)
-    if MATERIALS[name].kind == "metal":  # too smooth to be recognised by touch alone
+    if MATERIALS[name].kind == "metal":  # too smooth for recognition by touch alone
         square.hfx.surface.sound = _friction(name)
 
 
 def _friction(name: str) -> bpy.types.Sound:
-    """Make a second of the sound of a nail on a material: its own profile, at audio rate."""
+    """Make one second of sound of a nail on a material, from the height profile at audio rate."""
     field, _ = MATERIALS[name].make(_TEXELS)
     texture = SurfaceTexture(field, None, SurfaceRenderer.DIRECT)
     way = line((0.0, 0.0), np.pi / 3.0, _SPEED_M_S, _SPEED_M_S)
-    felt = render_stroke(texture, way, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
-    peak = float(np.abs(felt.waveform_m_s2).max()) / STANDARD_GRAVITY
+    stroke = render_stroke(texture, way, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
+    peak = float(np.abs(stroke.waveform_m_s2).max()) / STANDARD_GRAVITY
     loud = DeviceRange(amplitude_g=(0.0, max(2.0 * peak, 1e-9)))
     with temporary_folder() as folder:
         path = Path(folder) / f"{name}.wav"
-        stroke_files.write(felt, way, loud, path)
+        stroke_files.write(stroke, way, loud, path)
         sound = bpy.data.sounds.load(str(path))
         sound.pack()
     sound.name = f"{name} friction"
@@ -158,11 +158,11 @@ def _friction(name: str) -> bpy.types.Sound:
 
 
 def _material(name: str) -> bpy.types.Material:
-    """Make a material to match: the relief as bump, once for each square."""
+    """Make a matching render material, with the relief as bump map in physical scale."""
     kind = MATERIALS[name].kind
     material = bpy.data.materials.new(MATERIALS[name].title)
     material.diffuse_color = (*_COLOURS[kind], 1.0)
-    if material.node_tree is None:  # always there from 5.0 on
+    if material.node_tree is None:  # never None from Blender 5.0 on
         material.use_nodes = True
     tree = material.node_tree
     shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
@@ -179,11 +179,11 @@ def _material(name: str) -> bpy.types.Material:
     image.pack()
     picture = tree.nodes.new("ShaderNodeTexImage")
     picture.image = image
-    place = tree.nodes.new("ShaderNodeTexCoord")
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
     scale = tree.nodes.new("ShaderNodeVectorMath")
     scale.operation = "SCALE"
     scale.inputs["Scale"].default_value = SQUARE_M / MATERIALS[name].size_m
-    tree.links.new(place.outputs["UV"], scale.inputs[0])
+    tree.links.new(coordinates.outputs["UV"], scale.inputs[0])
     tree.links.new(scale.outputs[0], picture.inputs["Vector"])
     bump = tree.nodes.new("ShaderNodeBump")
     bump.inputs["Distance"].default_value = depth
@@ -193,7 +193,7 @@ def _material(name: str) -> bpy.types.Material:
 
 
 def _add_cover(collection: bpy.types.Collection, board: bpy.types.Object) -> None:
-    """Add a cover that hides the squares for tests of touch alone; off at first."""
+    """Add a hidden cover over the squares, for tests of touch alone."""
     half = SQUARE_M * SQUARES / 2.0
     mesh = bpy.data.meshes.new("Cover")
     corners = [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)]
@@ -207,8 +207,11 @@ def _add_cover(collection: bpy.types.Collection, board: bpy.types.Object) -> Non
 
 
 def crossings() -> list[tuple[str, float, float]]:
-    """Squares in the order of the stroke: title, and the seconds of the fingertip on it alone."""
-    reach, found = SQUARE_M * (SQUARES / 2.0 - 0.2), []
+    """Title, begin and end in seconds of each square, in the order of the stroke.
+
+    In this time the fingertip touches no other square.
+    """
+    reach, crossed = SQUARE_M * (SQUARES / 2.0 - 0.2), []
     row_s = (2.0 * reach + SQUARE_M) / _SPEED_M_S
     edges = np.clip(SQUARE_M * (np.arange(SQUARES + 1) - SQUARES / 2.0), -reach, reach)
     since_s = row_s * np.arange(SQUARES)[:, None] + (edges + reach) / _SPEED_M_S
@@ -217,16 +220,16 @@ def crossings() -> list[tuple[str, float, float]]:
         for step, column in enumerate(order):
             begin_s, end_s = since_s[row, step : step + 2].tolist()
             tip_s = _TIP_M / _SPEED_M_S
-            found.append((_title(row, column, kinds[column]), begin_s + tip_s, end_s - tip_s))
-    return found
+            crossed.append((_title(row, column, kinds[column]), begin_s + tip_s, end_s - tip_s))
+    return crossed
 
 
 def _title(row: int, column: int, kind: int) -> str:
     return f"{MATERIALS[CHOSEN[kind]].kind.title()} {row + 1}{column + 1}"
 
 
-def _slide(scene: bpy.types.Scene, board: bpy.types.Object, place: F64) -> None:
-    """Move the board so that the fingertip goes over every square, row after row."""
+def _slide(scene: bpy.types.Scene, board: bpy.types.Object, fingertip_m: F64) -> None:
+    """Key the board's motion so that the fingertip crosses every square, row after row."""
     reach = SQUARE_M * (SQUARES / 2.0 - 0.2)
     way: list[tuple[float, float]] = []
     for row in range(SQUARES):
@@ -237,10 +240,10 @@ def _slide(scene: bpy.types.Scene, board: bpy.types.Object, place: F64) -> None:
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     frames = np.concatenate([[0.0], np.cumsum(lengths)]) / _SPEED_M_S * _FPS
     scene.frame_start, scene.frame_end = 0, int(np.ceil(frames[-1]))
-    board.location = (*(place[:2] - points[0]), place[2] - 0.0005)
+    board.location = (*(fingertip_m[:2] - points[0]), fingertip_m[2] - 0.0005)
     action = bpy.data.actions.new("Slide")
     board.animation_data_create().action = action
     for axis in range(2):
-        values = place[axis] - points[:, axis]
+        values = fingertip_m[axis] - points[:, axis]
         curve = new_fcurve(board, action, "location", axis)
         set_keys(curve, list(zip(frames.tolist(), values.tolist(), strict=True)))

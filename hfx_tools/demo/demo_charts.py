@@ -25,7 +25,7 @@ _STEPS: Final = 480  # columns of a chart over the whole time
 
 
 def draw_track(track: TrackReader, rasters: Sequence[Raster], path: Path) -> None:
-    """Draw a recorded track, a row an effect, and its rasters, a heat map a device, as SVG.
+    """Draw a recorded track (a row per stream) and its rasters (a heat map per device) as SVG.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def draw_track(track: TrackReader, rasters: Sequence[Raster], path: Path) -> Non
 
 
 def draw_belt(raster: Raster, sound: Path, layout: LoudspeakerLayout, path: Path) -> None:
-    """Draw a belt's raster and the sound that goes with it, as SVG.
+    """Draw a belt's raster and the loudspeakers' sound as SVG.
 
     Raises
     ------
@@ -66,7 +66,9 @@ def draw_belt(raster: Raster, sound: Path, layout: LoudspeakerLayout, path: Path
     """
     from scipy.io import wavfile
 
-    amplitudes = [k for k, each in enumerate(raster.columns) if each.parameter == "amplitude_m_s2"]
+    amplitudes = [
+        k for k, column in enumerate(raster.columns) if column.parameter == "amplitude_m_s2"
+    ]
     waves = np.abs(wavfile.read(sound)[1].astype(np.float64))
     edges_s = np.linspace(0.0, len(raster.values) / float(raster.rate_hz), _STEPS + 1)
     with chart(path, _WIDTH, 400) as figure:
@@ -97,7 +99,7 @@ def draw_belt(raster: Raster, sound: Path, layout: LoudspeakerLayout, path: Path
 
 
 def _felt(track: TrackReader) -> list[tuple[str, tuple[float, ...], F64]]:
-    """Label, colour and levels (_STEPS,) of each stream."""
+    """Label, sRGB colour and levels (_STEPS,) of each stream."""
     effects = {effect.id: effect for effect in track.header.effects}
     streams = {(s.effect_id, s.body_id): k for k, s in enumerate(track.header.streams)}
     levels = np.zeros((len(streams), _STEPS))
@@ -119,23 +121,24 @@ def _felt(track: TrackReader) -> list[tuple[str, tuple[float, ...], F64]]:
 
 
 def _strengths(raster: Raster, time: TimeBase) -> F64:
-    """Difference of each column from rest, as a share of its parameter's largest, (n, _STEPS).
+    """Strengths (n, _STEPS) of a raster's columns, relative to the maximum of their parameter.
 
-    Columns that say which, not how much, are left out: frequencies and shapes.
+    A strength is the absolute difference from neutral. Columns of frequencies and shapes are left
+    out.
     """
     columns = [k for k, column in enumerate(raster.columns) if column.unit not in ("Hz", "1")]
     bands = np.zeros((len(columns), _STEPS))
     for band, k in zip(bands, columns, strict=True):
         band[:] = _strongest(raster.times_s, np.abs(raster.values[:, k] - raster.neutral[k]), time)
     parameters = np.array([raster.columns[k].parameter for k in columns])
-    for parameter in set(parameters.tolist()):  # kPa and degrees are not to be compared
-        alike = parameters == parameter
-        bands[alike] /= bands[alike].max() or 1.0
+    for parameter in set(parameters.tolist()):  # kPa and degrees have separate scales
+        is_same = parameters == parameter
+        bands[is_same] /= bands[is_same].max() or 1.0
     return bands
 
 
 def _strongest(times_s: F64, values: F64, time: TimeBase) -> F64:
-    """The strongest value in each column of the chart; a value holds for a period, (_STEPS,)."""
+    """Largest value in each column of the chart, (_STEPS,); each value holds for one period."""
     period_s = 1.0 / float(time.rate_hz)
     per_second = _STEPS / (time.sample_count * period_s)
     start_s = time.times_s(np.array([0]))[0]

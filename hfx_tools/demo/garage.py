@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The garage scene of HFX Studio's study, built with the operators that a user has.
+"""Garage scene of HFX Studio's study, built with the user's operators.
 
-The four tasks T1 to T4 are those of Danieau et al., VRST 2018, section 4.1; the paper's times
-are read as seconds and frames at 60 frames a second. One avatar walks through four places.
+Tasks T1 to T4 follow Danieau et al., VRST 2018, section 4.1, with the paper's times taken as
+seconds and frames at 60 frames a second. An avatar walks through the four places.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ DEVICES = ("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_hea
 
 @dataclass(frozen=True)
 class Task:
-    """Task of the study: its times and its effects."""
+    """Task of the study, with times in seconds and names of effects."""
 
     name: str
     title: str
     start_s: float
     end_s: float
     effects: tuple[str, ...]
-    telling_s: float  # the moment that a picture is made of
+    telling_s: float  # time of the picture
 
 
 TASKS = (
@@ -52,7 +52,7 @@ STRIKE_LENGTH_S = 0.15
 
 
 def build() -> bpy.types.Scene:
-    """Build the scene in a new, empty file."""
+    """Build the scene in a new, empty file; returns the scene at frame 0."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.name = "Garage"
@@ -73,14 +73,14 @@ def build() -> bpy.types.Scene:
 
 
 def frame(time_s: float) -> float:
-    """Frame of a time of the demo."""
+    """Convert seconds to frames."""
     return time_s * FPS
 
 
 def _add_walking_avatar() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": place} for place in (START, CORNER, END)]
+    way = [{"name": "", "location": position} for position in (START, CORNER, END)]
     bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=round(frame(DURATION_S)))
     return body
 
@@ -121,19 +121,19 @@ def _add_arrow(body: bpy.types.Object) -> None:
 
 
 def _arrow_on_the_back() -> list[int]:
-    """Pressure vertices under an arrow that points to the wearer's right."""
+    """Pressure vertices under an arrow toward the wearer's right."""
     model = load_model("hfx-pressure-1")
     x, z = model.vertices[:, 0], model.vertices[:, 2]
     on_the_back = (model.part == PARTS.index("torso")) & (model.normals[:, 1] > 0.3)
     middle = 1.27
     shaft = (np.abs(z - middle) < 0.022) & (x < 0.14) & (x > -0.05)
-    # The wearer's right is -X: the head narrows towards it.
+    # The wearer's right is -X: the arrowhead narrows toward -X.
     head = (x <= -0.04) & (np.abs(z - middle) < 0.075 * (x + 0.15) / 0.11)
     return np.flatnonzero(on_the_back & (shaft | head)).tolist()
 
 
 def _add_wind_and_lightning(body: bpy.types.Object) -> None:
-    # Local Z is the way of the wind: against the walker. 2 m x 2 m, 3 m high.
+    # Local Z is the direction of the wind, against the walker. 2 m x 2 m, 3 m high.
     wind = _volume("T3 Wind", "wind", "CUBOID", size=(3.0, 2.0, 2.0), location=(-2.65, 0.0, 1.5))
     wind.rotation_euler = (0.0, -pi / 2, 0.0)
     wind.hfx.wind_speed = 7.0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Process that draws the demo's pictures: ``picture_process SCENE TRACK FOLDER``.
+"""Process for the demo's pictures: ``picture_process SCENE TRACK FOLDER``.
 
-A machine on which Blender cannot draw, and crashes, loses the pictures only.
+In a separate process a crash of Blender's renderer costs the pictures only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ def main() -> None:
     """Draw the pictures of a scene and its track into a folder; exit code 1 after a fault."""
     code = 0
     try:
-        blender_session.start()  # before anything imports bpy: its temporary files are removed
+        blender_session.start()  # before any import of bpy, to clean up temporary files
         from .avatar_pictures import draw
 
         draw(*map(Path, sys.argv[1:4]))

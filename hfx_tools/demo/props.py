@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Props of the demo's garage: walls, a car, a fire, people, light. Nothing haptic."""
+"""Props of the demo's garage without haptic effects: walls, a car, a fire, people, light."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _Vector = tuple[float, float, float]
 
 
 def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
-    """Add all visible props to the scene."""
+    """Add all visible props to the scene; locations on the ground are (x, y) in metres."""
     collection = bpy.data.collections.new("Garage")
     scene.collection.children.link(collection)
     grey = _material("Concrete", (0.32, 0.32, 0.33))
@@ -27,14 +27,14 @@ def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
     _box(collection, "Vibrating Floor", (-5.0, -2.0, 0.003), (2.0, 2.0, 0.006), _steel())
     _add_car(collection, (2.2, 2.4))
     _add_fire(collection, fire)
-    for place in people:
-        _add_bystander(collection, (*place, 0.0), turn=-pi / 2)
+    for person in people:
+        _add_bystander(collection, (*person, 0.0), turn=-pi / 2)
     _add_light(scene, collection)
     _add_camera(scene, collection)
 
 
 def add_lightning(frames: list[int]) -> None:
-    """Add a lamp that flashes at some frames."""
+    """Add a lamp with flashes at the given frames."""
     lamp = bpy.data.lights.new("Lightning", "SUN")
     lamp.color = (0.75, 0.82, 1.0)
     flash = bpy.data.objects.new("Lightning", lamp)
@@ -53,7 +53,7 @@ def _material(
 ) -> bpy.types.Material:
     material = bpy.data.materials.new(name)
     material.diffuse_color = (*colour, 1.0)
-    if not material.node_tree:  # always there from 5.0 on
+    if not material.node_tree:  # never None from Blender 5.0 on
         material.use_nodes = True
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Base Color"].default_value = (*colour, 1.0)
@@ -104,7 +104,7 @@ def _cone(
     height: float,
     material: bpy.types.Material,
 ) -> bpy.types.Object:
-    """A cone frustum along Z; equal radii make a cylinder."""
+    """Add a cone frustum along Z; equal radii make a cylinder."""
     import bmesh
 
     mesh = bpy.data.meshes.new(name)
@@ -186,7 +186,7 @@ def _add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection) -> Non
 def _add_bystander(
     collection: bpy.types.Collection, place: tuple[float, float, float], turn: float
 ) -> bpy.types.Object:
-    """A figure with the avatar's looks that stands still and feels nothing."""
+    """Add a still figure with the avatar's mesh, without haptics."""
     mesh = bpy.data.meshes.get("Bystander")
     if mesh is None:
         mesh = skin_mesh(load_avatar(), "Bystander")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Demo scenes as files that the user can open, change and export again."""
+"""Demo scenes as .blend files of the user."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hfx_blender.processes import blender_session
 
 
 def build_and_open(build: Callable[[], object], path: Path) -> None:
-    """Build a scene, save it, and open the file like any other.
+    """Build a scene, save the file, and open the file.
 
     Raises
     ------
     OutputError
-        Blender cannot save it.
+        Blender cannot save the file.
     """
     import bpy
 

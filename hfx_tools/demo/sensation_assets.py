@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes the asset library of the shipped sensations: a .blend of empties, and its catalogs.
+"""Asset library of the shipped sensations: a .blend of empties, and its catalogs.
 
-``python -m hfx_tools.demo.sensation_assets FOLDER`` reads the folder's sensations
-and writes ``sensations.blend`` and ``blender_assets.cats.txt`` beside them. Each asset's picture is
-the avatar, coloured by the strongest that it ever feels.
+``python -m hfx_tools.demo.sensation_assets FOLDER`` reads the folder's sensations and writes
+``sensations.blend`` and ``blender_assets.cats.txt`` into the same folder. Each asset's picture is
+the avatar, coloured by the maximum strength over time.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"
 SIZE = 128
-_MOMENTS = (0, 12, 24, 48)  # frames at which volumes are drawn
-_POINTS = 1500  # on the boundary of each
+_MOMENTS = (0, 12, 24, 48)  # frames of drawn volumes
+_POINTS = 1500  # points on the boundary of each volume
 _NEAR_M = 0.1
 _FAINT = 0.55
-_NEUTRAL_C = 28.0  # between air and skin: what is drawn as cold
+_NEUTRAL_C = 28.0  # between air and skin: lower temperatures are drawn as cold
 WORN, AROUND = "Haptics/On the Body", "Haptics/Around the Body"
 
-_SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # of names that are addresses
+_SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # RFC 4122 name space of URLs
 
 
 def catalog_id(path: str) -> str:
@@ -49,17 +49,17 @@ def catalog_id(path: str) -> str:
 
 
 def make(folder: Path) -> Path:
-    """Write the asset library of a folder of sensations.
+    """Write the asset library of a folder of sensations; returns the path of the .blend.
 
     Raises
     ------
     InputError
-        A sensation's file is not as it should be.
+        A sensation's file is invalid.
     """
-    found = {p.stem: effect_file.load(p) for p in sorted(folder.glob("*" + SUFFIX))}
-    pictures = {stem: picture_of(sensation) for stem, sensation in found.items()}
+    sensations = {p.stem: effect_file.load(p) for p in sorted(folder.glob("*" + SUFFIX))}
+    pictures = {stem: picture_of(sensation) for stem, sensation in sensations.items()}
     bpy.ops.wm.read_homefile(use_empty=True)
-    for stem, sensation in found.items():
+    for stem, sensation in sensations.items():
         _asset(stem, sensation, pictures[stem])
     lines = ["# Asset catalogs of Blender", "VERSION 1", ""]
     for path in ("Haptics", WORN, AROUND):
@@ -68,11 +68,11 @@ def make(folder: Path) -> Path:
         file.write(("\n".join(lines) + "\n").encode())
     target = folder / LIBRARY_FILE
     bpy.context.preferences.filepaths.save_version = 0
-    with temporary_folder() as neutral:  # a .blend remembers where it was saved
-        made = Path(neutral, LIBRARY_FILE)
-        bpy.ops.wm.save_as_mainfile(filepath=str(made), compress=True, check_existing=False)
+    with temporary_folder() as neutral:  # a .blend stores the path of its folder
+        saved = Path(neutral, LIBRARY_FILE)
+        bpy.ops.wm.save_as_mainfile(filepath=str(saved), compress=True, check_existing=False)
         with atomic_file(target) as file:
-            file.write(made.read_bytes())
+            file.write(saved.read_bytes())
     return target
 
 
@@ -97,7 +97,7 @@ def _asset(stem: str, sensation: Sensation, picture: F64) -> None:
 
 
 def picture_of(sensation: Sensation) -> F64:
-    """The avatar in the colours of the strongest that it feels, (SIZE, SIZE, 4) from the top."""
+    """Draw the avatar in the colours of the maximum strengths, (SIZE, SIZE, 4), top row first."""
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.hfx.add_avatar()
     scene = bpy.context.scene
@@ -107,15 +107,15 @@ def picture_of(sensation: Sensation) -> F64:
     scene.hfx.rate = 24.0
     effect_exchange.place_sensation(scene, sensation, body=body, frame=0.0)
     bpy.context.view_layer.update()
-    *_, found = record(scene, may_step=True)
-    assert found is not None
-    contact = frozenset(e.id for e in found.described.effects if e.is_contact)
+    *_, recorded = record(scene, may_step=True)
+    assert recorded is not None
+    contact = frozenset(e.id for e in recorded.described.effects if e.is_contact)
     avatar = load_avatar()
     strongest: dict[str, F64] = {}
     spreads: dict[str, Spread] = {}
     for frame in range(scene.frame_start, scene.frame_end + 1):
-        index = found.index(frame)
-        runs = [] if index is None else found.runs(index) or []
+        index = recorded.index(frame)
+        runs = [] if index is None else recorded.runs(index) or []
         samples = [sample for run in runs for sample in run]
         used = {sample.stream.model_id for sample in samples}
         for model_id in used - set(spreads):
@@ -140,73 +140,73 @@ def picture_of(sensation: Sensation) -> F64:
 
 
 def _colours(strongest: Mapping[str, F64], count: int) -> F64:
-    """Colour of each vertex, (count, 3): the legend's of what is strongest there, never a mix."""
+    """Colours (count, 3): skin blended with the legend's colour of the strongest modality alone."""
     colours = np.tile(SKIN, (count, 1))
-    felt = {name: share / share.max() for name, share in strongest.items() if share.any()}
-    if felt:
-        shares = np.array(list(felt.values()))
-        legend = np.array([COLOURS[name] for name in felt])[shares.argmax(axis=0)]
+    strengths = {name: share / share.max() for name, share in strongest.items() if share.any()}
+    if strengths:
+        shares = np.array(list(strengths.values()))
+        legend = np.array([COLOURS[name] for name in strengths])[shares.argmax(axis=0)]
         colours += shares.max(axis=0)[:, None] * (legend - colours)
     return colours
 
 
 def _volumes(scene: bpy.types.Scene) -> tuple[F64, F64]:
-    """Places (n, 3) on the boundaries of volumes at some moments, metres, and their colours."""
+    """Points (n, 3) on the boundaries of volumes at :data:`_MOMENTS`, metres, and their colours."""
     generator = np.random.default_rng(1)
-    places, colours = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    points, colours = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for frame in _MOMENTS:
         scene.frame_set(frame)
-        for obj in reversed(effects.effects_of(scene)):  # the first is seen over others
+        for obj in reversed(effects.effects_of(scene)):  # the first effect is drawn last, on top
             if obj.hfx.kind == "VOLUME":
                 inside = _boundary(obj, generator.uniform(-1.0, 1.0, (_POINTS, 3)))
                 matrix = np.array(obj.matrix_world, dtype=np.float64)
-                places.append(inside @ matrix[:3, :3].T + matrix[:3, 3])
+                points.append(inside @ matrix[:3, :3].T + matrix[:3, 3])
                 is_cold = obj.hfx.modality == "temperature" and obj.hfx.temperature < _NEUTRAL_C
                 name = COLD if is_cold else obj.hfx.modality
                 colours.append(np.tile(COLOURS[name], (_POINTS, 1)))
-    return np.concatenate(places), np.concatenate(colours)
+    return np.concatenate(points), np.concatenate(colours)
 
 
-def _boundary(obj: bpy.types.Object, found: F64) -> F64:
-    """Points in the cube from -1 to 1 pushed to the boundary of an object's shape, local space."""
+def _boundary(obj: bpy.types.Object, points: F64) -> F64:
+    """Project points (n, 3) of the cube from -1 to 1 to the boundary of a shape, local space."""
     hfx = obj.hfx
     if hfx.shape == "CUBOID":
-        axis = np.abs(found).argmax(axis=1)
-        found[np.arange(len(found)), axis] = np.sign(found[np.arange(len(found)), axis])
-        return found * np.array(hfx.size) / 2.0
+        axis = np.abs(points).argmax(axis=1)
+        points[np.arange(len(points)), axis] = np.sign(points[np.arange(len(points)), axis])
+        return points * np.array(hfx.size) / 2.0
     if hfx.shape in ("CYLINDER", "CAPSULE"):
-        found[:, :2] /= np.linalg.norm(found[:, :2], axis=1, keepdims=True)
-        return found * (hfx.radius, hfx.radius, hfx.height / 2.0)
-    return hfx.radius * found / np.linalg.norm(found, axis=1, keepdims=True)
+        points[:, :2] /= np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+        return points * (hfx.radius, hfx.radius, hfx.height / 2.0)
+    return hfx.radius * points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
 def _drawn(
     points: F64, triangles: npt.NDArray[np.int32], colours: F64, volumes: tuple[F64, F64]
 ) -> F64:
-    """The avatar from the front and from behind, side by side, drawn point by point.
+    """Draw the avatar from the front and from behind, side by side, point by point.
 
-    Volumes are seen beside it and, if they are wholly before it, over it.
+    Points of volumes appear around the avatar and, if in front of the whole avatar, over it.
     """
     picture = np.zeros((SIZE, SIZE, 4))
     corners, shades = points[triangles], colours[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     shares = np.array([(a, b, 4 - a - b) for a in range(5) for b in range(5 - a)]) / 4.0
-    at = np.einsum("kc,fcx->fkx", shares, corners)
+    surface_points = np.einsum("kc,fcx->fkx", shares, corners)
     tints = np.einsum("kc,fcx->fkx", shares, shades)
     for left, facing in ((0, -1.0), (SIZE // 2, 1.0)):  # the avatar looks along -Y
         light = np.clip(facing * normals[:, 1], 0.0, 1.0)
         seen = light > 0.0
-        place, tint = at[seen].reshape(-1, 3), tints[seen].reshape(-1, 3)
+        positions, tint = surface_points[seen].reshape(-1, 3), tints[seen].reshape(-1, 3)
         tint = np.clip(tint * np.repeat(0.45 + 0.55 * light[seen], len(shares))[:, None], 0.0, 1.0)
-        x, y, inside = _at_pixels(place, points, left, facing)
-        order = np.argsort(-facing * place[:, 1] * -1.0)  # the nearest is drawn last
+        x, y, inside = _at_pixels(positions, points, left, facing)
+        order = np.argsort(-facing * positions[:, 1] * -1.0)  # the nearest is drawn last
         order = order[inside[order]]
         picture[y[order].astype(int), x[order].astype(int), :3] = tint[order]
         picture[y[order].astype(int), x[order].astype(int), 3] = 1.0
-        place, tint = volumes
-        x, y, inside = _at_pixels(place, points, left, facing)
-        is_before = facing * place[:, 1] > (facing * points[:, 1]).max() - _NEAR_M
+        positions, tint = volumes
+        x, y, inside = _at_pixels(positions, points, left, facing)
+        is_before = facing * positions[:, 1] > (facing * points[:, 1]).max() - _NEAR_M
         row, column = y.astype(int), x.astype(int)
         inside[inside] &= is_before[inside] | (picture[row[inside], column[inside], 3] == 0.0)
         picture[row[inside], column[inside], :3] = tint[inside]
@@ -215,11 +215,11 @@ def _drawn(
     return picture
 
 
-def _at_pixels(place: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
-    """Columns and rows of places (n, 3) in one half of the picture, and whether they are in it."""
+def _at_pixels(points: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
+    """Columns and rows (n,) of points (n, 3) in a half of the picture, and a mask of visibility."""
     scale = 0.94 * SIZE / np.ptp(body[:, 2])
-    x = -facing * (place[:, 0] - body[:, 0].mean()) * scale * 0.72 + left + SIZE / 4
-    y = SIZE * 0.97 - (place[:, 2] - body[:, 2].min()) * scale
+    x = -facing * (points[:, 0] - body[:, 0].mean()) * scale * 0.72 + left + SIZE / 4
+    y = SIZE * 0.97 - (points[:, 2] - body[:, 2].min()) * scale
     return x, y, (x >= left) & (x < left + SIZE // 2) & (y >= 0) & (y < SIZE)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Summary of the demo in words: samples and devices of each task."""
+"""Summary of the demo: samples and devices of each task."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 
 def summarise(track: TrackReader, rasters: Sequence[Raster], report: ExportReport) -> str:
-    """A few lines for each of the study's tasks."""
+    """Format effects, devices and warnings of each of the study's tasks for a terminal."""
     lines = []
     for task in TASKS:
         lines.append(f"\n{task.name}  {task.title}  ({task.start_s:g} s to {task.end_s:g} s)")
-        for felt in report.felt:
-            if felt["effect"] in task.effects:
+        for row in report.felt:
+            if row["effect"] in task.effects:
                 lines.append(
-                    f"    {felt['effect']:<14} {felt['modality']:<12} felt for "
-                    f"{felt['seconds']:4.2f} s on {felt['mean_vertices']:6.0f} vertices"
+                    f"    {row['effect']:<14} {row['modality']:<12} felt for "
+                    f"{row['seconds']:4.2f} s on {row['mean_vertices']:6.0f} vertices"
                 )
         lines.append(
             "    played by      " + (", ".join(players(task, track, rasters)) or "nothing")
         )
     lost = [
-        f"    {each['effect']}: {each['seconds']:.2f} s ({each['share']:.0%})"
-        for each in report.unrendered
+        f"    {row['effect']}: {row['seconds']:.2f} s ({row['share']:.0%})"
+        for row in report.unrendered
     ]
     if lost:
         lines += ["\nFelt by the body but played by none of these devices:", *lost]
@@ -42,10 +42,13 @@ def summarise(track: TrackReader, rasters: Sequence[Raster], report: ExportRepor
 
 
 def players(task: Task, track: TrackReader, rasters: Sequence[Raster]) -> list[str]:
-    """Devices that play anything of a task's effects."""
+    """Ids of the devices with output for a task's effects."""
     ids = {effect.id for effect in track.header.effects if effect.name in task.effects}
     return [
         raster.device_id
         for raster in rasters
-        if any(felt.stream.effect_id in ids and np.any(felt.is_rendered) for felt in raster.felt)
+        if any(
+            samples.stream.effect_id in ids and np.any(samples.is_rendered)
+            for samples in raster.felt
+        )
     ]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from a diffusion model of the user's own; needs PyTorch, so not in the extension."""
+"""Surfaces from the user's diffusion model; needs PyTorch, so not in the extension."""

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs to train a decoder of touch: colour pictures and their intensity maps, made as they are
-asked for.
+"""Training pairs of a touch decoder, made on demand: colour pictures and intensity maps.
 
-Liu and Gu (2025, section 3.4) have 16,000 pairs of four materials in equal parts, pictures of
-Stable Diffusion; ours are of the library, steered by chance, or of a folder of the user's.
+Liu and Gu (2025, section 3.4) use 16,000 pairs of four materials in equal parts, with pictures of
+Stable Diffusion. Here pictures come from the library, randomly steered, or from the user's folder.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ from hfx_blender.generation.steering import Steering, albedo, steered
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]
 _SIZE_M: Final = (0.1, 0.1)
-_DEPTH_M: Final = 2e-3  # of white over black: the map of a picture then uses its whole range
+_DEPTH_M: Final = 2e-3  # height of white above black, so that a map uses its whole range
 
 
 @dataclass(frozen=True)
 class LibraryPairs:
-    """Pairs of the library; number ``k`` is always the same one.
+    """Pairs of the library; pair ``k`` depends on ``seed`` and ``k`` only.
 
     Parameters
     ----------
     truth : "picture" or "relief"
-        The map of the colour picture, as the paper has it, or that of the true relief.
+        Map of the colour picture, as in the paper, or of the true relief.
     """
 
     texels: int
@@ -49,10 +48,10 @@ class LibraryPairs:
         return self.count
 
     def __getitem__(self, number: int) -> tuple[F32, F32]:
-        """Colours (3, H, W) and intensity (1, H, W), both -1..1, top row first."""
+        """Make colours (3, H, W) and intensity (1, H, W), both -1..1, top row first."""
         rng = np.random.default_rng([self.seed, number])
         kind = KINDS[number % len(KINDS)]
-        names = [name for name, each in MATERIALS.items() if each.kind == kind]
+        names = [name for name, candidate in MATERIALS.items() if candidate.kind == kind]
         material = MATERIALS[names[int(rng.integers(len(names)))]]
         steering = Steering(
             scale=float(2.0 ** rng.uniform(-1.0, 1.0)),
@@ -71,12 +70,12 @@ class LibraryPairs:
 
 @dataclass(frozen=True)
 class FolderPairs:
-    """Pairs of the pictures of a folder.
+    """Pairs from the pictures of a folder.
 
     Raises
     ------
     InputError
-        There are none.
+        The folder has no pictures.
     """
 
     folder: Path
@@ -89,15 +88,21 @@ class FolderPairs:
 
     @property
     def paths(self) -> list[Path]:
-        """Pictures, in the order of their names."""
-        found = sorted(self.folder.iterdir()) if self.folder.is_dir() else []
-        return [path for path in found if path.suffix.lower() in SUFFIXES]
+        """Paths of the pictures, sorted by name."""
+        entries = sorted(self.folder.iterdir()) if self.folder.is_dir() else []
+        return [path for path in entries if path.suffix.lower() in SUFFIXES]
 
     def __len__(self) -> int:
         return len(self.paths)
 
     def __getitem__(self, number: int) -> tuple[F32, F32]:
-        """Pair as of :class:`LibraryPairs`; the middle of the picture."""
+        """Make a pair like :class:`LibraryPairs`, of the middle of a picture.
+
+        Raises
+        ------
+        InputError
+            The picture is smaller than ``texels``.
+        """
         srgb = self.pixels(self.paths[number])
         rows, columns = srgb.shape[:2]
         if min(rows, columns) < self.texels:
@@ -110,13 +115,13 @@ class FolderPairs:
 
 
 def map_of_picture(srgb: F64) -> F32:
-    """Intensity (H, W) of a picture by the paper's way, blur and Sobel."""
+    """Intensity (H, W) of a picture by the paper's method, blur and Sobel."""
     size = (_SIZE_M[0] * srgb.shape[1] / 512.0, _SIZE_M[1] * srgb.shape[0] / 512.0)
     surface = surface_of(srgb, size, depth_m=_DEPTH_M, tiles=True, way="sobel")
     return surface.map(MapSettings()).intensity
 
 
 def as_pair(srgb: F64, intensity: F32) -> tuple[F32, F32]:
-    """Colours and intensity in the ranges and the order of a VAE."""
+    """Convert colours (H, W, 3) and intensity (H, W), 0..1, to -1..1, channels and top first."""
     colours = np.ascontiguousarray(srgb[::-1].transpose(2, 0, 1), np.float32)
     return 2.0 * colours - 1.0, 2.0 * np.ascontiguousarray(intensity[::-1][None]) - 1.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Training of a decoder of touch against a fixed encoder (Liu and Gu 2025, section 3.3).
+"""Training of a touch decoder against a fixed encoder (Liu and Gu 2025, section 3.3).
 
 Pixel, perceptual and adversarial terms; the adversarial weight is adapted to the gradients at the
-last layer, as in Esser, Rombach and Ommer (2021, equation 7). Each step depends on its number
-alone, so that training that goes on after an interruption is the same training.
+last layer, as in Esser, Rombach and Ommer (2021, equation 7). The data of a step depends on its
+number alone, so an interrupted training resumes with equal results.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _OTHER: Final = "discriminator."
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """The paper's settings; weights of the terms and the decay are ours, as it states none."""
+    """Settings of the paper; the paper states no weights of the terms and no decay."""
 
     steps: int = 100_000
     batch: int = 2
-    learning_rate: float = 1e-4  # Adam, of the decoder
+    learning_rate: float = 1e-4  # Adam, decoder
     discriminator_rate: float = 1e-4  # AdamW
     warm_up: int = 500
     clipping: float = 1.0
@@ -44,7 +44,7 @@ class TrainingSettings:
 
 
 class Pairs(Protocol):
-    """Pairs of colours (3, H, W) and intensity (1, H, W), both -1..1."""
+    """Interface of training pairs: colours (3, H, W) and intensity (1, H, W), both -1..1."""
 
     def __len__(self) -> int: ...
 
@@ -52,12 +52,12 @@ class Pairs(Protocol):
 
 
 class PerceptualNetwork:
-    """Distance of pictures in the features of a network.
+    """Perceptual distance of pictures, in the features of a network.
 
     Parameters
     ----------
     folder : Path, optional
-        Of transformers (a vision model, safetensors). None: a fixed random network, named so.
+        Vision model of transformers, safetensors. None: a fixed random network.
     """
 
     def __init__(self, folder: Path | None, device: str) -> None:
@@ -80,7 +80,10 @@ class PerceptualNetwork:
         self._is_random = folder is None
 
     def distance(self, one: Any, other: Any) -> Any:
-        """Mean squared difference of unit feature vectors, over all layers; grey pictures."""
+        """Mean squared difference of unit feature vectors, summed over all layers.
+
+        ``one`` and ``other`` are grey pictures (N, 1, H, W).
+        """
         total = 0.0
         for a, b in zip(self._features(one), self._features(other), strict=True):
             a, b = (x / (x.norm(dim=1, keepdim=True) + 1e-6) for x in (a, b))
@@ -90,8 +93,8 @@ class PerceptualNetwork:
     def _features(self, grey: Any) -> Sequence[Any]:
         picture = grey.expand(-1, 3, -1, -1)
         if not self._is_random:
-            found = self._network(picture, output_hidden_states=True).hidden_states
-            return [each for each in found if each.dim() == 4]
+            hidden_states = self._network(picture, output_hidden_states=True).hidden_states
+            return [state for state in hidden_states if state.dim() == 4]
         features = []
         for layer in self._network:
             picture = self._torch.nn.functional.leaky_relu(layer(picture), 0.2)
@@ -112,7 +115,7 @@ def _random_network(torch: Any) -> Any:
 
 
 def _discriminator(torch: Any) -> Any:
-    """Discriminator of patches (Isola and others 2017), small."""
+    """Small discriminator of patches (Isola et al. 2017)."""
     nn = torch.nn
     return nn.Sequential(
         nn.Conv2d(1, 32, 4, 2, 1), nn.LeakyReLU(0.2),
@@ -122,19 +125,19 @@ def _discriminator(torch: Any) -> Any:
 
 
 class DecoderTraining:
-    """Training under way.
+    """Resumable training of a touch decoder.
 
     Parameters
     ----------
     vae : module
-        The model's; its encoder is only read.
+        VAE of the diffusion model, unchanged.
     folder : Path
-        Where the decoder and the state of the training are; a state there is gone on from.
+        Folder of the decoder and the training's state; an existing state is resumed.
 
     Raises
     ------
     InputError
-        The folder holds a training with other settings.
+        The folder has a training with other settings, or a broken state.
     """
 
     def __init__(
@@ -154,9 +157,9 @@ class DecoderTraining:
         torch.manual_seed(self.settings.seed)
         self.decoder = touch_decoder.from_vae(vae).to(self._device).requires_grad_(True)
         self.discriminator = _discriminator(torch).to(self._device)
-        wanted = self.settings
-        self._adam = torch.optim.Adam(self.decoder.parameters(), wanted.learning_rate)
-        self._adamw = torch.optim.AdamW(self.discriminator.parameters(), wanted.discriminator_rate)
+        chosen = self.settings
+        self._adam = torch.optim.Adam(self.decoder.parameters(), chosen.learning_rate)
+        self._adamw = torch.optim.AdamW(self.discriminator.parameters(), chosen.discriminator_rate)
         self.step = 0
         if (folder / STATE).is_file():
             self._resume()
@@ -166,7 +169,7 @@ class DecoderTraining:
         progress: Callable[[float], None] = lambda share: None,
         is_cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Train up to the last step, or until it is cancelled; the state is saved at the end."""
+        """Train up to the last step or cancellation; saves at intervals and at the end."""
         while self.step < self.settings.steps and not is_cancelled():
             self._one_step()
             self.step += 1
@@ -176,68 +179,69 @@ class DecoderTraining:
         self.save()
 
     def _batch(self) -> tuple[Any, Any]:
-        """Latents and maps of a step, by its number."""
+        """Latents and intensity maps of the current step, chosen by seed and step."""
         torch = self._torch
         rng = np.random.default_rng([self.settings.seed, self.step])
         chosen = rng.integers(len(self._pairs), size=self.settings.batch)
-        found = [self._pairs[int(k)] for k in chosen]
+        chosen_pairs = [self._pairs[int(k)] for k in chosen]
         colours, maps = (
-            torch.from_numpy(np.stack(each)).to(self._device) for each in zip(*found, strict=True)
+            torch.from_numpy(np.stack(arrays)).to(self._device)
+            for arrays in zip(*chosen_pairs, strict=True)
         )
         return self.encoded(colours), maps
 
     def encoded(self, colours: Any) -> Any:
-        """Latents of pictures (N, 3, H, W) in -1..1 by the fixed encoder: the middle of each."""
+        """Latents of pictures (N, 3, H, W) in -1..1: the mode of the fixed encoder."""
         with self._torch.no_grad():
             return self._vae.encode(colours).latent_dist.mode()
 
     def _one_step(self) -> None:
-        torch, wanted = self._torch, self.settings
+        torch, chosen = self._torch, self.settings
         latents, truth = self._batch()
-        made = self.decoder(latents)
-        pixel = (made - truth).abs().mean()
-        near = pixel + wanted.perceptual_weight * self.network.distance(made, truth)
-        fooled = -self.discriminator(made).mean()
+        estimate = self.decoder(latents)
+        pixel = (estimate - truth).abs().mean()
+        near = pixel + chosen.perceptual_weight * self.network.distance(estimate, truth)
+        fooled = -self.discriminator(estimate).mean()
         last = self.decoder.decoder.conv_out.weight
         norms = [
             torch.autograd.grad(term, last, retain_graph=True)[0].norm() for term in (near, fooled)
         ]
         weight = (norms[0] / (norms[1] + 1e-4)).clamp(0.0, 1e4).detach()
         self._adam.zero_grad(set_to_none=True)
-        (near + wanted.adversarial_weight * weight * fooled).backward()
-        torch.nn.utils.clip_grad_norm_(self.decoder.parameters(), wanted.clipping)
+        (near + chosen.adversarial_weight * weight * fooled).backward()
+        torch.nn.utils.clip_grad_norm_(self.decoder.parameters(), chosen.clipping)
         self._adam.step()
 
         hinge = torch.nn.functional.relu
-        told = hinge(1.0 - self.discriminator(truth)).mean()
-        told = told + hinge(1.0 + self.discriminator(made.detach())).mean()
+        loss = hinge(1.0 - self.discriminator(truth)).mean()
+        loss = loss + hinge(1.0 + self.discriminator(estimate.detach())).mean()
         self._adamw.zero_grad(set_to_none=True)
-        told.backward()
-        torch.nn.utils.clip_grad_norm_(self.discriminator.parameters(), wanted.clipping)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.discriminator.parameters(), chosen.clipping)
         for group in self._adamw.param_groups:
-            group["lr"] = wanted.discriminator_rate * self._rate()
+            group["lr"] = chosen.discriminator_rate * self._rate()
         self._adamw.step()
 
     def _rate(self) -> float:
-        """Share of the discriminator's rate: a linear warm-up, then half a cosine to the end."""
-        wanted = self.settings
-        if self.step < wanted.warm_up:
-            return (self.step + 1) / wanted.warm_up
-        rest = max(wanted.steps - wanted.warm_up, 1)
-        return float(0.5 + 0.5 * np.cos(np.pi * (self.step - wanted.warm_up) / rest))
+        """Share of the discriminator's rate: a linear warm-up, then a half cosine down to 0."""
+        chosen = self.settings
+        if self.step < chosen.warm_up:
+            return (self.step + 1) / chosen.warm_up
+        rest = max(chosen.steps - chosen.warm_up, 1)
+        return float(0.5 + 0.5 * np.cos(np.pi * (self.step - chosen.warm_up) / rest))
 
     def errors(self, pairs: Pairs, numbers: Sequence[int]) -> dict[str, float]:
-        """MSE (of 0..1) and perceptual distance on pairs, of the decoder as it is now."""
+        """Mean MSE (of values 0..1) and perceptual distance of the current decoder on pairs."""
         torch = self._torch
         squares, distances = [], []
         with torch.no_grad():
             for number in numbers:
                 colours, truth = (
-                    torch.from_numpy(each[None]).to(self._device) for each in pairs[number]
+                    torch.from_numpy(pair[None]).to(self._device) for pair in pairs[number]
                 )
-                made = self.decoder(self.encoded(colours)).clamp(-1.0, 1.0)
-                squares.append(float((0.5 * (made - truth)).square().mean()))
-                distances.append(float(self.network.distance(made, truth)))
+                estimate = self.decoder(self.encoded(colours)).clamp(-1.0, 1.0)
+                squares.append(float((0.5 * (estimate - truth)).square().mean()))
+                distances.append(float(self.network.distance(estimate, truth)))
         return {
             "mse": float(np.mean(squares)),
             "perceptual_distance": float(np.mean(distances)),
@@ -246,7 +250,7 @@ class DecoderTraining:
     # State
 
     def save(self) -> None:
-        """Write the decoder and everything that the next step depends on."""
+        """Write the decoder, and the state of both networks and optimizers."""
         from safetensors.torch import save_file
 
         record = {
@@ -261,10 +265,10 @@ class DecoderTraining:
             for number, values in optimizer.state_dict()["state"].items():
                 state |= {f"{name}.{number}.{key}": value for key, value in values.items()}
         state = {key: value.detach().cpu().contiguous().clone() for key, value in state.items()}
-        # One file, in one move: an interruption leaves the state of one step, never of two.
-        made = self.folder / f"{STATE}.new"
-        save_file(state, str(made), {"record": json.dumps(record)})
-        made.replace(self.folder / STATE)
+        # One file, replaced at once: after an interruption the state is never a mix of two steps.
+        new_file = self.folder / f"{STATE}.new"
+        save_file(state, str(new_file), {"record": json.dumps(record)})
+        new_file.replace(self.folder / STATE)
 
     def _resume(self) -> None:
         from safetensors import SafetensorError, safe_open
@@ -279,14 +283,16 @@ class DecoderTraining:
         if record["settings"] != asdict(self.settings):
             raise InputError(f"{self.folder}: holds a training with other settings.")
         for prefix, module in ((_OWN, self.decoder), (_OTHER, self.discriminator)):
-            mine = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
-            module.load_state_dict(mine)
+            own_state = {
+                k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)
+            }
+            module.load_state_dict(own_state)
         for name, optimizer in (("adam", self._adam), ("adamw", self._adamw)):
-            kept: dict[int, dict[str, Any]] = {}
+            optimizer_state: dict[int, dict[str, Any]] = {}
             for key, value in state.items():
                 if key.startswith(f"{name}."):
                     _, number, part = key.split(".")
-                    kept.setdefault(int(number), {})[part] = value
+                    optimizer_state.setdefault(int(number), {})[part] = value
             groups = optimizer.state_dict()["param_groups"]
-            optimizer.load_state_dict({"state": kept, "param_groups": groups})
+            optimizer.load_state_dict({"state": optimizer_state, "param_groups": groups})
         self.step = int(record["steps"])

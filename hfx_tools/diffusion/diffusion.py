@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Back end ``diffusers``: surfaces from the user's own diffusion model, felt as they are seen.
+"""Back end ``diffusers``: surfaces from the user's diffusion model.
 
 The same latents are decoded twice: to colours by the model, to the intensity of touch by the
-decoder of ``hfx texture train-decoder``; without one, the relief of the picture is converted.
+decoder of ``hfx texture train-decoder``; without a decoder, the picture is converted to relief.
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ PRESETS: Final = {
         "smooth surface, print, folds, seams, plastic, glossy, flat, blurry.",
     ),
 }
-"""Words and negative words for the map paper's four materials. Those of wood are the paper's
-(section 3.4.2); it does not print the others, which are modelled on them."""
+"""Words and negative words for the map paper's four materials. The words of wood are from the paper
+(section 3.4.2); the paper prints no words of the remaining materials, modelled on wood here."""
 
 METAL: Final = "metal"
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """Settings of a diffusion that are not words."""
+    """Settings of a diffusion, without its words; sizes and depth in metres."""
 
     texels: int = 512
     steps: int = 30
@@ -86,53 +86,57 @@ def generate(
     progress: Progress = lambda share: None,
     is_cancelled: Callable[[], bool] = lambda: False,
 ) -> Generated:
-    """Surface of a wish.
+    """Generate a surface from words.
 
     Parameters
     ----------
     decoder : module, optional
-        Of :func:`.touch_decoder.load`, from ``decoder_folder``.
+        Result of :func:`.touch_decoder.load`, from ``decoder_folder``.
 
     Raises
     ------
     InputError
-        The size does not fit the model, or its safety checker refuses the picture.
+        The size does not fit the model, or the model's safety checker rejects the picture.
     CancelledError
     """
-    wanted = settings or Settings()
+    chosen = settings or Settings()
     latents = model.latents(
         words,
         negative,
         seed,
-        wanted.texels,
-        steps=wanted.steps,
-        guidance=wanted.guidance,
-        tiling=wanted.tiling,
+        chosen.texels,
+        steps=chosen.steps,
+        guidance=chosen.guidance,
+        tiling=chosen.tiling,
         progress=progress,
         is_cancelled=is_cancelled,
     )
     colour = model.colours(latents)
     surface = surface_of(
-        colour / 255.0, wanted.size_m, depth_m=wanted.depth_m, tiles=wanted.tiling, way=wanted.way
+        colour / 255.0,
+        chosen.size_m,
+        depth_m=chosen.depth_m,
+        tiles=chosen.tiling,
+        way=chosen.way,
     )
     map_, slope = surface.map(MapSettings()), surface.slope
     notes = [surface.note]
     if decoder is not None:
         touch = model.intensity(latents, decoder)
-        # A slope of 1 is full strength, so it carries the intensity into a .blend.
+        # A slope of 1 is full strength, so the slope map stores the intensity in a .blend.
         map_, slope = replace(map_, intensity=touch), touch
         notes = ["the intensity is decoded from the picture's own latents"]
-    if wanted.noticeable is not None:
-        map_ = map_.in_steps(wanted.noticeable)
+    if chosen.noticeable is not None:
+        map_ = map_.in_steps(chosen.noticeable)
     record = {
         "words": words,
         "negative_words": negative,
         "seed": seed,
         "back_end": NAME,
         "model": {"class": model.class_name, "device": model.device},
-        "inference_steps": wanted.steps,
-        "guidance": wanted.guidance,
-        "tiling": wanted.tiling,
+        "inference_steps": chosen.steps,
+        "guidance": chosen.guidance,
+        "tiling": chosen.tiling,
         "conversion": surface.way,
         "decoder_sha256": None if decoder_folder is None else sha256_of(decoder_folder / WEIGHTS),
         "versions": model.versions,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Diffusion model in a folder of the user's: loaded offline, from safetensors only, run, decoded.
+"""Diffusion model in the user's folder: loaded offline, from safetensors only, run, decoded.
 
-Needs the optional extra ``generate`` (torch, diffusers, transformers). Folders are those of
-``diffusers``: Stable Diffusion 1.5 to 3.5 and what has the same parts.
+Needs the optional extra ``generate`` (torch, diffusers, transformers). Folders have the layout of
+``diffusers``: Stable Diffusion 1.5 to 3.5, and models with equal parts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PIPELINES: Final = (
     "StableDiffusion3Pipeline",
 )
 _LIBRARIES: Final = ("diffusers", "transformers", "stable_diffusion")
-"""Sources of a pipeline's parts: a folder may bring no code of its own."""
+"""Allowed libraries of a pipeline's parts: code in a folder is never run."""
 
 _PARTS: Final = (
     "AutoencoderKL",
@@ -40,23 +40,23 @@ _PARTS: Final = (
     "StableDiffusionSafetyChecker",
 )
 _PART_ENDS: Final = ("Scheduler", "Tokenizer", "TokenizerFast", "Processor", "FeatureExtractor")
-"""Classes of parts: weights that another class reads would be left as they are by chance."""
+"""Allowed endings of further classes of parts, without weights."""
 
 _UNSAFE: Final = (".bin", ".ckpt", ".pt", ".pth", ".pkl")
 Progress = Callable[[float], None]
 
 
 class CancelledError(HfxError):
-    """Raised after the user has cancelled."""
+    """The user has cancelled the diffusion."""
 
     exit_code = 130
 
 
 @dataclass(frozen=True, eq=False)
 class Latents:
-    """Result of a diffusion before it is decoded."""
+    """Result of a diffusion before decoding."""
 
-    values: Any  # torch tensor (1, C, h, w), scaled as the pipeline's denoiser sees it
+    values: Any  # torch tensor (1, C, h, w), in the scale of the pipeline's denoiser
 
 
 _INDEX: Final = Record({"_class_name": Text(PIPELINES)}, unknown="ignore")
@@ -65,12 +65,12 @@ _ORIGIN: Final = Row((Anything(), Anything()))
 
 
 def check_folder(folder: Path) -> str:
-    """Class of the pipeline in a folder, which brings weights as safetensors only and no code.
+    """Check a folder of diffusers; returns the class of its pipeline.
 
     Raises
     ------
     InputError
-        It is no such folder.
+        No such folder, an unknown part, weights other than safetensors, or code.
     """
     index = folder / "model_index.json"
     if not index.is_file():
@@ -96,7 +96,7 @@ def check_folder(folder: Path) -> str:
 
 
 def _absent(folder: Path) -> list[str]:
-    """Parts that a folder says it has not, such as the largest text encoder of version 3."""
+    """Names of absent parts in the index, such as the largest text encoder of version 3."""
     entries = read_json(folder / "model_index.json").hold(_INDEX).value
     return [name for name, value in entries.items() if value == [None, None]]
 
@@ -116,12 +116,12 @@ def _check_weights(part: Path) -> None:
 
 
 def libraries() -> tuple[Any, Any]:
-    """``torch`` and ``diffusers``, told to stay offline.
+    """Import ``torch`` and ``diffusers`` in offline mode.
 
     Raises
     ------
     HfxError
-        They are not installed.
+        A package is not installed.
     """
     os.environ.update({"HF_HUB_OFFLINE": "1", "TRANSFORMERS_OFFLINE": "1"})
     try:
@@ -139,18 +139,18 @@ def libraries() -> tuple[Any, Any]:
 
 
 class ModelFolder:
-    """A loaded model.
+    """Loaded diffusion model.
 
     Parameters
     ----------
     folder : Path
     device : str
-        ``cpu``, ``cuda``, ``mps``, or ``auto``: a graphics card if there is one.
+        ``cpu``, ``cuda``, ``mps``, or ``auto``: a graphics card if available.
 
     Raises
     ------
     InputError
-        The folder is none that can be loaded.
+        The folder cannot be loaded.
     HfxError
         The packages are not installed.
     """
@@ -171,7 +171,7 @@ class ModelFolder:
                 **dict.fromkeys(_absent(folder)),
             )
             self.pipeline.to(self.device)
-        except Exception as error:  # what a stranger's folder raises in the libraries has no bound
+        except Exception as error:  # a faulty folder may raise any exception in the libraries
             reason = [*str(error).strip().splitlines(), type(error).__name__][0]
             raise InputError(f"{folder}: cannot be loaded ({reason}).") from error
         self.pipeline.set_progress_bar_config(disable=True)
@@ -185,7 +185,7 @@ class ModelFolder:
         return int(self.pipeline.vae_scale_factor)
 
     def make_tiling(self) -> None:
-        """Let all convolutions wrap, so that what is made has no seam."""
+        """Let all convolutions wrap, for pictures without a seam; irreversible for this model."""
         torch = self._torch
         for part in (getattr(self.pipeline, "unet", None), self.vae):
             for module in part.modules() if part is not None else ():
@@ -205,7 +205,7 @@ class ModelFolder:
         progress: Progress = lambda share: None,
         is_cancelled: Callable[[], bool] = lambda: False,
     ) -> Latents:
-        """Diffuse.
+        """Run the diffusion from words to latents of a picture of ``texels`` squared.
 
         Raises
         ------
@@ -220,7 +220,8 @@ class ModelFolder:
                 f"--resolution {texels}: expected a multiple of {unit} for this model."
             )
         generator = torch.Generator("cpu").manual_seed(seed)
-        # A transformer knows where each place is: the picture moves on between the steps.
+        # A transformer encodes positions, so wrapping convolutions are not enough: the latents are
+        # shifted cyclically between the steps, which spreads the seam over the picture.
         rolls = tiling and getattr(self.pipeline, "transformer", None) is not None
         offsets = np.random.default_rng([seed, 29])
         moved = [0, 0]
@@ -237,7 +238,7 @@ class ModelFolder:
 
         if tiling:
             self.make_tiling()
-        found = self.pipeline(
+        images = self.pipeline(
             words,
             negative_prompt=negative,
             height=texels,
@@ -249,10 +250,10 @@ class ModelFolder:
             callback_on_step_end=after_step,
             callback_on_step_end_tensor_inputs=["latents"],
         ).images
-        return Latents(torch.roll(found, [-each for each in moved], (2, 3)))
+        return Latents(torch.roll(images, [-offset for offset in moved], (2, 3)))
 
     def unscaled(self, latents: Latents) -> Any:
-        """Latents as the decoder takes them, a float tensor."""
+        """Latents in the scale of the decoder, a float32 tensor."""
         config = self.vae.config
         shift = getattr(config, "shift_factor", None) or 0.0
         return latents.values.to(self._torch.float32) / config.scaling_factor + shift
@@ -263,7 +264,7 @@ class ModelFolder:
         Raises
         ------
         InputError
-            The model's own safety checker refuses it.
+            The model's safety checker rejects the picture.
         """
         torch = self._torch
         with torch.no_grad():
@@ -276,7 +277,7 @@ class ModelFolder:
         return np.rint(255.0 * _unit(image)[::-1]).astype(np.uint8)
 
     def intensity(self, latents: Latents, decoder: Any) -> F32:
-        """Intensity (H, W) of the same latents by a decoder with one channel, bottom row first."""
+        """Intensity (H, W) of latents by a touch decoder, bottom row first."""
         with self._torch.no_grad():
             image = decoder(self.unscaled(latents))
         return np.ascontiguousarray(_unit(image)[::-1, :, 0], np.float32)
@@ -289,6 +290,6 @@ def _best_device(torch: Any) -> str:
 
 
 def _unit(image: Any) -> npt.NDArray[np.float64]:
-    """Picture (H, W, C) in 0..1 of a decoder's (1, C, H, W) in -1..1."""
+    """Convert a decoder's output (1, C, H, W) in -1..1 to a picture (H, W, C) in 0..1."""
     values = image[0].float().cpu().numpy().astype(np.float64)
     return np.clip(0.5 + 0.5 * values, 0.0, 1.0).transpose(1, 2, 0)

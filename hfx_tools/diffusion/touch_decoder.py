@@ -31,7 +31,7 @@ _KEYS: Final = (
 
 
 def from_vae(vae: Any) -> Any:
-    """Decoder that begins as a VAE's, its output channels merged into one (a torch module)."""
+    """Copy a VAE's decoder with its output channels averaged into one, as a torch module."""
     config = {key: vae.config.get(key) for key in _KEYS}
     decoder = _module(config, has_quantization=vae.post_quant_conv is not None)
     state = {f"decoder.{key}": value for key, value in vae.decoder.state_dict().items()}
@@ -76,7 +76,7 @@ def _module(config: dict[str, Any], *, has_quantization: bool) -> Any:
 
 
 def save(decoder: Any, folder: Path, record: dict[str, Any]) -> None:
-    """Write a decoder's weights as safetensors, and its sizes and the record of its training."""
+    """Write a decoder's weights as safetensors, and sizes and training record as JSON."""
     from safetensors.torch import save_file
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -93,12 +93,12 @@ def save(decoder: Any, folder: Path, record: dict[str, Any]) -> None:
 
 
 def load(folder: Path, vae: Any, *, tiling: bool) -> Any:
-    """Read a decoder that fits a model's latents.
+    """Read a decoder for a model's latents, on the model's device; ``tiling`` wraps convolutions.
 
     Raises
     ------
     InputError
-        It is none, was changed, or belongs to a model with other latents.
+        No decoder, a changed file, or a decoder for other latents.
     """
     torch, _ = libraries()
     from safetensors.torch import load_file

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reliefs of random rules: random profiles over random distances, joined in pairs.
 
-No material looks like them on purpose: with them, a network learns what light does to shapes that
-it has not seen.
+The shapes imitate no material, so that a network generalizes to light on unknown shapes.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from hfx_blender.engine.arrays import F64
 from . import patterns as p
 
 Distance = Callable[[np.random.Generator, int, float], F64]
-"""Random numbers, texels and size of features as a share of the square to values (N, N), 1 for
-each feature."""
+"""Values (N, N), with steps of 1 per feature, from random generator, texels, and size of features
+as a share of the square."""
 
 
 def composed(rng: np.random.Generator, texels: int, feature: float) -> F64:
@@ -28,26 +27,26 @@ def composed(rng: np.random.Generator, texels: int, feature: float) -> F64:
     if way == "one":
         return heights
     size = float(np.clip(feature * 2.0 ** rng.uniform(-2.0, 2.0), 6.0 / texels, 0.5))
-    other = _pattern(rng, texels, size)
+    pattern = _pattern(rng, texels, size)
     if way == "higher":
-        return np.maximum(heights, other + rng.uniform(-0.5, 0.5))
+        return np.maximum(heights, pattern + rng.uniform(-0.5, 0.5))
     if way == "lower":
-        return np.minimum(heights, other + rng.uniform(-0.5, 0.5))
+        return np.minimum(heights, pattern + rng.uniform(-0.5, 0.5))
     if way == "inside":
-        border = float(np.quantile(other, rng.uniform(0.3, 0.7)))
-        mask = p.smooth_step(other, border, border + 0.1)
+        border = float(np.quantile(pattern, rng.uniform(0.3, 0.7)))
+        mask = p.smooth_step(pattern, border, border + 0.1)
         return heights * mask + rng.uniform(0.0, 0.5) * (1.0 - mask)
-    return heights + rng.uniform(0.05, 0.3) * np.clip(2.0 * heights, 0.0, 1.0) * other
+    return heights + rng.uniform(0.05, 0.3) * np.clip(2.0 * heights, 0.0, 1.0) * pattern
 
 
 def _pattern(rng: np.random.Generator, texels: int, feature: float) -> F64:
-    """A random profile, 0..1, of a random distance."""
+    """Heights (N, N), 0..1: a random profile over a random distance."""
     distance = _DISTANCES[rng.integers(len(_DISTANCES))](rng, texels, feature)
     if rng.random() < 0.3:
         distance = distance + rng.uniform(0.05, 0.3) * p.noise(rng, texels, 2 * feature, feature)
     knots = np.cumsum(rng.uniform(0.1, 1.0, rng.integers(3, 8)))
     heights = rng.random(len(knots))
-    if rng.random() < 0.5:  # only two levels, with bevels between them
+    if rng.random() < 0.5:  # two levels with bevels
         heights = (heights > rng.uniform(0.3, 0.7)).astype(float)
     repeats = rng.random() < 0.5 or np.ptp(distance) > 3.0
     share = distance % 1.0 if repeats else np.clip(np.abs(distance), 0.0, 1.0)
@@ -101,7 +100,7 @@ def _contours(rng: np.random.Generator, texels: int, feature: float) -> F64:
 
 
 def _lattice(rng: np.random.Generator, texels: int, feature: float) -> F64:
-    """Distance from the nearest point of a lattice, by a random measure of distance."""
+    """Distance (N, N) from the nearest point of a lattice, by a random norm."""
     rows, columns = p.warped_places(rng, texels, rng.uniform(0.0, 0.05) * feature)
     down = 2 * max(1, round(0.5 / feature))
     along = max(1, round(down * rng.uniform(0.5, 1.5)))

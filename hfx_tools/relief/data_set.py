@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples of pictures and relief on disk, made once by several processes and read while training.
+"""Samples of pictures and relief on disk, made once by several processes, read during training.
 
 Sample ``k`` depends on the seed and on ``k`` only.
 """
@@ -21,7 +21,7 @@ TEXELS: Final = 192
 _AT_ONCE: Final = 50
 _MODULE: Final = "hfx_tools.relief.data_set"
 MOST_SLOPE: Final = 2.0
-"""Slopes are stored as 8-bit roots up to this one."""
+"""Largest stored slope; slopes are stored as 8-bit square roots."""
 
 
 class DataSet(NamedTuple):
@@ -33,33 +33,33 @@ class DataSet(NamedTuple):
     roughness: npt.NDArray[np.uint8]
 
 
-def _made(seed: int, first: int) -> list[npt.NDArray[np.generic]]:
-    found = [
+def _make_samples(seed: int, first: int) -> list[npt.NDArray[np.generic]]:
+    samples = [
         pictures.sample(np.random.default_rng([seed, k]), TEXELS)
         for k in range(first, first + _AT_ONCE)
     ]
-    slopes = np.sqrt(np.stack([each.slope for each in found]) / MOST_SLOPE)
-    heights = np.stack([each.heights for each in found])
+    slopes = np.sqrt(np.stack([sample.slope for sample in samples]) / MOST_SLOPE)
+    heights = np.stack([sample.heights for sample in samples])
     return [
-        np.stack([each.picture for each in found]),
+        np.stack([sample.picture for sample in samples]),
         np.clip(heights, -6e4, 6e4).astype(np.float16),
         np.round(255.0 * np.minimum(slopes, 1.0)).astype(np.uint8),
-        np.round(255.0 * np.stack([each.roughness for each in found])).astype(np.uint8),
+        np.round(255.0 * np.stack([sample.roughness for sample in samples])).astype(np.uint8),
     ]
 
 
 def slopes_of(stored: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Slopes of their stored codes."""
+    """Decode stored slopes to float32."""
     return MOST_SLOPE * (stored.astype(np.float32) / 255.0) ** 2
 
 
 def opened(folder: Path, count: int, seed: int, jobs: int) -> DataSet:
-    """A data set of ``count`` samples in a folder, made by ``jobs`` processes if it is not there.
+    """Open a data set of ``count`` samples in a folder, made by ``jobs`` processes if missing.
 
     Raises
     ------
     RuntimeError
-        A process failed; it said why.
+        A process failed; its error output has the reason.
     """
     done = folder / f"{seed}-{count}.done"
     if not done.exists():
@@ -74,22 +74,22 @@ def opened(folder: Path, count: int, seed: int, jobs: int) -> DataSet:
 
 
 def run_together(commands: list[list[str]]) -> None:
-    """Run processes and wait for all of them; the others end when one fails.
+    """Run processes and wait for all; the first failure ends all processes.
 
     Raises
     ------
     RuntimeError
-        One failed.
+        A process failed.
     """
     running = [start.start(command, {"OMP_NUM_THREADS": "1"}) for command in commands]
     try:
-        for each in running:
-            if each.wait():
-                raise RuntimeError(f"a process ended with {each.returncode}")
+        for process in running:
+            if process.wait():
+                raise RuntimeError(f"a process ended with {process.returncode}")
     finally:
-        for each in running:
-            each.kill()
-            each.wait()
+        for process in running:
+            process.kill()
+            process.wait()
 
 
 def _paths(folder: Path, count: int, seed: int) -> list[Path]:
@@ -97,10 +97,10 @@ def _paths(folder: Path, count: int, seed: int) -> list[Path]:
 
 
 def _fill(folder: Path, count: int, seed: int, jobs: int, job: int) -> None:
-    """Make the share of one of several processes."""
+    """Make the samples of one job: every ``jobs``-th block of 50."""
     files = [np.load(path, mmap_mode="r+") for path in _paths(folder, count, seed)]
     for first in range(job * _AT_ONCE, count, jobs * _AT_ONCE):
-        for file, part in zip(files, _made(seed, first), strict=True):
+        for file, part in zip(files, _make_samples(seed, first), strict=True):
             file[first : first + _AT_ONCE] = part[: count - first]
     for file in files:
         file.flush()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Families of relief that the network learns: the library's recipes and 34 of our own.
+"""Families of relief in the network's training set: the library's recipes and those below.
 
-A family makes heights (N, N) that tile, in any unit, and may name the cell (stone, brick) of each
-texel, so that colours can differ from cell to cell. ``feature`` is the size of its largest parts as
-a share of the square.
+A family makes tileable heights (N, N) in any unit, and optionally an id (N, N) of the cell (stone,
+brick) of each texel, for colours by cell. ``feature`` is the size of the largest parts as a share
+of the square.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _pebbles(rng: np.random.Generator, n: int, feature: float) -> Relief:
     c = p.cells(rng, n, _count(feature), moved=moved)
     gap = (c.second - c.first) / feature
     dome = np.clip(gap / rng.uniform(0.3, 0.9), 0.0, 1.0)
-    heights = (1.0 - (1.0 - dome) ** 2) * (0.6 + 0.4 * p.of_each(rng, c.index))
+    heights = (1.0 - (1.0 - dome) ** 2) * (0.6 + 0.4 * p.random_by_cell(rng, c.index))
     return Relief(heights, c.index)
 
 
@@ -86,7 +86,7 @@ def _bricks(rng: np.random.Generator, n: int, feature: float) -> Relief:
     joint, bevel = rng.uniform(0.03, 0.12), rng.uniform(0.03, 0.2)
     level = p.smooth_step(edge, joint, joint + bevel)
     rough = rng.uniform(0.0, 0.15) * p.noise(rng, n, 0.3 * feature + 8.0 / n, 3.0 / n)
-    return Relief(level * (1.0 + rough + rng.uniform(0, 0.3) * p.of_each(rng, index)), index)
+    return Relief(level * (1.0 + rough + rng.uniform(0, 0.3) * p.random_by_cell(rng, index)), index)
 
 
 def _hexagons(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -197,10 +197,10 @@ def _dimples(rng: np.random.Generator, n: int, feature: float) -> Relief:
 
 def _scratches(rng: np.random.Generator, n: int, feature: float) -> Relief:
     spread = rng.uniform(0.05, np.pi)
-    made = p.scattered(
+    scattered = p.scattered(
         rng, n, rng.integers(20, 90), rng.uniform(0.1, 0.4), 2.0 / n, angles=(0.0, spread)
     )
-    return Relief(rng.choice([-1.0, -1.0, 1.0]) * made)
+    return Relief(rng.choice([-1.0, -1.0, 1.0]) * scattered)
 
 
 def _terraces(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -228,8 +228,8 @@ def _knurls(rng: np.random.Generator, n: int, feature: float) -> Relief:
     count = _count(feature)
     a = np.abs(2 * ((count * (rows + columns)) % 1.0) - 1.0)
     b = np.abs(2 * ((count * (rows - columns)) % 1.0) - 1.0)
-    made = (np.minimum(a, b), a + b, a * b)[rng.integers(3)]
-    return Relief(np.minimum(made, made.max() * rng.uniform(0.6, 1.0)))
+    knurls = (np.minimum(a, b), a + b, a * b)[rng.integers(3)]
+    return Relief(np.minimum(knurls, knurls.max() * rng.uniform(0.6, 1.0)))
 
 
 def _scales(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -258,10 +258,10 @@ def _fibres(rng: np.random.Generator, n: int, feature: float) -> Relief:
 def _chips(rng: np.random.Generator, n: int, feature: float) -> Relief:
     count = min(int(rng.uniform(0.8, 2.5) / feature**2), 400)
     narrow = rng.uniform(0.3, 1.0)
-    made = p.scattered(
+    scattered = p.scattered(
         rng, n, count, 0.5 * feature, 0.5 * feature * narrow, profile="box", piled=2.0
     )
-    return Relief(made)
+    return Relief(scattered)
 
 
 def _bark(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -273,11 +273,11 @@ def _bark(rng: np.random.Generator, n: int, feature: float) -> Relief:
 
 
 def _strokes(rng: np.random.Generator, n: int, feature: float) -> Relief:
-    made = p.scattered(
+    scattered = p.scattered(
         rng, n, rng.integers(8, 40), feature, max(0.12 * feature, 2.5 / n), profile="box"
     )
-    plate = p.smooth_step(made, 0.0, 0.8)
-    return Relief(rng.choice([-1.0, 1.0]) * plate, (made > 0.5).astype(np.int64))
+    plate = p.smooth_step(scattered, 0.0, 0.8)
+    return Relief(rng.choice([-1.0, 1.0]) * plate, (scattered > 0.5).astype(np.int64))
 
 
 def _sponge(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -323,7 +323,7 @@ def _cobbles(rng: np.random.Generator, n: int, feature: float) -> Relief:
     moved = p.warped_places(rng, n, 0.06 * feature, feature)
     c = p.cells(rng, n, _count(feature), jitter=rng.uniform(0.1, 0.5), moved=moved)
     gap = p.smooth_step((c.second - c.first) / feature, 0.02, rng.uniform(0.2, 0.7))
-    return Relief(gap * (0.7 + 0.3 * p.of_each(rng, c.index)), c.index)
+    return Relief(gap * (0.7 + 0.3 * p.random_by_cell(rng, c.index)), c.index)
 
 
 def _facets(rng: np.random.Generator, n: int, feature: float) -> Relief:
@@ -359,8 +359,8 @@ def _stitched(rng: np.random.Generator, n: int, feature: float) -> Relief:
 
 
 OWN: Final[dict[str, Family]] = {
-    each.__name__.lstrip("_"): each
-    for each in (
+    family.__name__.lstrip("_"): family
+    for family in (
         _fractal, _ridged, _billow, _brushed, _pebbles, _cracks, _bricks, _hexagons, _planks,
         _ribs, _grooves, _weave, _knit, _leather, _studs, _treads, _dimples, _scratches,
         _terraces, _ripples, _wrinkles, _knurls, _scales, _fibres, _chips, _bark, _strokes,
@@ -368,12 +368,12 @@ OWN: Final[dict[str, Family]] = {
         _stitched,
     )
 }  # fmt: skip
-"""Families of ours, by name."""
+"""Families of this module, by name."""
 
 
 def _recipe(name: str) -> Family:
     def make(rng: np.random.Generator, n: int, feature: float) -> Relief:
-        # A texel may be no larger than what the recipe draws.
+        # The recipe's own size is used, so that a texel is smaller than the recipe's features.
         field, _ = MATERIALS[name].make(n, int(rng.integers(2**31)))
         return Relief(field.heights_m)
 
@@ -384,36 +384,36 @@ LIBRARY: Final[dict[str, Family]] = {name: _recipe(name) for name in MATERIALS}
 
 
 def draw(rng: np.random.Generator, texels: int) -> Relief:
-    """Relief of a random family, size of features and direction; sometimes of two at once."""
-    made = draw_one(rng, texels)
+    """Draw a relief of random family, feature size and direction; sometimes a mix of two."""
+    relief = draw_one(rng, texels)
     if rng.random() < 0.25:
-        other = draw_one(rng, texels)
+        second = draw_one(rng, texels)
         share = 10.0 ** rng.uniform(-1.3, -0.3)
-        heights = _unit(made.heights) + share * _unit(other.heights)
+        heights = _unit(relief.heights) + share * _unit(second.heights)
         if rng.random() < 0.3:  # two materials side by side
             mask = p.smooth_step(p.noise(rng, texels, 1.0, 0.2, fall=1.5), -0.1, 0.1)
-            heights = mask * _unit(made.heights) + (1.0 - mask) * share * _unit(other.heights)
-        made = Relief(heights, made.cells)
-    return made
+            heights = mask * _unit(relief.heights) + (1.0 - mask) * share * _unit(second.heights)
+        relief = Relief(heights, relief.cells)
+    return relief
 
 
 def draw_one(rng: np.random.Generator, texels: int) -> Relief:
-    """Relief of one random family, size of features and direction."""
+    """Draw a relief of one random family, with random feature size and direction."""
     kind = rng.random()
     families = LIBRARY if kind < 0.12 else OWN
     name = list(families)[rng.integers(len(families))]
     feature = 2.0 ** rng.uniform(np.log2(8.0 / texels), np.log2(0.45))
     if kind > 0.75:
-        made = Relief(composed(rng, texels, feature))
+        relief = Relief(composed(rng, texels, feature))
     else:
-        made = families[name](rng, texels, feature)
+        relief = families[name](rng, texels, feature)
     turn, flip = int(rng.integers(4)), rng.random() < 0.5
 
     def placed(grid: np.ndarray) -> np.ndarray:
         grid = np.rot90(grid, turn)
         return np.ascontiguousarray(grid.T if flip else grid)
 
-    return Relief(placed(made.heights), None if made.cells is None else placed(made.cells))
+    return Relief(placed(relief.heights), None if relief.cells is None else placed(relief.cells))
 
 
 def _unit(heights: F64) -> F64:

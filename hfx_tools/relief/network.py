@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The network of :mod:`...engine.texture.relief_network` in PyTorch, for its training."""
+"""Network of :mod:`...engine.texture.relief_network` in PyTorch, for training."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WIDTHS: Final = (16, 32, 64, 96)
 
 
 class Convolution(nn.Conv2d):
-    """3 x 3 convolution of a picture that tiles ("circular") or ends ("replicate")."""
+    """3 x 3 convolution with padding for tileable ("circular") or plain ("replicate") pictures."""
 
     mode = "circular"
 
@@ -29,7 +29,7 @@ class Convolution(nn.Conv2d):
 
 
 class ReliefNetwork(nn.Module):
-    """U-shaped network: prepared colours (B, 3, H, W) to height, slope and roughness."""
+    """U-net from prepared colours (B, 3, H, W) to height, slope and roughness (B, 3, H, W)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class ReliefNetwork(nn.Module):
         self.last = Convolution(a, 12)
 
     def set_tiles(self, tiles: bool) -> None:
-        """Choose whether pictures go on at their opposite edge."""
+        """Set the padding of all convolutions for tileable or plain pictures."""
         for part in self.modules():
             if isinstance(part, Convolution):
                 part.mode = "circular" if tiles else "replicate"
@@ -82,7 +82,7 @@ def _upsampled(x: Tensor) -> Tensor:
 
 
 def weights_of(network: ReliefNetwork) -> dict[str, F32]:
-    """Weights by name."""
+    """Weights of a network by name, float32 copies."""
     return {
         name: value.detach().numpy().astype(np.float32)
         for name, value in network.state_dict().items()

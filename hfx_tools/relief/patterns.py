@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Building blocks of heights that tile: noise, warping, scattered cells and shapes.
+"""Building blocks of tileable heights: noise, warping, scattered cells and shapes.
 
-Grids are (N, N) float64 over a unit square that repeats; places are rows and columns of it, 0 to 1.
+Grids are (N, N) float64 over a repeating unit square; places are rows and columns, 0 to 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hfx_blender.engine.texture.procedural import noise as band_noise
 
 
 class Cells(NamedTuple):
-    """Distances from scattered points: nearest, second nearest (unit lengths), nearest's index."""
+    """Distance to the nearest and second nearest point (unit lengths), and id of the nearest."""
 
     first: F64
     second: F64
@@ -32,12 +32,12 @@ def noise(
     stretch: float = 1.0,
     fall: float = 1.0,
 ) -> F64:
-    """Noise that tiles, RMS 1; wavelengths as shares of the square."""
+    """Tileable noise (N, N) of RMS 1; wavelengths as shares of the square."""
     return band_noise(rng, texels, 1.0, longest, shortest, stretch, fall)
 
 
 def places(texels: int) -> tuple[F64, F64]:
-    """Rows and columns (N, N) of the middles of all texels."""
+    """Rows and columns (N, N) of all texel centres."""
     line = (np.arange(texels) + 0.5) / texels
     rows, columns = np.meshgrid(line, line, indexing="ij")
     return rows, columns
@@ -46,7 +46,7 @@ def places(texels: int) -> tuple[F64, F64]:
 def warped_places(
     rng: np.random.Generator, texels: int, amount: float, longest: float = 0.5
 ) -> tuple[F64, F64]:
-    """Places moved by slow noise of RMS ``amount``."""
+    """Rows and columns (N, N) of texel centres, displaced by smooth noise of RMS ``amount``."""
     rows, columns = places(texels)
     if amount > 0.0:
         shortest = max(longest / 4.0, 4.0 / texels)
@@ -56,14 +56,14 @@ def warped_places(
 
 
 def warped(grid: F64, rng: np.random.Generator, amount: float, longest: float = 0.5) -> F64:
-    """A grid seen through moved places."""
+    """Resample a grid at displaced places."""
     texels = len(grid)
     moved = np.stack(warped_places(rng, texels, amount, longest)) * texels - 0.5
     return bilinear(grid, moved, True)
 
 
 def smooth_step(values: F64, low: float, high: float) -> F64:
-    """0 below ``low``, 1 above ``high``, a smooth cubic between."""
+    """0 below ``low``, 1 above ``high``, a smooth cubic in between."""
     t = np.clip((values - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
@@ -77,7 +77,7 @@ def cells(
     stretch: float = 1.0,
     moved: tuple[F64, F64] | None = None,
 ) -> Cells:
-    """Cells around one point in each square of a grid, that tile.
+    """Compute tileable cells around one random point in each square of a grid.
 
     Parameters
     ----------
@@ -86,9 +86,9 @@ def cells(
     jitter : float
         Largest displacement of a point, as a share of its square.
     stretch : float
-        Points along rows are so many times fewer: cells are so many times wider.
+        Width of cells relative to their height.
     moved : (rows, columns), optional
-        Places where distances are taken.
+        Places of the distances; None: texel centres.
     """
     along = max(2, round(per_side / stretch))
     shift = rng.uniform(-0.5, 0.5, (2, per_side, along)) * jitter
@@ -112,8 +112,8 @@ def cells(
     return Cells(first / per_side, second / per_side, index)
 
 
-def of_each(rng: np.random.Generator, index: I64) -> F64:
-    """A random number 0..1 for each cell."""
+def random_by_cell(rng: np.random.Generator, index: I64) -> F64:
+    """Random numbers 0..1 by cell, at the texels of a grid of ids."""
     return rng.random(int(index.max()) + 1)[index]
 
 
@@ -128,7 +128,7 @@ def scattered(
     angles: tuple[float, float] = (0.0, np.pi),
     piled: float = 0.0,
 ) -> F64:
-    """Ellipses, boxes or fibres thrown onto a plane; the highest is seen, heights 0 to about 1.
+    """Scatter ellipses, boxes or fibres over a plane; the maximum counts, heights 0 to about 1.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def scattered(
         Shares of the square.
     profile : "round", "box" or "cone"
     angles : (low, high)
-        Directions of their lengths, radians.
+        Range of directions of the lengths, radians.
     piled : float
-        Largest height at which one lies, in its own heights.
+        Largest base height of a shape, in units of its own height.
     """
     heights = np.zeros((texels, texels))
     reach = min(int(np.ceil(1.3 * max(half_length, half_width) * texels)), texels // 2)
@@ -155,6 +155,6 @@ def scattered(
             inside = np.maximum(1.0 - u * u - v * v, 0.0)
             shape = np.sqrt(inside) if profile == "round" else 1.0 - np.sqrt(1.0 - inside)
         lifted = np.where(shape > 0.0, shape + piled * rng.random(), 0.0)
-        place = np.ix_((cy + steps) % texels, (cx + steps) % texels)
-        heights[place] = np.maximum(heights[place], lifted)
+        window = np.ix_((cy + steps) % texels, (cx + steps) % texels)
+        heights[window] = np.maximum(heights[window], lifted)
     return heights

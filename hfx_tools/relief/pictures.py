@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photographs of relief by arithmetic: colours, suns, sky, shadows, gloss, camera, JPEG.
+"""Synthetic photographs of relief: colours, suns, sky, shadows, gloss, camera, JPEG.
 
-Lengths are in texels, so that a slope is a slope in metres per metre, too.
+Lengths are in texels, so slopes are without unit.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from . import families
 from . import patterns as p
 
 SLOPE_BLUR: Final = 1.0
-"""Blur of the slopes that are asked for, texels."""
+"""Blur of the target slopes, texels."""
 
 _LUMINANCE_QUANTA: Final = np.add.outer(np.arange(8), np.arange(8)) * 9.0 + 12.0
-"""Quantization steps that grow with frequency, as in JPEG's example tables at quality 50."""
+"""Quantization steps, growing with frequency like JPEG's example tables at quality 50."""
 
 _DCT: Final = np.sqrt(np.where(np.arange(8) == 0, 1.0, 2.0) / 8.0)[:, None] * np.cos(
     np.pi * np.arange(8)[:, None] * (np.arange(8) + 0.5) / 8.0
@@ -33,14 +33,14 @@ _DCT: Final = np.sqrt(np.where(np.arange(8) == 0, 1.0, 2.0) / 8.0)[:, None] * np
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A picture with the relief that it shows.
+    """Picture with its true relief.
 
     Parameters
     ----------
     picture : (N, N, 3) uint8
         sRGB.
     heights : (N, N) float32
-        Texels.
+        Heights in texels.
     slope : (N, N) float32
         Sobel magnitude of the heights after a blur of one texel.
     roughness : (N, N) float32
@@ -54,7 +54,7 @@ class Sample:
 
 
 def sample(rng: np.random.Generator, texels: int = 192, *, flat: float = 0.12) -> Sample:
-    """A random sample; a share of ``flat`` has a print but no relief."""
+    """Draw a random sample; with probability ``flat``, a print without relief."""
     relief = families.draw(rng, texels)
     is_flat = rng.random() < flat
     slope = 0.0 if is_flat else np.exp(rng.uniform(np.log(0.03), np.log(1.5)))
@@ -62,8 +62,7 @@ def sample(rng: np.random.Generator, texels: int = 192, *, flat: float = 0.12) -
 
 
 def photograph(rng: np.random.Generator, relief: families.Relief, slope: float) -> Sample:
-    """A picture of a relief that is scaled to an RMS slope, under random light and in random
-    colours."""
+    """Photograph a relief scaled to an RMS slope (0: a flat print), in random light and colours."""
     heights = scaled(relief.heights, slope)
     shape = heights.shape
     colours = colours_of(rng, relief, is_print=slope == 0.0)
@@ -78,25 +77,25 @@ def photograph(rng: np.random.Generator, relief: families.Relief, slope: float) 
 
 
 def slope_of(heights: F64) -> F32:
-    """Slopes that are asked for, of heights (N, N) that tile, both in texels."""
+    """Target slopes (N, N) of tileable heights (N, N), both in texels."""
     return blurred_slope(HeightField(heights, (1.0, 1.0)), SLOPE_BLUR)
 
 
 def scaled(heights: F64, slope: float) -> F64:
-    """Heights with another RMS slope and mean 0."""
+    """Scale heights to an RMS slope and mean 0; constant heights become 0."""
     heights = heights - heights.mean()
     present = float(np.sqrt(np.mean(slope_of(heights) ** 2)))
     return heights * (slope / present) if present > 0.0 else heights * 0.0
 
 
 def _spread(values: F64) -> F64:
-    """Values brought to 0..1, a hundredth at both ends cut."""
+    """Scale values to 0..1 between the first and last percentile, clipped."""
     low, high = np.quantile(values[::3, ::3], (0.01, 0.99))
     return np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)
 
 
 def _palette(rng: np.random.Generator, count: int) -> F64:
-    """Colours (count, 3) in linear light, of one or of several hues."""
+    """Random colours (count, 3) in linear light, of similar or different hues."""
     hue = rng.random() + rng.choice([0.03, 0.15, 1.0]) * rng.uniform(-1, 1, count)
     saturation = rng.beta(1.0, 2.0) * rng.uniform(0.5, 1.0, count)
     value = np.exp(rng.uniform(np.log(0.04), np.log(0.9), count))
@@ -106,7 +105,7 @@ def _palette(rng: np.random.Generator, count: int) -> F64:
 
 
 def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: bool) -> F64:
-    """Reflected share of light (N, N, 3): colours that follow, contradict or ignore the relief."""
+    """Albedo (N, N, 3): random colours that follow, contradict or ignore the relief."""
     n = len(relief.heights)
     kinds = ["even", "follow", "contradict", "print", "cells", "patches", "grain"]
     odds = np.array([0.0, 0.5, 0, 3.0, 1.0, 1.0, 0.5] if is_print else [1.2, 1, 1, 1.6, 1, 1, 0.7])
@@ -120,7 +119,7 @@ def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: b
         elif kind == "print":
             share = _print(rng, n)
         elif kind == "cells" and relief.cells is not None:
-            share = p.of_each(rng, relief.cells)
+            share = p.random_by_cell(rng, relief.cells)
         elif kind == "patches" or kind == "cells":
             share = _spread(p.noise(rng, n, 1.0, 0.1, fall=1.5))
         elif kind == "grain":
@@ -139,12 +138,12 @@ def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: b
 
 
 def _print(rng: np.random.Generator, n: int) -> F64:
-    """A pattern with no relief, 0..1: another family's shapes, with sharp or soft borders."""
-    other = _spread(families.draw_one(rng, n).heights)
+    """Printed pattern (N, N), 0..1: shapes of a random family, with sharp or soft borders."""
+    spread = _spread(families.draw_one(rng, n).heights)
     if rng.random() < 0.6:
         levels = int(rng.integers(2, 6))
-        return np.floor(other * levels * 0.999) / (levels - 1)
-    return other
+        return np.floor(spread * levels * 0.999) / (levels - 1)
+    return spread
 
 
 def _roughness(rng: np.random.Generator, relief: families.Relief) -> F64:
@@ -161,26 +160,26 @@ def _roughness(rng: np.random.Generator, relief: families.Relief) -> F64:
 
 
 def _smoothed(grid: F64, sigma: float) -> F64:
-    """A grid that tiles after a Gaussian blur, by Fourier."""
+    """Blur a tileable grid by a Gaussian, by Fourier transform."""
     rows = np.fft.fftfreq(grid.shape[0])[:, None]
     columns = np.fft.rfftfreq(grid.shape[1])
-    kept = np.exp(-2.0 * (np.pi * sigma) ** 2 * (rows**2 + columns**2))
+    transfer = np.exp(-2.0 * (np.pi * sigma) ** 2 * (rows**2 + columns**2))
     if grid.ndim == 3:
-        kept = kept[..., None]
-    return np.fft.irfft2(np.fft.rfft2(grid, axes=(0, 1)) * kept, grid.shape[:2], axes=(0, 1))
+        transfer = transfer[..., None]
+    return np.fft.irfft2(np.fft.rfft2(grid, axes=(0, 1)) * transfer, grid.shape[:2], axes=(0, 1))
 
 
 def _shadow(heights: F64, direction: F64, rise: float, soft: float) -> F64:
-    """Share of the sun seen by each texel, (N, N), 0 in full shadow.
+    """Visible share of the sun (N, N), 0 in full shadow.
 
     Parameters
     ----------
     direction : (2,)
-        Unit vector of rows and columns towards the sun.
+        Unit vector (row, column) toward the sun.
     rise : float
-        Tangent of its elevation.
+        Tangent of the sun's elevation.
     soft : float
-        Width of the penumbra as a share of the distance to what casts it.
+        Width of the penumbra as a share of the distance to the shadow's edge.
     """
     lit = np.ones(heights.shape)
     reach = min(float(np.ptp(heights)) / rise, len(heights) / 2.0)
@@ -193,11 +192,11 @@ def _shadow(heights: F64, direction: F64, rise: float, soft: float) -> F64:
 
 
 def _lit(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -> F64:
-    """Light (N, N, 3) that comes from a relief to a camera above it."""
+    """Light (N, N, 3) from a relief to a camera above."""
     down = 0.5 * (np.roll(heights, -1, 0) - np.roll(heights, 1, 0))
     right = 0.5 * (np.roll(heights, -1, 1) - np.roll(heights, 1, 1))
     up = 1.0 / np.sqrt(1.0 + down**2 + right**2)
-    # Open sky: less of it is seen from below the surroundings.
+    # Ambient occlusion: less sky is visible below the surroundings.
     sky = 0.5 + 0.5 * up
     depth = rng.uniform(0.3, 1.5)
     for sigma in (2.0, 5.0, 12.0):
@@ -231,12 +230,12 @@ def _tint(rng: np.random.Generator) -> F64:
 
 
 def _camera(rng: np.random.Generator, light: F64) -> npt.NDArray[np.uint8]:
-    """A developed picture (N, N, 3) of light."""
+    """Develop light (N, N, 3) to an 8-bit sRGB picture with the faults of a camera."""
     n = len(light)
     light = light * (rng.uniform(0.15, 0.6) / max(float(np.median(light)), 1e-6))
     if rng.random() < 0.7:
         light = np.maximum(_smoothed(light, rng.uniform(0.3, 1.3)), 0.0)
-    if rng.random() < 0.4:  # the lamp is nearer to one side, the lens darker at its edge
+    if rng.random() < 0.4:  # light falls off toward one side
         rows, columns = p.places(n)
         tilt = rng.normal(0.0, 0.4, 2)
         fall = 1.0 + tilt[0] * (rows - 0.5) + tilt[1] * (columns - 0.5)
@@ -257,7 +256,7 @@ def _camera(rng: np.random.Generator, light: F64) -> npt.NDArray[np.uint8]:
 
 
 def jpeg(codes: F64, quality: float) -> F64:
-    """Codes (N, N, 3), N a multiple of 8, after the loss of a JPEG of a quality of 1 to 100."""
+    """Codes (N, N, 3) after JPEG compression at a quality of 1 to 100; N is a multiple of 8."""
     scale = 50.0 / quality if quality < 50.0 else 2.0 - quality / 50.0
     to_ycc = np.array([[0.299, 0.587, 0.114], [-0.169, -0.331, 0.5], [0.5, -0.419, -0.081]])
     n, m = codes.shape[:2]

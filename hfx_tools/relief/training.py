@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Training of the network that estimates relief from a picture; needs PyTorch (extra ``train``)."""
+"""Training of the network from picture to relief; needs PyTorch (extra ``train``)."""
 
 from __future__ import annotations
 
@@ -24,40 +24,39 @@ from .network import ReliefNetwork, weights_of
 SEED: Final = 1
 SAMPLES: Final = 8000
 STEPS: Final = 28000
-_WHOLE: Final = 0.25  # of the steps take whole pictures that tile, the others crops
+_WHOLE: Final = 0.25  # share of steps with whole, tileable pictures; the rest uses crops
 _BATCH: Final = {True: 4, False: 8}
 _CROP: Final = 128
 _RATE: Final = 3e-3
-_WARM: Final = 100  # steps until the full rate of learning, which then falls to 0
+_WARM: Final = 100  # steps up to the full learning rate; then the rate falls linearly to 0
 _LEARNERS: Final = 3
-_TOGETHER: Final = 10  # steps between two means of their weights
+_TOGETHER: Final = 10  # steps between two averages of the processes' weights
 
 _AVERAGED: Final = 0.98
-"""Share of the mean over time that is kept at each of them; that mean is what is stored."""
+"""Share of the old value in the running mean of weights at each average; the mean is stored."""
 
 _MODULE: Final = "hfx_tools.relief.training"
-_MEETING: Final = ".hfx-relief-training"  # file by which the processes find each other
+_MEETING: Final = ".hfx-relief-training"  # rendezvous file of the processes
 _LATEST: Final = "latest.npz"
 
 
 def train(folder: Path, *, jobs: int = 2, steps: int = STEPS) -> dict[str, np.ndarray]:
-    """Weights of a network trained on pictures that are made into ``folder``.
+    """Train a network on pictures generated into ``folder``; returns the weights by name.
 
-    Three processes learn from pictures of their own, and take the mean of their weights after
-    every ten steps (McMahan et al. 2017, "Communication-efficient learning"). The first one
-    prints its progress.
+    Three processes learn from different pictures, and average their weights every ten steps
+    (McMahan et al. 2017, "Communication-efficient learning"). The first process prints progress.
 
     Parameters
     ----------
     jobs : int
-        Processes that make pictures.
+        Number of processes for generating pictures.
     steps : int
-        Of each process; fewer for a trial.
+        Steps of each process.
 
     Raises
     ------
     RuntimeError
-        A process failed; it said why.
+        A process failed; its error output has the reason.
     """
     data_set.opened(folder, SAMPLES, SEED, jobs)
     (folder / _MEETING).unlink(missing_ok=True)
@@ -69,7 +68,7 @@ def train(folder: Path, *, jobs: int = 2, steps: int = STEPS) -> dict[str, np.nd
 
 
 def _learn(folder: Path, rank: int, steps: int) -> None:
-    """Train in one of the processes; the first stores the mean of its weights over time."""
+    """Train in one of the processes; the first stores the running mean of the weights."""
     torch.manual_seed(SEED)
     torch.set_num_threads(1)
     torch.distributed.init_process_group(
@@ -103,10 +102,10 @@ def _step(
     tiles = bool(rng.random() < _WHOLE)
     network.set_tiles(tiles)
     inputs, truth = _batch(data, rng, tiles)
-    # Half the time of 32 bits; processors that lack these numbers are slow with them.
+    # Half the time of float32 on processors with bfloat16 instructions.
     with torch.autocast("cpu", torch.bfloat16):
-        found = network(inputs.contiguous(memory_format=torch.channels_last))
-    loss = loss_of(found.float(), truth)
+        estimates = network(inputs.contiguous(memory_format=torch.channels_last))
+    loss = loss_of(estimates.float(), truth)
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
     torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -115,31 +114,31 @@ def _step(
 
 
 @torch.no_grad()
-def _meet(network: ReliefNetwork, mean: ReliefNetwork, kept: float) -> None:
-    """Give all processes the mean of their weights, and add it to the mean over time."""
+def _meet(network: ReliefNetwork, mean: ReliefNetwork, old_share: float) -> None:
+    """Average the weights of all processes, and update the running mean, both in place."""
     values = torch.nn.utils.parameters_to_vector(network.parameters())
     torch.distributed.all_reduce(values)
     torch.nn.utils.vector_to_parameters(values / _LEARNERS, network.parameters())
     for old, new in zip(mean.parameters(), network.parameters(), strict=True):
-        old.lerp_(new, 1.0 - kept)
+        old.lerp_(new, 1.0 - old_share)
 
 
 def _batch(data: data_set.DataSet, rng: np.random.Generator, tiles: bool) -> tuple[Tensor, Tensor]:
-    """Inputs (B, 3, H, W) and truth (B, 3, H, W): heights, slopes, roughness; turned at random."""
+    """Random inputs (B, 3, H, W) and truth (B, 3, H, W): heights, slopes, roughness; rotated."""
     inputs, truths = [], []
     for k in rng.integers(0, len(data.pictures), _BATCH[tiles]):
-        place: tuple[slice, ...] = (slice(None), slice(None))
+        slices: tuple[slice, ...] = (slice(None), slice(None))
         if not tiles:
             first = rng.integers(0, data_set.TEXELS - _CROP + 1, 2)
-            place = tuple(slice(f, f + _CROP) for f in first)
+            slices = tuple(slice(f, f + _CROP) for f in first)
         truth = np.stack(
             [
-                data.heights[k][place].astype(np.float32),
-                data_set.slopes_of(data.slopes[k][place]),
-                data.roughness[k][place].astype(np.float32) / 255.0,
+                data.heights[k][slices].astype(np.float32),
+                data_set.slopes_of(data.slopes[k][slices]),
+                data.roughness[k][slices].astype(np.float32) / 255.0,
             ]
         )
-        colours = data.pictures[k][place].astype(np.float32) / 255.0
+        colours = data.pictures[k][slices].astype(np.float32) / 255.0
         if rng.random() < 0.5:
             colours = colours[..., rng.permutation(3)]
         both = np.concatenate([prepared(colours), truth])
@@ -150,13 +149,13 @@ def _batch(data: data_set.DataSet, rng: np.random.Generator, tiles: bool) -> tup
     return torch.from_numpy(np.stack(inputs)), torch.from_numpy(np.stack(truths))
 
 
-def loss_of(found: Tensor, truth: Tensor) -> Tensor:
-    """Loss of estimates (B, 3, H, W): errors of slope, of its pattern and level, and of height.
+def loss_of(estimates: Tensor, truth: Tensor) -> Tensor:
+    """Loss of estimates (B, 3, H, W): errors of slope, slope pattern, level, height, roughness.
 
-    Pattern and height are compared by correlation, so that their scale does not matter: a flat
-    surface, which has none, counts only for its level.
+    Pattern and height are compared by correlation, independent of scale, and left out for a flat
+    surface.
     """
-    height, slope, rough = found.unbind(1)
+    height, slope, rough = estimates.unbind(1)
     true_height, true_slope, true_rough = truth.unbind(1)
     true_slope = true_slope.clamp(max=1.0)
     error = (slope - true_slope).abs().mean((1, 2))
@@ -173,7 +172,7 @@ def loss_of(found: Tensor, truth: Tensor) -> Tensor:
     )
     dull = (rough - true_rough).abs().mean((1, 2))
     parts = 3.0 * error + pattern + 0.3 * level_error + 0.1 * shape + 0.15 * steps + 0.3 * dull
-    # Heights have a scale of their own: that of their slopes.
+    # Correlation ignores the scale of heights, so mean slopes of heights are compared, too.
     rise = torch.sqrt(
         height[:, :-1].diff(dim=2) ** 2 + height[:, :, :-1].diff(dim=1) ** 2 + 1e-6
     ).mean((1, 2))
@@ -190,7 +189,7 @@ def _correlation(a: Tensor, b: Tensor) -> Tensor:
 
 
 def store(weights: dict[str, np.ndarray], path: Path) -> int:
-    """Write weights, and return the size of the file in bytes."""
+    """Write weights; returns the size of the file in bytes."""
     with atomic_file(path) as stream:
         np.savez_compressed(stream, **packed(weights))
     return path.stat().st_size

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Compile the core as a library for Linux, Windows and macOS, for Godot and for Unity.
 
-``python players/native/build.py [PLATFORM ...]`` needs ``pip install ziglang``, which brings a
-compiler. It writes into ``godot/addons/hfx/bin`` and ``unity/Runtime/Plugins``.
+``python players/native/build.py [PLATFORM ...]`` needs the compiler of ``pip install ziglang``,
+and writes into ``godot/addons/hfx/bin`` and ``unity/Runtime/Plugins``.
 """
 
 import hashlib
@@ -68,29 +68,29 @@ PluginImporter:
 def main() -> None:
     for platform in sys.argv[1:] or PLATFORMS:
         build(platform)
-    made = [(name, facts[1]) for name, facts in PLATFORMS.items() if (GODOT / name).is_dir()]
-    lines = [f'{platform} = "{platform}/{name}"\n' for platform, name in made]
+    built = [(name, facts[1]) for name, facts in PLATFORMS.items() if (GODOT / name).is_dir()]
+    lines = [f'{platform} = "{platform}/{name}"\n' for platform, name in built]
     (GODOT / "hfx.gdextension").write_text(GDEXTENSION + "".join(lines), encoding="utf-8")
 
 
 def build(platform: str) -> None:
-    """Compile the library for one platform, for both engines."""
+    """Compile the library for one platform into the folders of Godot and, if supported, Unity."""
     target, name, editor, player, processor = PLATFORMS[platform]
-    made = GODOT / platform / name
-    made.parent.mkdir(parents=True, exist_ok=True)
+    library = GODOT / platform / name
+    library.parent.mkdir(parents=True, exist_ok=True)
     compiler = [sys.executable, "-m", "ziglang", "cc", "-target", target, *FLAGS]
-    compiler += ["-fno-sanitize=undefined", "-shared", "-s", "-o", str(made)]
+    compiler += ["-fno-sanitize=undefined", "-shared", "-s", "-o", str(library)]
     if "windows" not in target:
         compiler += ["-fPIC", "-lm"]
-    sources = [str(HERE / each) for each in SOURCES]
+    sources = [str(HERE / name_) for name_ in SOURCES]
     subprocess.run([*compiler, *sources], check=True, timeout=600)
-    made.with_suffix(".lib").unlink(missing_ok=True)  # of Windows; nobody links with it
-    sys.stdout.write(f"{made}\n")
+    library.with_suffix(".lib").unlink(missing_ok=True)  # import library of Windows, unused
+    sys.stdout.write(f"{library}\n")
     if editor is None:  # Unity has no such editor
         return
     plugin = UNITY / platform / name
     plugin.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(made, plugin)
+    shutil.copyfile(library, plugin)
     guid = hashlib.md5(f"{platform}/{name}".encode(), usedforsecurity=False).hexdigest()
     facts = {"guid": guid, "editor": editor, "player": player, "processor": processor}
     plugin.with_name(name + ".meta").write_text(META.format(**facts), encoding="utf-8")

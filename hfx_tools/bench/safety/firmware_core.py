@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The firmware's C core, compiled for this computer, with a clock that is handed in."""
+"""The firmware's C core, compiled for this computer, with the clock as a parameter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hfx_blender.errors import InputError
 from ... import processes
 
 SOURCES: Final = Path(__file__).resolve().parents[3] / "firmware" / "hfx_pwm"
-"""Only a checkout has them."""
+"""Folder of the C sources; exists in a checkout only."""
 
 _GLUE: Final = """
 #include "hfx_core.h"
@@ -34,21 +34,21 @@ unsigned level(hfx_core *core, int channel) { return core->levels[channel]; }
 """
 _WRITE: Final = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint8)
 _CLOCK: Final = 0xFFFFFFFF
-"""A board's clock begins again after so many milliseconds."""
+"""Bit mask of a board's clock, a 32-bit count of milliseconds."""
 
 
 def compiler() -> str | None:
-    """A C compiler of this computer."""
+    """Path of a C compiler of this computer, or None."""
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
 def built(folder: Path) -> ctypes.CDLL:
-    """The core as a library; with checks for undefined behaviour trapping.
+    """Compile the core into a library in ``folder``; undefined behaviour traps.
 
     Raises
     ------
     InputError
-        There is no C compiler, or this is no checkout.
+        No C compiler, no checkout, or the core does not compile.
     """
     compile_with = compiler()
     if compile_with is None or not SOURCES.is_dir():
@@ -64,23 +64,23 @@ def built(folder: Path) -> ctypes.CDLL:
     )
     if done.returncode:
         raise InputError(f"{SOURCES}: the firmware's core does not compile: {done.stderr.strip()}")
-    found = ctypes.CDLL(str(library))
-    found.make.restype = ctypes.c_void_p
-    found.make.argtypes = [ctypes.c_uint8, _WRITE]
-    found.level.argtypes = [ctypes.c_void_p, ctypes.c_int]
-    found.begin_again.argtypes = found.lose_power.argtypes = [ctypes.c_void_p]
-    found.hfx_receive.argtypes = [ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint32]
-    found.hfx_tick.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
-    return found
+    cdll = ctypes.CDLL(str(library))
+    cdll.make.restype = ctypes.c_void_p
+    cdll.make.argtypes = [ctypes.c_uint8, _WRITE]
+    cdll.level.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    cdll.begin_again.argtypes = cdll.lose_power.argtypes = [ctypes.c_void_p]
+    cdll.hfx_receive.argtypes = [ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint32]
+    cdll.hfx_tick.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+    return cdll
 
 
 class Board:
-    """A board with some channels.
+    """Firmware of one board, called directly; time passes only in :meth:`wait`.
 
     Parameters
     ----------
     library
-        Of :func:`built`.
+        Result of :func:`built`.
     channels : int
     """
 
@@ -94,31 +94,31 @@ class Board:
         self._core = library.make(channels, self._write)
 
     def restart(self) -> None:
-        """Begin as after the power came on."""
+        """Start as after power on, with zeroed memory."""
         self._core = self._library.make(self.channels, self._write)
 
     def begin_again(self) -> None:
-        """Begin after a restart whose memory is kept; its clock begins at 0."""
+        """Start as after a reset without loss of memory; the clock starts at 0."""
         self._library.begin_again(self._core)
         self.now_ms = 0
 
     def lose_power(self) -> None:
-        """Change a bit of what memory holds."""
+        """Corrupt the memory: flip a bit of a level's copy and change the level."""
         self._library.lose_power(self._core)
 
     def take(self, content: bytes) -> None:
-        """Receive bytes."""
+        """Receive bytes from the host."""
         for byte in content:
             self._library.hfx_receive(self._core, byte, self.now_ms & _CLOCK)
 
     def wait(self, ms: int) -> None:
-        """Let so many milliseconds pass."""
+        """Advance the clock by ``ms`` milliseconds, one tick each."""
         for _ in range(ms):
             self.now_ms += 1
             self._library.hfx_tick(self._core, self.now_ms & _CLOCK)
 
     def replies(self) -> list[wire.Frame]:
-        """Replies since the last call."""
+        """Decoded replies since the last call."""
         content, self.sent[:] = bytes(self.sent), b""
         return self._receiver.take(content)
 
@@ -129,28 +129,30 @@ class Board:
 
 
 class PluggedBoard(Board):
-    """A board behind a pseudo-terminal, on a clock of its own: by default this computer's.
+    """Board behind a pseudo-terminal, run in a thread on this computer's clock.
 
     Parameters
     ----------
     library, channels
         As of :class:`Board`.
     master : int
-        The terminal's end that is the board's.
+        File descriptor of the board's end of the terminal.
     """
 
     def __init__(self, library: Any, master: int, channels: int = 6) -> None:
         super().__init__(library, channels)
         self._master = master
         self._is_over = False
-        self.is_deaf = False  # what comes is lost
+        self.is_deaf = False  # received bytes are lost
         self.is_cut = False  # in both directions
-        self.silent_since_s = self._began_s = time.monotonic()  # infinite: it plays
+        self.silent_since_s = self._began_s = (
+            time.monotonic()
+        )  # infinite while any level is above 0
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def clock(self) -> int:
-        """Milliseconds since it began."""
+        """Milliseconds since the board was plugged in."""
         return int(1000.0 * (time.monotonic() - self._began_s))
 
     def _run(self) -> None:
@@ -170,6 +172,6 @@ class PluggedBoard(Board):
                     os.write(self._master, content)
 
     def close(self) -> None:
-        """End its thread."""
+        """Stop and join the thread."""
         self._is_over = True
         self._thread.join()

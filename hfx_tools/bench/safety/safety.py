@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Safety: time until a device is silent after any failure, and events that must never happen.
 
-Maxima count. A round in which the device did not play when the fault came says nothing about
-silence: it is repeated and counted. A device that plays on after a fault is a failure of its
-own, never a long time. POSIX only: Windows has no signal that freezes.
+Maxima count. A round is repeated, and counted as repeated, if the device was not playing at the
+fault. A device playing on after a fault is counted as never silent, not as a long time. POSIX
+only: Windows has no signal for freezing a process.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ LIMITS_MS: Final = {
     "cable lost": 300.0,
     "gap beside hostile scripts": 50.0,
 }
-"""The longest allowed."""
+"""Longest allowed time from fault to silence, milliseconds."""
 
 P99_LIMITS_MS: Final = {"gap beside hostile scripts": 25.0}
 
 _GAP_SECONDS: Final = 20.0
 _VALUES_A_ROUND: Final = 100_000
-"""1,000 rounds push 100 million values through the limiter."""
+"""Values through the limiter per round: 100 million in 1,000 rounds."""
 
 Progress = Callable[[float], None]
 
 KINDS: Final = {**safety_stops.KINDS, **safety_silences.KINDS, **safety_borders.KINDS}
-"""Runner of the rounds of rows, and how many of them at a time."""
+"""Class of rounds, and number of parallel runs, by row."""
 
 ROWS: Final = (*LIMITS_MS, "limiter", "opened files")
 
@@ -64,9 +64,9 @@ def measure(
     only: Sequence[str] = ROWS,
     progress: Progress = lambda share: None,
 ) -> dict[str, Any]:
-    """Milliseconds from fault to silence, over ``rounds`` trials of each kind; plain data.
+    """Measure milliseconds from fault to silence, over ``rounds`` trials of each kind.
 
-    Each row says how long it took and how busy the machine was.
+    The result is plain data; each row also has its duration in seconds and the machine's load.
 
     Parameters
     ----------
@@ -74,21 +74,21 @@ def measure(
         At most ten rounds.
     rounds : int
     busy : bool
-        Keep every processor busy meanwhile.
+        Keep every processor busy during the trials.
     only : sequence of str
-        Of :data:`ROWS`.
+        Names from :data:`ROWS`.
     progress : callable
 
     Raises
     ------
     InputError
-        This system has no signals to freeze a process with, or devices do not play at all.
+        The system has no POSIX signals, or devices do not play at all.
     """
     if not hasattr(signal, "SIGSTOP"):
         raise InputError("'hfx bench safety' needs POSIX signals.")
     rounds = min(rounds, 10) if short else rounds
     gap_s = 2.0 if short else max(_GAP_SECONDS, rounds / safety_stops.RATE_HZ)
-    found: dict[str, Any] = {}
+    rows: dict[str, Any] = {}
     names = [name for name in ROWS if name in only]
     with _own_data(), _load(os.cpu_count() or 1 if busy else 0):
         for k, name in enumerate(names):
@@ -98,9 +98,9 @@ def measure(
                 row = _measured(name, Path(folder), rounds, gap_s, share)
             seconds = round(time.monotonic() - began_s, 1)
             load = round(os.getloadavg()[0], 2)
-            found[name] = {**row, "seconds": seconds, "load": load, "busy": busy}
+            rows[name] = {**row, "seconds": seconds, "load": load, "busy": busy}
     progress(1.0)
-    return found
+    return rows
 
 
 def _measured(
@@ -118,7 +118,7 @@ def _measured(
 
 
 def result_row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
-    """Row of the table of silence: counts, and times in milliseconds."""
+    """Row of the table of silence: counts, and milliseconds (None without any trial)."""
     times = 1000.0 * np.array(trials.times_s)
     row = {
         "trials": len(times) + trials.never_silent,
@@ -135,7 +135,7 @@ def result_row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
 
 
 def is_within(row: dict[str, Any]) -> bool:
-    """Test a figure against its limit."""
+    """Test a row against its limits: maximum, 99th percentile, never silent, faults."""
     if "faults" in row:
         return not row["faults"]
     return (
@@ -147,7 +147,7 @@ def is_within(row: dict[str, Any]) -> bool:
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """A table for people."""
+    """Format a result of :func:`measure` as a table for a terminal."""
     lines = [f"{'silence after':<28}{'trials':>8}{'median':>10}{'p99':>10}{'max':>10}{'limit':>10}"]
     for name, row in result.items():
         over = "" if is_within(row) else "  over"
@@ -166,19 +166,19 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def as_markdown(records: Sequence[dict[str, Any]]) -> str:
-    """A table for a page.
+    """Format records as a Markdown table, one line for each row and load (idle, busy).
 
     Parameters
     ----------
     records : sequence of dict
-        As ``hfx bench safety --json`` prints them, idle or busy, of all rows or of some; of two
-        that measured the same, the last counts.
+        Output of ``hfx bench safety --json``, idle or busy, with all rows or a part; the last
+        record of a row and load counts.
     """
     lines = [
         "| silence after | machine | trials | median | p99 | max | at most |",
         "|---" * 7 + "|",
     ]
-    rows = {(n, row["busy"]): row for each in records for n, row in each["safety"].items()}
+    rows = {(n, row["busy"]): row for record in records for n, row in record["safety"].items()}
     for name in ROWS:
         for busy in (False, True):
             row = rows.get((name, busy))
@@ -189,16 +189,18 @@ def as_markdown(records: Sequence[dict[str, Any]]) -> str:
                 figures = f"| | {row['faults']} {row['what']} | 0"
             else:
                 times = (row[key] for key in ("median_ms", "p99_ms", "max_ms"))
-                told = " | ".join("-" if each is None else f"{each:.1f} ms" for each in times)
+                text = " | ".join(
+                    "-" if time_ms is None else f"{time_ms:.1f} ms" for time_ms in times
+                )
                 never = f", {row['never_silent']} never silent" if row["never_silent"] else ""
-                figures = f"{told}{never} | {row['limit_ms']:.0f} ms"
+                figures = f"{text}{never} | {row['limit_ms']:.0f} ms"
             lines.append(f"| {name} | {machine} | {row['trials']:,} | {figures} |")
     return "\n".join(lines)
 
 
 @contextmanager
 def _own_data() -> Iterator[None]:
-    """User data of the bench's own: its scripts are approved and its devices are on there."""
+    """Context with an empty folder of user data, for approved scripts and settings of devices."""
     before = os.environ.get(resources.USER_DATA_VARIABLE)
     with temporary_folder() as folder:
         os.environ[resources.USER_DATA_VARIABLE] = str(folder)
@@ -213,11 +215,11 @@ def _own_data() -> Iterator[None]:
 
 @contextmanager
 def _load(count: int) -> Iterator[None]:
-    """Context with processes that keep processors busy."""
+    """Context with ``count`` busy processes."""
     busy = [start.start(processes.program("while True: pass")) for _ in range(count)]
     try:
         yield
     finally:
-        for each in busy:
-            each.kill()
-            each.wait()
+        for process in busy:
+            process.kill()
+            process.wait()

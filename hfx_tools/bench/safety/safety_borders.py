@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trials at both ends: Mute is pressed in Blender's panel, the cable to a board is cut."""
+"""Trials at both ends: Mute pressed in Blender's panel, the cable to a board cut."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from . import firmware_core
 from .safety_stops import DEVICE, PATIENCE_S, RATE_HZ, Log, NotPlayedError, NotSilentError, Rounds
 
 _WATCHED_S: Final = 0.05
-"""Time that a muted device is fed on: something loud would mean that it is not muted."""
+"""Seconds of input to a muted device; a perceptible value in this time is a failure."""
 
 _BOARD: Final = "arduino_uno_pwm"
 
 
 class _Mutes(Rounds):
-    """A device that follows this process's Blender is muted by its property, as in the panel."""
+    """Trial of Mute: the property of a device following this process's Blender is set."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._count = folder, 0
@@ -41,7 +41,7 @@ class _Mutes(Rounds):
         return self._bpy.context.scene.hfx.devices[DEVICE]
 
     def _feed(self) -> None:
-        """Act as a timer of Blender's, and as a surface that is stroked."""
+        """Send a heartbeat, arm the device if needed, and send a surface's vibration."""
         from hfx_blender.playback.live.live import live
 
         live.exchange_heartbeat()
@@ -67,10 +67,10 @@ class _Mutes(Rounds):
         while time.monotonic() < end:
             self._feed()
             time.sleep(1.0 / RATE_HZ)
-        found = self._log.silence_after(pressed_s, by_values=True)
-        if found is None:
+        silence_s = self._log.silence_after(pressed_s, by_values=True)
+        if silence_s is None:
             raise NotSilentError
-        return found
+        return silence_s
 
     def recover(self) -> None:
         from hfx_blender.playback.live.live import live
@@ -81,7 +81,7 @@ class _Mutes(Rounds):
 
 
 class _CableIsCut(Rounds):
-    """Our firmware behind a pseudo-terminal; the host sends on, and nothing arrives any more."""
+    """Trial of a cut cable: firmware behind a pseudo-terminal loses all bytes, both ways."""
 
     def __init__(self, folder: Path) -> None:
         self._library = firmware_core.built(folder)
@@ -106,13 +106,13 @@ class _CableIsCut(Rounds):
     def close(self) -> None:
         self._output.close()
         self._board.close()
-        for each in self._ends:
-            os.close(each)
+        for descriptor in self._ends:
+            os.close(descriptor)
 
     def _send(self) -> None:
         try:
             self._output.send(self._values)
-        except OutputLostError:  # the board stopped when the cable was cut
+        except OutputLostError:  # the board stopped after the cut of the cable
             self._output.stop()
 
     def _paced(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
@@ -142,4 +142,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "mute": (_Mutes, 1),
     "cable lost": (_CableIsCut, 4),
 }
-"""Runner of the rounds, and how many of them at a time."""
+"""Class of rounds, and number of parallel runs, by kind."""

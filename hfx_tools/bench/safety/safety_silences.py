@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trials of silence without a stop: pauses, offsets, nothing new; and after a sleep.
+"""Trials of silence without a stop: pauses, offsets, stale values; and after a sleep.
 
-Several devices at a time, or several output processes: each of them waits most of the time.
+Several devices or output processes run at a time: most of their time is waiting.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def render(haptics):
     time.sleep(haptics.time_s)
     return [10.0, 100.0] * 8
 """
-_SLOWEST_S: Final = 0.06  # beside a watchdog of 100 ms
+_SLOWEST_S: Final = 0.06  # below the watchdog's 100 ms
 _LATE_S: Final = 0.2
-"""Time after a pause by which a late answer would have come, seconds."""
+"""Seconds after a pause, long enough for any late answer."""
 
 _RATES_HZ: Final = (24.0, 30.0, 50.0, 60.0, 72.0, 90.0, 120.0, 144.0, 240.0)
 _DEVICES: Final = 8
@@ -54,7 +54,7 @@ _QUIET: Final = [0.0, 100.0] * 8
 
 
 class _Pauses(WithClient):
-    """Trial of a script that answers late after a pause."""
+    """Trial of a pause during a script's slow answer."""
 
     name = "slow"
 
@@ -87,15 +87,15 @@ class _Pauses(WithClient):
         fault_s = time.monotonic()
         self._client.pause()
         time.sleep(_LATE_S)
-        found = self._log.silence_after(fault_s, by_values=True)
-        if found is None:
+        silence_s = self._log.silence_after(fault_s, by_values=True)
+        if silence_s is None:
             raise NotSilentError
         self._client.heartbeat()
-        return found
+        return silence_s
 
 
 class _Several(WithClient):
-    """Trial with several devices that all play."""
+    """Trial with several playing devices."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -138,21 +138,21 @@ class _Several(WithClient):
             time.sleep(max(0.0, following - time.monotonic()))
 
     def _silences(self, since_s: dict[str, float]) -> list[float]:
-        found = []
+        silences_s = []
         for name, log in self._logs.items():
             if self._client.devices[name].state in ("stopped", "frozen"):
                 raise NotPlayedError("this process did not come to its heartbeat")
             silent_s = log.silence_after(since_s[name], by_values=True)
             if silent_s is None:
                 raise NotSilentError
-            found.append(silent_s)
-        return found
+            silences_s.append(silent_s)
+        return silences_s
 
 
 class _Offsets(_Several):
-    """Times from silent input, and the device's offset, to silence at the port.
+    """Seconds from silent input plus the device's offset to silence at the port.
 
-    The offset is changed while the device plays.
+    The offset is changed during playback.
     """
 
     _round = 0
@@ -167,44 +167,44 @@ class _Offsets(_Several):
         for name, offset_s in offsets_s.items():
             self._client.set_offset(name, 1000.0 * offset_s)
         self._paced(rate_hz, 0.15, playing())
-        asked_s = time.monotonic()
+        last_input_s = time.monotonic()
         longest_s = max(offsets_s.values())
         self._paced(rate_hz, longest_s + 0.15, _QUIET)
         if any(log.is_loud() for log in self._logs.values()):
             raise NotSilentError
-        ends = {name: asked_s + offset_s for name, offset_s in offsets_s.items()}
-        return [_end_of_loud(log, asked_s) - ends[name] for name, log in self._logs.items()]
+        ends = {name: last_input_s + offset_s for name, offset_s in offsets_s.items()}
+        return [_end_of_loud(log, last_input_s) - ends[name] for name, log in self._logs.items()]
 
 
 def _end_of_loud(log: Log, since_s: float) -> float:
-    """Time at which the last perceptible values were replaced."""
+    """Time of the first imperceptible values after all perceptible ones, at least ``since_s``."""
     rows = log.read()
     loud = [k for k, row in enumerate(rows) if is_loud_row(row)]
     if not loud or "stop" in rows[min(loud[-1] + 1, len(rows) - 1)]:
-        raise NotPlayedError("it was stopped")
+        raise NotPlayedError("the device was stopped")
     return max(float(rows[loud[-1] + 1]["time_s"]), since_s)
 
 
 class _NothingNew(_Several):
-    """Trial of heartbeats without answers: nobody knows whether the last values still hold."""
+    """Trial of heartbeats without new values: the last values count as stale after a while."""
 
     def several(self) -> list[float]:
         self._play()
         self._paced(RATE_HZ, 0.05, playing())
-        asked_s = time.monotonic()
+        last_input_s = time.monotonic()
         self._send(playing())
         time.sleep(0.01)
-        self._client.show(LiveFrame(0.0, []))  # of no scene: no answer comes
-        end = asked_s + FREEZE_S + 0.3
+        self._client.show(LiveFrame(0.0, []))  # without a described scene there is no answer
+        end = last_input_s + FREEZE_S + 0.3
         while time.monotonic() < end:
             self._client.events()
             self._client.heartbeat()
             time.sleep(0.02)
-        return self._silences(dict.fromkeys(self._logs, asked_s + 0.005))
+        return self._silences(dict.fromkeys(self._logs, last_input_s + 0.005))
 
 
 class _Sleeps(BandRounds):
-    """The computer sleeps: the output process stands still, with old values in its pipe."""
+    """Trial of a sleeping computer: the output process is frozen, with old values in its pipe."""
 
     def round(self) -> float:
         self.play()
@@ -220,10 +220,10 @@ class _Sleeps(BandRounds):
             fault_s = time.monotonic()
         finally:
             os.kill(pid, signal.SIGCONT)
-        found = self.silence(self.log, fault_s)
+        silence_s = self.silence(self.log, fault_s)
         if any(is_loud_row(row) and row["time_s"] > fault_s for row in self.log.rows):
             raise NotSilentError
-        return found
+        return silence_s
 
 
 KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
@@ -232,4 +232,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "nothing new": (_NothingNew, 1),
     "computer slept": (_Sleeps, _AT_A_TIME),
 }
-"""Makers of rounds, and the number of rounds at a time, by kind."""
+"""Class of rounds, and number of parallel runs, by kind."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trials of stopping: simulators log values and times, and then something fails."""
+"""Trials of stopping: simulators log values and times before and after a failure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PATIENCE_S: Final = 10.0
 """Longest wait for an event, seconds."""
 
 _LINGER_S: Final = 0.02
-"""Time for which a stop is watched, seconds: a perceptible value after it would void it."""
+"""Seconds of watching a stopped device; a perceptible value in this time voids the stop."""
 
 _RAISES: Final = """
 import time
@@ -50,10 +50,10 @@ def render(haptics):
 """
 
 _MEMORY_GIB: Final = 2
-"""Memory of a large scene: the system frees it before it closes the pipes of a killed process."""
+"""Memory of a large scene: the system frees memory before closing a killed process's pipes."""
 
 _MEMORY_EVERY: Final = 10
-"""One of so many rounds has that memory: filling it takes longer than the rest of a round."""
+"""Rounds per round with this memory: filling takes longer than the rest of a round."""
 
 _SENDER: Final = """
 import mmap, sys, time
@@ -74,7 +74,7 @@ while True:
 
 
 class NotPlayedError(Exception):
-    """The device did not play when the fault came, so the round says nothing about silence."""
+    """The device was not playing at the fault, so the round is void."""
 
 
 class NotSilentError(Exception):
@@ -83,7 +83,7 @@ class NotSilentError(Exception):
 
 @dataclass(eq=False)
 class Trials:
-    """Results of the rounds of one kind."""
+    """Results of the rounds of one kind: seconds from fault to silence, and counts of failures."""
 
     times_s: list[float] = field(default_factory=list)
     never_silent: int = 0
@@ -102,15 +102,15 @@ def run(
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """Run all rounds of one kind, several in threads: each waits most of the time.
+    """Run all rounds of one kind, in ``at_a_time`` threads; most of their time is waiting.
 
     Parameters
     ----------
     name : str
     make : callable
-        Makes who does rounds in a folder.
+        Builds :class:`Rounds` in a new folder.
     at_a_time : int
-        How many of those.
+        Number of threads; 1: this thread.
     folder : Path
     rounds : int
     progress : callable
@@ -118,9 +118,9 @@ def run(
     Raises
     ------
     InputError
-        Devices hardly ever play here, so nothing can be told.
+        Devices hardly ever play on this computer.
     """
-    found: list[Trials] = []
+    results: list[Trials] = []
     errors: list[BaseException] = []
 
     def work(number: int) -> None:
@@ -128,24 +128,24 @@ def run(
         tell = progress if number == 0 else _no_progress
         try:
             own.mkdir()
-            found.append(rounds_of(name, partial(make, own), -(-rounds // at_a_time), tell))
+            results.append(rounds_of(name, partial(make, own), -(-rounds // at_a_time), tell))
         except BaseException as error:
             errors.append(error)
 
     if at_a_time == 1:
-        work(0)  # here: Blender may be used in the main thread only
+        work(0)  # in this thread: Blender may be used in the main thread only
     else:
         threads = [threading.Thread(target=work, args=(k,)) for k in range(at_a_time)]
-        for each in threads:
-            each.start()
-        for each in threads:
-            each.join()
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
     if errors:
         raise errors[0]
     return Trials(
-        [time_s for each in found for time_s in each.times_s],
-        sum(each.never_silent for each in found),
-        sum(each.not_played for each in found),
+        [time_s for trials in results for time_s in trials.times_s],
+        sum(trials.never_silent for trials in results),
+        sum(trials.not_played for trials in results),
     )
 
 
@@ -159,91 +159,91 @@ def rounds_of(
     rounds: int,
     progress: Callable[[float], None],
 ) -> Trials:
-    """Repeat rounds until enough are valid.
+    """Repeat rounds up to ``rounds`` valid results.
 
     Raises
     ------
     InputError
-        Devices hardly ever play here, so nothing can be told.
+        Devices hardly ever play on this computer.
     """
-    found = Trials()
+    trials = Trials()
     kind = make()
     try:
-        while found.count < rounds:
+        while trials.count < rounds:
             try:
-                found.times_s += kind.several()
+                trials.times_s += kind.several()
             except NotSilentError:
-                found.never_silent += 1
+                trials.never_silent += 1
                 kind.recover()
             except NotPlayedError as error:
-                found.not_played += 1
-                if found.not_played > rounds + 10:
+                trials.not_played += 1
+                if trials.not_played > rounds + 10:
                     raise InputError(f"{name}: the device does not play ({error}).") from None
                 kind.recover()
-            progress(min(1.0, found.count / rounds))
+            progress(min(1.0, trials.count / rounds))
     finally:
         kind.close()
-    return found
+    return trials
 
 
 def playing() -> list[float]:
-    """Values at which every motor of the device can be felt."""
+    """Perceptible values for every motor of the device."""
     return [10.0, 100.0] * 8
 
 
 class Log:
-    """Log of a simulator, read as it grows."""
+    """Growing log of a simulator, read incrementally."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._place = 0
+        self._offset_bytes = 0
         self.rows: list[dict[str, Any]] = []
 
     def read(self) -> list[dict[str, Any]]:
-        """Read all complete lines so far."""
+        """Read new complete lines; returns all rows since :meth:`forget`."""
         if self._path.exists():
             with open(self._path, "rb") as file:
-                file.seek(self._place)
+                file.seek(self._offset_bytes)
                 content = file.read()
             whole = content[: content.rfind(b"\n") + 1]
-            self._place += len(whole)
+            self._offset_bytes += len(whole)
             self.rows += [json.loads(line) for line in whole.splitlines()]
         return self.rows
 
     def forget(self) -> None:
-        """Discard what was read so far."""
+        """Discard all rows so far."""
         self.read()
         self.rows.clear()
 
     def is_loud(self) -> bool:
-        """Test the last line for perceptible values."""
+        """Test the last row for perceptible values; False without rows."""
         rows = self.read()
         return bool(rows) and is_loud_row(rows[-1])
 
     def silence_after(self, fault_s: float, *, by_values: bool = False) -> float | None:
-        """Seconds from a fault to the stop that no perceptible value follows; None without one.
+        """Seconds from a fault to the stop without perceptible values after it; None without one.
 
-        ``by_values``: or to values that cannot be felt, where no stop is asked for.
+        ``by_values``: imperceptible values count like a stop.
 
         Raises
         ------
         NotPlayedError
-            It was silent before the fault.
+            The device was silent before the fault.
         """
         before = [row for row in self.read() if row["time_s"] < fault_s]
         if not before or not is_loud_row(before[-1]):
             raise NotPlayedError("it was silent before the fault")
-        found = None
+        silence_s = None
         for row in self.rows[len(before) :]:
             if is_loud_row(row):
-                found = None
-            elif ("stop" in row or by_values) and found is None:
-                found = row["time_s"] - fault_s
-        return found
+                silence_s = None
+            elif ("stop" in row or by_values) and silence_s is None:
+                silence_s = row["time_s"] - fault_s
+        return silence_s
 
 
 def is_loud_row(row: dict[str, Any]) -> bool:
-    """Test values sent to a simulator for perceptible ones."""
+    """Test a row of a simulator's log for perceptible strengths; False for a stop."""
     return any(row.get("values", ())[::2])
 
 
@@ -252,10 +252,10 @@ def _nothing() -> None:
 
 
 class Rounds:
-    """Rounds of one kind with their shared state."""
+    """Base class of rounds of one kind, with their shared state."""
 
     def round(self) -> float:
-        """Seconds from fault to silence.
+        """Run one round; returns seconds from fault to silence.
 
         Raises
         ------
@@ -264,11 +264,11 @@ class Rounds:
         raise NotImplementedError
 
     def several(self) -> list[float]:
-        """Seconds from fault to silence, for each device of one round."""
+        """Run one round; returns seconds from fault to silence of each device."""
         return [self.round()]
 
     def recover(self) -> None:
-        """Restart after a round that failed."""
+        """Restart after a failed round."""
 
     def close(self) -> None:
         """Clean up after all rounds."""
@@ -276,38 +276,50 @@ class Rounds:
     @staticmethod
     def until_played(
         happened: Callable[[], object],
-        each: Callable[[], None] = _nothing,
+        feed: Callable[[], None] = _nothing,
         is_over: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Wait for an event that needs a playing device."""
+        """Call ``feed`` until an event of a playing device.
+
+        Raises
+        ------
+        NotPlayedError
+            ``is_over``, or no event within :data:`PATIENCE_S`.
+        """
         end = time.monotonic() + PATIENCE_S
         while not happened():
-            each()
+            feed()
             if (is_over() or time.monotonic() > end) and not happened():
                 raise NotPlayedError("it did not begin")
             time.sleep(0.002)
 
     @staticmethod
-    def silence(log: Log, fault_s: float, each: Callable[[], None] = _nothing) -> float:
-        """Wait until the device is silent, and stays so for a moment."""
+    def silence(log: Log, fault_s: float, feed: Callable[[], None] = _nothing) -> float:
+        """Wait for lasting silence; returns seconds from the fault.
+
+        Raises
+        ------
+        NotSilentError
+            No silence within :data:`PATIENCE_S`.
+        """
         end = time.monotonic() + PATIENCE_S
         while log.silence_after(fault_s) is None:
-            each()
+            feed()
             if time.monotonic() > end:
                 raise NotSilentError
             time.sleep(0.002)
         watched = time.monotonic() + _LINGER_S
         while time.monotonic() < watched:
-            each()
+            feed()
             time.sleep(0.002)
-        found = log.silence_after(fault_s)
-        if found is None:
-            return Rounds.silence(log, fault_s, each)
-        return found
+        silence_s = log.silence_after(fault_s)
+        if silence_s is None:
+            return Rounds.silence(log, fault_s, feed)
+        return silence_s
 
 
 class WithClient(Rounds):
-    """Rounds in which this process plays Blender's part and survives."""
+    """Rounds with this process in Blender's part, alive after the fault."""
 
     name = "band"
 
@@ -322,7 +334,7 @@ class WithClient(Rounds):
         self._client.close()
 
     def patiently(self, feed: Callable[[], None]) -> None:
-        """Feed; play again if this process did not come to its heartbeat, on a busy machine."""
+        """Call ``feed``; arm devices again after a late heartbeat of this process."""
         feed()
         for name, state in self._client.devices.items():
             if state.state == "frozen":
@@ -334,7 +346,7 @@ class WithClient(Rounds):
 
 
 class BandRounds(WithClient):
-    """Rounds of one device, which plays at the beginning of each."""
+    """Rounds of one device, playing at the start of each round."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -342,13 +354,13 @@ class BandRounds(WithClient):
         self._count = 0
 
     def feed(self) -> None:
-        """Act as Blender for each frame."""
+        """Send the values and heartbeat of one frame."""
         self._client.events()
         self._client.send("band", playing())
         self._client.heartbeat()
 
     def play(self) -> None:
-        """Connect it, where it is not, and wait until it plays."""
+        """Connect the device if needed, and wait for playback."""
         if not self._client.is_running:
             self._count += 1
             path = self._folder / f"log{self._count}"
@@ -368,7 +380,7 @@ class _OperatorStops(BandRounds):
 
 
 class _ScriptFails(WithClient):
-    """Times from a script's failure, which it logs itself, to silence."""
+    """Seconds from a script's failure (time written by the script) to silence."""
 
     name = "scripted"
 
@@ -388,15 +400,15 @@ class _ScriptFails(WithClient):
         self._count += 1
         path = self._folder / f"log{self._count}"
         log = Log(path)
-        # Connected anew each time: after three faults it would stay off.
+        # A new connection each time: after three faults the script would stay off.
         self._client.disconnect(self.name)
         connect_scripted(self._client, self._folder, self.name, path, self._request)
         self.until_played(log.is_loud, partial(self.patiently, partial(self._feed, 0.0)))
         fails = partial(self._feed, 1.0)
         self.until_played(self._has_failed, fails, self.is_stopped)
-        found = self.silence(log, float(self._mark.read_text()), fails)
+        silence_s = self.silence(log, float(self._mark.read_text()), fails)
         path.unlink()
-        return found
+        return silence_s
 
     def _has_failed(self) -> bool:
         return self._mark.exists() and bool(self._mark.read_text())
@@ -425,10 +437,10 @@ class _BlenderFails(Rounds):
 
 
 def gaps(folder: Path, seconds: float) -> Trials:
-    """Times between the values of a healthy device, beside three hostile scripts that come again.
+    """Measure seconds between values of a healthy device, next to three hostile scripts.
 
-    A stop because this process did not come to its heartbeat is no gap: it is counted, and the
-    device plays again.
+    A stop after a late heartbeat of this process is no gap: the stop is counted, and the device
+    is armed again.
     """
     hostile = {
         "raises": "def render(haptics):\n    raise ValueError\n",
@@ -471,30 +483,30 @@ def gaps(folder: Path, seconds: float) -> Trials:
 
 
 def gaps_of(rows: list[dict[str, Any]]) -> Trials:
-    """Times between rows of values; pairs with a stop between them are left out."""
-    found = Trials()
-    last: float | None = None  # None: it did not play before
+    """Seconds between successive rows of values; pairs with a stop in between are left out."""
+    trials = Trials()
+    last: float | None = None  # None: not playing before
     for row in rows:
         if "values" not in row:
-            found.not_played += last is not None
+            trials.not_played += last is not None
             last = None
             continue
         if last is not None:
-            found.times_s.append(row["time_s"] - last)
+            trials.times_s.append(row["time_s"] - last)
         last = row["time_s"]
-    return found
+    return trials
 
 
 def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
-    """A device of that name with a script, in a folder of its own; the bench approves it."""
+    """Write a device with an approved script into ``folder``; returns the script's request."""
     text = (resources.device_configs() / "forearm_band.json").read_text(encoding="utf-8")
     configuration = folder / f"{name}.json"
     configuration.write_text(text.replace('"id": "forearm_band"', f'"id": "{name}"'))
     configuration.with_suffix(".py").write_text(source)
-    found = approval.script_of(f"{name}_left", folder)
-    assert found is not None
-    approval.approve(found)
-    return found.as_request()
+    script = approval.script_of(f"{name}_left", folder)
+    assert script is not None
+    approval.approve(script)
+    return script.as_request()
 
 
 def connect_scripted(
@@ -511,5 +523,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 1),
     "Blender frozen": (partial(_BlenderFails, how=getattr(signal, "SIGSTOP", signal.SIGTERM)), 2),
 }
-"""Makers of rounds, and the number of rounds at a time, by kind: one, where others that begin would
-spoil the figure."""
+"""Class of rounds, and number of parallel runs, by kind."""

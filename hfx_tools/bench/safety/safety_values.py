@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Forbidden events, measured: a value out of range behind the limiter, code run from a file."""
+"""Counts of forbidden events: values out of range behind the limiter, code run from a file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EVIL_DRIVER: Final = "(open({mark!r}, 'a').write('driver ') and 0) or frame"
 
 
 def limiter(count: int) -> dict[str, Any]:
-    """Push values of every kind through the guard that all devices have; plain data."""
+    """Push ``count`` hostile values through the devices' guard and count faults; plain data."""
     device = _large_device()
     controls = device.controls
     lowest = np.array([control.lowest for control in controls])
@@ -48,8 +48,8 @@ def limiter(count: int) -> dict[str, Any]:
     faults = 0
     rounds = -(-count // len(controls))
     for k in range(rounds):
-        wanted = np.roll(rows[k % _ROWS], int(rng.integers(len(controls))))
-        given = guard.limited(wanted, _STEP_S)
+        roll = np.roll(rows[k % _ROWS], int(rng.integers(len(controls))))
+        given = guard.limited(roll, _STEP_S)
         is_wrong = ~np.isfinite(given) | (given < lowest) | (given > highest)
         farther = np.abs(given - neutral) - np.abs(before - neutral)
         is_wrong |= is_strength & (farther > rise * (1.0 + 1e-9))
@@ -63,7 +63,7 @@ def limiter(count: int) -> dict[str, Any]:
 
 
 def _large_device() -> DeviceConfig:
-    """Make a device with the largest number of actuators, all with a limited rise of strength."""
+    """Build a device of 1000 actuators, all with a limited slew of strength."""
     actuators = []
     for name in ("forearm_band_left", "pressure_vest", "fan_heater", "peltier_sleeve_left"):
         for actuator in load_device(name).actuators:
@@ -77,7 +77,7 @@ def _large_device() -> DeviceConfig:
 def _hostile(
     rng: np.random.Generator, lowest: np.ndarray[Any, Any], highest: np.ndarray[Any, Any]
 ) -> np.ndarray[Any, Any]:
-    """Hostile rows of values: in range, beyond it, huge, tiny, and not numbers."""
+    """Hostile rows (256, C) of values: in range, out of range, huge, tiny, infinite, NaN."""
     size = (_ROWS, len(lowest))
     middle, reach = 0.5 * (lowest + highest), highest - lowest + 1.0
     rows = middle + reach * rng.normal(0.0, 1.0, size)
@@ -88,12 +88,12 @@ def _hostile(
 
 
 def opened_files(folder: Path, count: int) -> dict[str, Any]:
-    """Open, link and append a .blend that brings code; plain data.
+    """Open, link and append a .blend with a text module and a driver; count runs of their code.
 
     Raises
     ------
     InputError
-        The file's code would not even run where it may: nothing was measured.
+        The file's code does not run even with permission, so the count would mean nothing.
     """
     bpy = blender_session.start()
     mark, path = folder / "was_run", folder / "evil.blend"
@@ -126,20 +126,20 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
 
 @contextmanager
 def _without_driver_messages() -> Iterator[None]:
-    """Context without Blender's message about each driver that it did not run."""
+    """Context with descriptors 1 and 2 redirected: Blender prints a message per blocked driver."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    kept = [os.dup(number) for number in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    duplicates = [os.dup(number) for number in (1, 2)]
+    null = os.open(os.devnull, os.O_WRONLY)
     try:
         for number in (1, 2):
-            os.dup2(nowhere, number)
+            os.dup2(null, number)
         yield
     finally:
-        for number, mine in zip((1, 2), kept, strict=True):
-            os.dup2(mine, number)
-        for each in (*kept, nowhere):
-            os.close(each)
+        for number, duplicate in zip((1, 2), duplicates, strict=True):
+            os.dup2(duplicate, number)
+        for descriptor in (*duplicates, null):
+            os.close(descriptor)
 
 
 def _empty(bpy: Any, folder: Path) -> Path:

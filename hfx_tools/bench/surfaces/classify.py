@@ -19,21 +19,25 @@ _LAGS_S: Final = (0.005, 0.01, 0.02, 0.04)
 def features(signal: StrokeSignal) -> F64:
     """Feature vector of a signal, independent of its mean level, (14,).
 
-    Frequency (its log mean and spread), the shape of the amplitude's distribution, and how like
-    itself the amplitude is a little later.
+    Log mean and spread of frequency, shape of the amplitude's distribution, and autocorrelation of
+    the amplitude at four lags.
     """
     level = signal.amplitude_m_s2
     mean = float(level.mean())
     shape = level / mean if mean > 0.0 else np.ones_like(level)
-    felt = level > 0.0
-    heard = np.log2(np.maximum(signal.frequency_hz[felt], 1.0)) if felt.any() else np.zeros(1)
+    is_perceptible = level > 0.0
+    octaves = (
+        np.log2(np.maximum(signal.frequency_hz[is_perceptible], 1.0))
+        if is_perceptible.any()
+        else np.zeros(1)
+    )
     centred = shape - 1.0
     spread = float(centred.std())
     skew = float(np.mean(centred**3)) / spread**3 if spread > 1e-9 else 0.0
     return np.array(
         [
-            3.0 * heard.mean(),  # an octave counts as much as a whole range of the others
-            3.0 * heard.std(),
+            3.0 * octaves.mean(),  # an octave weighs like the whole range of another feature
+            3.0 * octaves.std(),
             np.log(spread + 0.02),
             np.clip(skew, -3.0, 3.0) / 3.0,
             np.mean(np.abs(np.diff(shape))),
@@ -69,17 +73,17 @@ class NearestNeighbour:
         )
 
     def classify(self, signals: Sequence[StrokeSignal]) -> list[str]:
-        """The name of each signal."""
-        asked = np.array([features(signal) for signal in signals])
+        """Name of the nearest example for each signal."""
+        vectors = np.array([features(signal) for signal in signals])
         spread = self.known.std(axis=0)
         scale = 1.0 / np.where(spread > 0.0, spread, 1.0)
-        away = np.square((asked[:, None] - self.known[None]) * scale).sum(axis=2)
+        away = np.square((vectors[:, None] - self.known[None]) * scale).sum(axis=2)
         return [self.names[k] for k in self.labels[np.argmin(away, axis=1)]]
 
 
-def confusion(truth: Sequence[str], found: Sequence[str], names: Sequence[str]) -> I64:
-    """Confusion matrix, (k, k): how often each name (row) was classified as each other (column)."""
+def confusion(truth: Sequence[str], guesses: Sequence[str], names: Sequence[str]) -> I64:
+    """Confusion matrix (k, k): counts of each true name (row) classified as each name (column)."""
     table = np.zeros((len(names), len(names)), np.int64)
-    for true, guess in zip(truth, found, strict=True):
+    for true, guess in zip(truth, guesses, strict=True):
         table[names.index(true), names.index(guess)] += 1
     return table

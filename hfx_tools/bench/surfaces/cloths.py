@@ -29,7 +29,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True, eq=False)
 class Cloth:
-    """A piece of cloth."""
+    """Piece of cloth, with thread period and relief depth in metres."""
 
     kind: str
     period_m: float
@@ -38,28 +38,30 @@ class Cloth:
 
 
 def dealt_weaves(seed: int, texels: int = TEXELS) -> list[Cloth]:
-    """Each weave in six periods from fine shirting to rough tweed; depths, directions and shapes
-    are dealt out, so that surfaces differ in more than scale."""
+    """Build each weave in six periods, from fine shirting to rough tweed.
+
+    Depths and directions are shuffled among the periods, so surfaces differ in more than scale.
+    """
     rng = np.random.default_rng(seed)
-    made = []
+    weaves = []
     for draft in procedural.DRAFTS:
         depths = rng.permutation(np.geomspace(*_DEPTHS_M, 6))
         directions = rng.permutation(_DIRECTIONS)
         for k, period in enumerate(np.geomspace(*_PERIODS_M, 6).tolist()):
             depth = min(float(depths[k]), 0.5 * period)
-            made.append(_woven(rng, draft, period, depth, float(directions[k]), texels, seed))
-    return made
+            weaves.append(_woven(rng, draft, period, depth, float(directions[k]), texels, seed))
+    return weaves
 
 
 def drawn_weaves(seed: int, texels: int = TEXELS) -> list[Cloth]:
-    """Weaves with all parameters at random within the same bounds."""
+    """Build :data:`COUNT` weaves with random parameters within the bounds of all cloths."""
     rng = np.random.default_rng([seed, 1])
-    made = []
+    weaves = []
     for _ in range(COUNT):
         period, depth = _measures(rng, _PERIODS_M)
         draft, direction = str(rng.choice(list(procedural.DRAFTS))), float(rng.uniform(0.0, np.pi))
-        made.append(_woven(rng, draft, period, depth, direction, texels, seed))
-    return made
+        weaves.append(_woven(rng, draft, period, depth, direction, texels, seed))
+    return weaves
 
 
 def _woven(
@@ -75,7 +77,7 @@ def _size_m(period: float) -> float:
 
 
 def _measures(rng: Rng, periods_m: tuple[float, float]) -> tuple[float, float]:
-    """Period and depth, metres."""
+    """Random period and depth, metres."""
     period, depth = (
         float(np.exp(rng.uniform(*np.log(bounds)))) for bounds in (periods_m, _DEPTHS_M)
     )
@@ -83,7 +85,7 @@ def _measures(rng: Rng, periods_m: tuple[float, float]) -> tuple[float, float]:
 
 
 Shape = Callable[[Rng, int, float, float], F64]
-"""Random numbers, texels a side, size and period in metres, to heights (N, N) of any scale."""
+"""Heights (N, N) of any scale from random generator, texels a side, size and period in metres."""
 
 
 def _corduroy(rng: Rng, texels: int, size_m: float, period_m: float) -> F64:
@@ -114,8 +116,8 @@ def _knit(rng: Rng, texels: int, size_m: float, period_m: float) -> F64:
 
 def _grain(rng: Rng, texels: int, size_m: float, period_m: float) -> F64:
     """Leather: smooth noise about the period, its valleys sharp."""
-    made = noise(rng, texels, size_m, 2.0 * period_m, 0.5 * period_m, fall=0.5)
-    return -(np.abs(made) ** rng.uniform(0.6, 1.0))
+    waves = noise(rng, texels, size_m, 2.0 * period_m, 0.5 * period_m, fall=0.5)
+    return -(np.abs(waves) ** rng.uniform(0.6, 1.0))
 
 
 def _felt(rng: Rng, texels: int, size_m: float, period_m: float) -> F64:
@@ -129,7 +131,7 @@ def _plane(texels: int) -> tuple[F64, F64]:
 
 
 def _across(rng: Rng, texels: int, size_m: float, period_m: float) -> F64:
-    """Count of ribs, (N, N), in one of some directions; a whole number of them fits both ways."""
+    """Count of ribs (N, N) along a random direction; whole numbers of ribs fit both sides."""
     x, y = _plane(texels)
     angle = rng.uniform(-np.pi / 3.0, np.pi / 3.0)
     ribs = size_m / period_m
@@ -154,7 +156,7 @@ def _of_family(name: str) -> Callable[..., list[Cloth]]:
 
     def drawn(seed: int, texels: int = TEXELS) -> list[Cloth]:
         rng = np.random.default_rng([seed, *name.encode()])
-        made = []
+        cloths = []
         for _ in range(COUNT):
             period, depth = _measures(rng, periods_m)
             size = _size_m(period)
@@ -162,8 +164,8 @@ def _of_family(name: str) -> Callable[..., list[Cloth]]:
             low, high = np.quantile(heights, [0.005, 0.995])
             texel = size / texels
             field = HeightField(heights * (depth / (high - low)), (texel, texel))
-            made.append(Cloth(name, period, depth, field))
-        return made
+            cloths.append(Cloth(name, period, depth, field))
+        return cloths
 
     return drawn
 

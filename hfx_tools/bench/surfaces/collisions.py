@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Micro-collisions of a stroke one by one, where a renderer only takes the strongest of a step."""
+"""All micro-collisions of a stroke; a renderer uses only the strongest of each step."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class Collisions:
         return len(self.times_s)
 
     def only(self, chosen: I64 | Bool) -> Collisions:
-        """Select some collisions."""
+        """Collisions by indices or mask."""
         return Collisions(self.times_s[chosen], self.intensity[chosen], self.sharpness[chosen])
 
 
 def trace(map_: HapticMap, stroke: Stroke) -> Collisions:
-    """Find every texel that a stroke enters, in order; none where the finger rests."""
+    """Find every texel entered by a stroke, in order of time; none at rest."""
     moving = stroke.speeds_m_s > REST_M_S
     times, points = stroke.times_s, stroke.points_m
     starts, ends = points[:-1][moving], points[1:][moving]
-    found = crossed_texels(starts, ends, map_.intensity.shape, map_.texel_m, map_.tiles)
-    begin = times[:-1][moving][found.segment]
-    entered = begin + found.share * (times[1:][moving][found.segment] - begin)
-    order = np.lexsort((found.share, found.segment))
-    texel = found.texel[order]
+    crossings = crossed_texels(starts, ends, map_.intensity.shape, map_.texel_m, map_.tiles)
+    begin = times[:-1][moving][crossings.segment]
+    entered = begin + crossings.share * (times[1:][moving][crossings.segment] - begin)
+    order = np.lexsort((crossings.share, crossings.segment))
+    texel = crossings.texel[order]
     return Collisions(
         entered[order],
         map_.intensity.ravel()[texel].astype(np.float64),
@@ -58,19 +58,19 @@ def collisions(map_: HapticMap, stroke: Stroke) -> Collisions:
     return texels.only(((begins + ends) // 2)[is_peak])
 
 
-def most_salient(found: Collisions, gap_s: float) -> Collisions:
-    """Select the collisions that a device can still play, the most salient first.
+def most_salient(candidates: Collisions, gap_s: float) -> Collisions:
+    """Select collisions at least ``gap_s`` seconds apart, greedily by strength.
 
-    The strongest collision is kept, all that are nearer to it than ``gap_s`` are dropped, then
-    the strongest of the rest, and so on. Equally strong ones: the earlier first.
+    The strongest collision drops all nearer ones, then the strongest of the rest, and so on.
+    Between equal strengths the earlier wins. The result is in order of time.
     """
-    kept = np.zeros(len(found), np.bool_)
-    free = np.ones(len(found), np.bool_)
-    times = found.times_s
+    is_chosen = np.zeros(len(candidates), np.bool_)
+    free = np.ones(len(candidates), np.bool_)
+    times = candidates.times_s
     low = np.searchsorted(times, times - gap_s * (1.0 - 1e-9), "right")
     high = np.searchsorted(times, times + gap_s * (1.0 - 1e-9), "left")
-    for k in np.argsort(-found.intensity, kind="stable").tolist():
+    for k in np.argsort(-candidates.intensity, kind="stable").tolist():
         if free[k]:
-            kept[k] = True
+            is_chosen[k] = True
             free[low[k] : high[k]] = False
-    return found.only(kept)
+    return candidates.only(is_chosen)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx bench relief``: estimated relief against the true one, on families that were not learnt.
+"""``hfx bench relief``: estimated against true relief, on families outside the training set.
 
-Compared are intensities, slopes with 1 as full strength, texel by texel; beside them stand the
-simple ways: Sobel of the brightness and local contrast, each with the one factor for all pictures
-that gives it the true mean level.
+Compared are intensities (slopes, 1 is full strength), texel by texel. Two simple estimates serve
+as rivals: Sobel of the brightness and local contrast, each scaled by one factor for all pictures
+to the true mean level.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _FAMILIES: Final = tuple(relief_families.FAMILIES)
 
 Weights = dict[str, F32]
 Photograph = Callable[[np.random.Generator, F64, float], tuple[F64, F64]]
-"""Random numbers, heights and RMS slope to a picture (N, N, 3), sRGB, and heights in texels."""
+"""From random generator, heights and RMS slope: picture (N, N, 3), sRGB, and heights in texels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A picture (N, N, 3) with its true intensity (N, N); of a print, ``family`` is empty."""
+    """Picture (N, N, 3), sRGB 0..1, with its true intensity (N, N); family "": a flat print."""
 
     family: str
     srgb: F64
@@ -51,7 +51,7 @@ class Case:
 
 
 def cases(each: int, prints: int, names: Sequence[str] = _FAMILIES) -> Iterator[Case]:
-    """Pictures of held-out families, then flat prints of them."""
+    """Pictures of held-out families, ``each`` per family, then flat prints of the same patterns."""
     return _cases(_photograph, True, each, prints, names)
 
 
@@ -84,14 +84,14 @@ def _cases(
 
 
 def _photograph(rng: np.random.Generator, heights: F64, slope: float) -> tuple[F64, F64]:
-    made = pictures.photograph(rng, Relief(heights), slope)
-    return made.picture.astype(np.float64) / 255.0, made.heights.astype(np.float64)
+    photo = pictures.photograph(rng, Relief(heights), slope)
+    return photo.picture.astype(np.float64) / 255.0, photo.heights.astype(np.float64)
 
 
 def measure(
     *, short: bool = False, progress: Callable[[float], None], weights: Weights | None = None
 ) -> dict[str, Any]:
-    """Figures of pictures of ours and, if not ``short``, of those by Cycles; plain data."""
+    """Measure this package's pictures and, if not ``short``, pictures by Cycles; plain data."""
     each, prints = (2, 8) if short else (_EACH, _PRINTS)
     count = each * len(_FAMILIES) + prints
     rendered = 0 if short else _RENDERED_EACH * len(_FAMILIES) + _RENDERED_PRINTS
@@ -112,7 +112,7 @@ def measure(
 
 
 def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, Any]:
-    """Figures of the network and of the simple ways."""
+    """Figures of the network and of both simple estimates, over all cases."""
     names, rows, truth_rows = [], [], []
     for case in drawn:
         names.append(case.family)
@@ -138,14 +138,14 @@ def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, 
         ]
     )
     for way, name in enumerate(("relief", "sobel", "contrast")):
-        found = estimates[way]
-        near = np.abs(found - truths) <= step
+        estimate_ = estimates[way]
+        near = np.abs(estimate_ - truths) <= step
         result[name] = {
             "median_r": float(np.median(r[way])),
             "tenth_percentile_r": float(np.quantile(r[way], 0.1)),
-            "spearman_of_levels": spearman(found[has_relief].mean((1, 2)), true_levels),
+            "spearman_of_levels": spearman(estimate_[has_relief].mean((1, 2)), true_levels),
             "within_one_step": float(near.mean()),
-            "level_of_prints": float(found[~has_relief].mean()),
+            "level_of_prints": float(estimate_[~has_relief].mean()),
         }
     levels = [result[name]["level_of_prints"] for name in ("relief", "sobel")]
     result["prints_against_sobel"] = levels[0] / levels[1]
@@ -157,15 +157,15 @@ def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, 
 
 
 def intensity_of(case: Case, weights: Weights | None = None) -> F32:
-    """Estimated intensity of a picture, the blur of the map's settings being one texel."""
+    """Intensity (N, N) estimated from a picture; the map's blur is one texel."""
     settings = MapSettings()
     size = TEXELS * settings.blur_m
-    found = estimate(case.srgb, (size, size), tiles=case.tiles, weights=weights)
-    return make_map(found.field, found.roughness, settings, found.slope).intensity
+    relief = estimate(case.srgb, (size, size), tiles=case.tiles, weights=weights)
+    return make_map(relief.field, relief.roughness, settings, relief.slope).intensity
 
 
 def simple(case: Case) -> tuple[F32, F32]:
-    """Simple estimates of intensity, with a factor that is unknown: Sobel and local contrast."""
+    """Simple estimates of intensity, up to an unknown factor: Sobel and local contrast."""
     grey = height_from_colour(case.srgb)
     return _slopes(grey, case.tiles), _contrast(grey)
 
@@ -184,7 +184,7 @@ def _contrast(grey: F64) -> F32:
 
 
 def correlation(a: F32, b: F32) -> float:
-    """Pearson's r of two arrays, 0 where one is even."""
+    """Pearson's r of two arrays; 0 if either is constant."""
     a, b = a - a.mean(), b - b.mean()
     scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
     return float((a * b).sum()) / scale if scale > 0.0 else 0.0
@@ -192,7 +192,7 @@ def correlation(a: F32, b: F32) -> float:
 
 def spearman(a: F32, b: F32) -> float:
     """Spearman's rank correlation."""
-    ranks = [np.argsort(np.argsort(each)).astype(np.float32) for each in (a, b)]
+    ranks = [np.argsort(np.argsort(values)).astype(np.float32) for values in (a, b)]
     return correlation(*ranks)
 
 
@@ -206,19 +206,21 @@ _ROWS: Final = (
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The figures as tables."""
+    """Format a result of :func:`measure` as tables for a terminal."""
     lines = [f"families that were not learnt, {result['texels']} x {result['texels']} texels"]
     for key, title in (("ours", "light of ours"), ("cycles", "rendered by Cycles")):
         if key not in result:
             continue
-        found = result[key]
-        lines.append(f"\n{title}: {found['pictures']} pictures, {found['prints']} flat prints")
+        figures_ = result[key]
+        lines.append(
+            f"\n{title}: {figures_['pictures']} pictures, {figures_['prints']} flat prints"
+        )
         lines.append(f"{'':<24}{'relief':>9}{'Sobel':>9}{'contrast':>10}")
         for field, label in _ROWS:
-            values = [found[name][field] for name in ("relief", "sobel", "contrast")]
+            values = [figures_[name][field] for name in ("relief", "sobel", "contrast")]
             lines.append(f"{label:<24}{values[0]:>9.3f}{values[1]:>9.3f}{values[2]:>10.3f}")
-        lines.append(f"better than both: {found['better_than_both']:.0%}")
-        lines.append(f"flat prints against Sobel's: {found['prints_against_sobel']:.2f}")
-        pairs = found["median_r_of_families"].items()
+        lines.append(f"better than both: {figures_['better_than_both']:.0%}")
+        lines.append(f"flat prints against Sobel's: {figures_['prints_against_sobel']:.2f}")
+        pairs = figures_["median_r_of_families"].items()
         lines.append("median r: " + ", ".join(f"{name} {r:.2f}" for name, r in pairs))
     return "\n".join(lines)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Held-out relief rendered by Cycles and stored as JPEG by Blender: light and codec not of ours."""
+"""Held-out relief rendered by Cycles and stored as JPEG by Blender: independent light and codec."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ _SAMPLES: Final = 24
 def photograph(
     rng: np.random.Generator, relief: Relief, slope: float, folder: Path
 ) -> tuple[F64, F64]:
-    """A picture (N, N, 3), sRGB 0..1, and the heights (N, N) in texels that it shows.
+    """Render a relief with RMS slope ``slope``; 0: a flat print.
 
-    The relief is a mesh with a vertex for each texel under a sun and an even sky.
+    Returns the picture (N, N, 3), sRGB 0..1, and the rendered heights (N, N) in texels. The relief
+    is a mesh with a vertex for each texel under a sun and an even sky.
     """
     heights = pictures.scaled(relief.heights, slope)
     colours = pictures.colours_of(rng, relief, is_print=slope == 0.0)
@@ -71,8 +72,8 @@ def _mesh(scene: bpy.types.Scene, heights: F64, colours: F64, roughness: float) 
     index = np.arange(n * n).reshape(n, n)
     quads = [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]]
     mesh = bpy.data.meshes.new("Relief")
-    places = np.stack([x, y, heights], -1).reshape(-1, 3)
-    mesh.from_pydata(places.tolist(), [], np.stack(quads, -1).reshape(-1, 4).tolist())
+    points = np.stack([x, y, heights], -1).reshape(-1, 3)
+    mesh.from_pydata(points.tolist(), [], np.stack(quads, -1).reshape(-1, 4).tolist())
     mesh.shade_smooth()
     layer = mesh.color_attributes.new("Colour", "FLOAT_COLOR", "POINT")
     values = np.concatenate([colours, np.ones((n, n, 1))], -1)

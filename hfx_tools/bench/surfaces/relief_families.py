@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Families of relief that the network never learnt, and prints without relief.
+"""Families of relief outside the network's training set.
 
-They share no drawing rule with ``hfx_tools/relief/families.py``: profiles are swept, discs and
-rings are laid on one another, a pattern grows by reaction and diffusion.
+The drawing rules differ from all of ``hfx_tools/relief/families.py``: swept profiles, discs and
+rings laid on one another, a pattern grown by reaction and diffusion.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ def _chevrons(rng: np.random.Generator, n: int) -> F64:
 def _laid(
     rng: np.random.Generator, n: int, count: int, radius: float, profile: Callable[[F64], F64]
 ) -> F64:
-    """Round things that fall one after another and lie on what is there."""
+    """Round bodies laid one after another on top of the previous heights."""
     heights = np.zeros((n, n))
     reach = int(radius * n * 1.2) + 1
     span = np.arange(-reach, reach + 1)
     for _ in range(count):
         cy, cx = rng.integers(0, n, 2)
         size = radius * n * rng.uniform(0.8, 1.2)
-        part = profile(np.hypot(*np.meshgrid(span, span)) / size)
-        place = np.ix_((cy + span) % n, (cx + span) % n)
-        under = heights[place]
-        base = np.median(under[part > 0.0]) if (part > 0.0).any() else 0.0
-        heights[place] = np.where(part > 0.0, np.maximum(under, 0.7 * base + part), under)
+        body_ = profile(np.hypot(*np.meshgrid(span, span)) / size)
+        window = np.ix_((cy + span) % n, (cx + span) % n)
+        under = heights[window]
+        base = np.median(under[body_ > 0.0]) if (body_ > 0.0).any() else 0.0
+        heights[window] = np.where(body_ > 0.0, np.maximum(under, 0.7 * base + body_), under)
     return heights
 
 
@@ -76,13 +76,15 @@ def _mail(rng: np.random.Generator, n: int) -> F64:
     """Rings of chain mail in rows."""
     y, x = _grid(n)
     count = 2 * rng.integers(3, 8)
-    made = np.zeros((n, n))
+    heights = np.zeros((n, n))
     for shift in (0.0, 0.5):
         v, u = (y * count + shift) % 1.0 - 0.5, (x * count + shift) % 1.0 - 0.5
         wire = 1.0 - ((np.hypot(u, v) - 0.38) / 0.1) ** 2
         lean = 0.3 * u if shift else -0.3 * u
-        made = np.maximum(made, np.where(wire > 0, np.sqrt(np.maximum(wire, 0)) + 0.4 + lean, 0))
-    return made
+        heights = np.maximum(
+            heights, np.where(wire > 0, np.sqrt(np.maximum(wire, 0)) + 0.4 + lean, 0)
+        )
+    return heights
 
 
 def _popcorn(rng: np.random.Generator, n: int) -> F64:
@@ -96,7 +98,7 @@ def _popcorn(rng: np.random.Generator, n: int) -> F64:
 
 
 def _mud(rng: np.random.Generator, n: int) -> F64:
-    """Dry mud: plates whose edges curl up between cracks."""
+    """Dry mud: plates with edges curled up at the cracks."""
     count = rng.integers(12, 60)
     points = rng.random((count, 2)) * n
     seeds = np.ones((3 * n, 3 * n), bool)
@@ -118,7 +120,7 @@ def _mud(rng: np.random.Generator, n: int) -> F64:
 
 
 def _herringbone(rng: np.random.Generator, n: int) -> F64:
-    """Parquet blocks laid as in a herringbone."""
+    """Parquet blocks in a herringbone bond."""
     size = n // int(rng.choice([8, 12, 16]))
     row, column = np.indices((n, n))
     i, j = row // size, column // size
@@ -138,14 +140,14 @@ def _herringbone(rng: np.random.Generator, n: int) -> F64:
 
 
 def _peel(rng: np.random.Generator, n: int) -> F64:
-    """Orange peel of sprayed paint: smooth hills that are cut off softly."""
+    """Orange peel of sprayed paint: smooth hills, softly clipped."""
     sigma = rng.uniform(0.008, 0.03) * n
     base = ndimage.gaussian_filter(rng.standard_normal((n, n)), sigma, mode="wrap")
     return np.tanh(rng.uniform(0.7, 2.0) * base / base.std())
 
 
 def _labyrinth(rng: np.random.Generator, n: int) -> F64:
-    """Ridges like those of brain coral, grown by activation and inhibition."""
+    """Ridges of brain coral, grown by activation and inhibition."""
     sigma = rng.uniform(0.008, 0.02) * n
     state = rng.standard_normal((n, n))
     for _ in range(12):
@@ -188,7 +190,7 @@ def _interference(rng: np.random.Generator, n: int) -> F64:
 
 
 def _rivets(rng: np.random.Generator, n: int) -> F64:
-    """Metal sheets that overlap, with rivets along their seams."""
+    """Overlapping metal sheets with rivets along the seams."""
     y, x = _grid(n)
     sheets, rivets = int(rng.integers(2, 5)), int(rng.integers(8, 17))
     v = (y * sheets) % 1.0
@@ -200,7 +202,7 @@ def _rivets(rng: np.random.Generator, n: int) -> F64:
 
 
 def _gullies(rng: np.random.Generator, n: int) -> F64:
-    """Gullies that run down a slope and branch."""
+    """Branching gullies down a slope."""
     wide = ndimage.gaussian_filter(rng.standard_normal((n, n)), (0.08 * n, 0.01 * n), mode="wrap")
     thin = ndimage.gaussian_filter(rng.standard_normal((n, n)), (0.02 * n, 0.005 * n), mode="wrap")
     shift = np.cumsum(rng.normal(0, 0.5, n))
@@ -214,19 +216,19 @@ def _braid(rng: np.random.Generator, n: int) -> F64:
     y, x = _grid(n)
     columns, turns = int(rng.integers(2, 6)), int(rng.integers(4, 9))
     u = (x * columns) % 1.0
-    made = np.zeros((n, n))
+    heights = np.zeros((n, n))
     for k in range(3):
         t = 2 * np.pi * (turns * y + k / 3.0)
         middle, lift = 0.5 + 0.28 * np.sin(t), 0.3 * np.sin(2 * t)
         inside = 1.0 - ((u - middle) / 0.17) ** 2
-        made = np.maximum(
-            made, np.where(inside > 0, np.sqrt(np.maximum(inside, 0)) + lift + 0.3, 0)
+        heights = np.maximum(
+            heights, np.where(inside > 0, np.sqrt(np.maximum(inside, 0)) + lift + 0.3, 0)
         )
-    return made
+    return heights
 
 
 def _terry(rng: np.random.Generator, n: int) -> F64:
-    """Loops of towelling: short arcs that stand close together."""
+    """Loops of towelling: dense short arcs."""
     heights = np.zeros((n, n))
     count = int(rng.integers(1200, 2500))
     radius = max(2.0, rng.uniform(0.010, 0.02) * n)
@@ -251,8 +253,8 @@ def _spirals(rng: np.random.Generator, n: int) -> F64:
 
 
 FAMILIES: Final[dict[str, HeldOut]] = {
-    each.__name__.lstrip("_"): each
-    for each in (
+    draw.__name__.lstrip("_"): draw
+    for draw in (
         _ropes, _chevrons, _coins, _mail, _popcorn, _mud, _herringbone, _peel, _labyrinth,
         _letters, _interference, _rivets, _gullies, _braid, _terry, _spirals,
     )

@@ -29,7 +29,7 @@ _FRAMES: Final = 4  # followed together, as the engine does with 100 contacts
 
 
 def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
-    """Measure everything; plain data."""
+    """Run all measurements of surfaces; plain data."""
     rough = correlation(1 if short else 20, progress=lambda share: progress(0.3 * share))
     result: dict[str, Any] = {"roughness": rough}
     progress(0.3)
@@ -49,13 +49,16 @@ def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
 
 
 def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
-    """Classify materials on maps, directions and speeds outside of the training set."""
+    """Classify materials on maps, directions and speeds outside of the training set.
+
+    ``train`` and ``test`` are numbers of variants per material.
+    """
     learnt = library_strokes(train, texels)
     judge = classify.NearestNeighbour.of(learnt)
-    asked = _examples(range(100, 100 + test), (0.2, 1.0, 2.2), (0.03, 0.06, 0.1), texels)
-    truth = [kind for kind, _ in asked]
-    found = judge.classify([signal for _, signal in asked])
-    table = classify.confusion(truth, found, procedural.KINDS)
+    examples = _examples(range(100, 100 + test), (0.2, 1.0, 2.2), (0.03, 0.06, 0.1), texels)
+    truth = [kind for kind, _ in examples]
+    guesses = judge.classify([signal for _, signal in examples])
+    table = classify.confusion(truth, guesses, procedural.KINDS)
     return {
         "names": list(procedural.KINDS),
         "confusion": table.tolist(),
@@ -65,78 +68,82 @@ def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
 
 
 def library_strokes(seeds: int, texels: int) -> list[tuple[str, StrokeSignal]]:
-    """Strokes over all materials of the library, for a judge to learn."""
+    """Strokes over all materials of the library as a training set, with the kinds of material."""
     return _examples(range(seeds), (0.0, 0.4, 0.8, 1.2, 1.57), (0.02, 0.04, 0.08), texels)
 
 
 def _examples(
     seeds: range, directions: tuple[float, ...], speeds: tuple[float, ...], texels: int
 ) -> list[tuple[str, StrokeSignal]]:
-    found = []
+    examples = []
     for material in procedural.MATERIALS.values():
         for seed in seeds:
             map_ = mcha.make_map(*material.make(texels, seed))
             signals = strokes_over(map_, directions, speeds, seed)
-            found += [(material.kind, signal) for signal in signals]
-    return found
+            examples += [(material.kind, signal) for signal in signals]
+    return examples
 
 
 def strokes_over(
     map_: HapticMap, directions: tuple[float, ...], speeds: tuple[float, ...], seed: int
 ) -> list[StrokeSignal]:
-    """Strokes of 0.6 s over a map from places by chance; radians and m/s."""
+    """Render strokes of 0.6 s over a map from random points; radians and m/s."""
     texture = SurfaceTexture(map=map_)
     rng = np.random.default_rng([seed, 5])
-    found = []
+    signals = []
     for direction in directions:
         for speed in speeds:
             start = (float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
             way = stroke.line(start, direction, 0.6 * speed, speed)
-            found.append(render_stroke(texture, way, step_s=2e-3, waveform_rate_hz=1000.0))
-    return found
+            signals.append(render_stroke(texture, way, step_s=2e-3, waveform_rate_hz=1000.0))
+    return signals
 
 
-# Collisions left of a stroke that is too fast
+# Remaining collisions of a too fast stroke
 
 
 def salience(short: bool) -> list[dict[str, Any]]:
-    """Share of the collisions' strength that a device with a gap between collisions can play."""
+    """Shares of the best playable strength, for a device with 50 ms between two collisions.
+
+    By material and speed: most salient first, and first come; strokes without collisions are
+    left out.
+    """
     rows = []
     for name in ("gravel-fine", "wood-oak") if short else procedural.MATERIALS:
         map_ = mcha.make_map(*procedural.material(name).make(384))
         for speed in SPEEDS_M_S:
             way = stroke.line((0.01, 0.02), 0.3, 2.0 * speed, speed, 240.0)
-            found = collisions(map_, way)
-            if not len(found):
+            hits = collisions(map_, way)
+            if not len(hits):
                 continue
-            best = _best_possible(found, 0.05)
+            best = _best_possible(hits, 0.05)
             rows.append(
                 {
                     "material": name,
                     "speed_m_s": speed,
-                    "collisions": len(found),
-                    "salient": float(most_salient(found, 0.05).intensity.sum()) / best,
-                    "first_come": float(_first_come(found, 0.05).intensity.sum()) / best,
+                    "collisions": len(hits),
+                    "salient": float(most_salient(hits, 0.05).intensity.sum()) / best,
+                    "first_come": float(_first_come(hits, 0.05).intensity.sum()) / best,
                 }
             )
     return rows
 
 
-def _first_come(found: Collisions, gap_s: float) -> Collisions:
-    """Collisions played by a device that takes each one as it comes and is busy afterwards."""
-    kept, free_at = [], -np.inf
-    for k, t in enumerate(found.times_s.tolist()):
+def _first_come(candidates: Collisions, gap_s: float) -> Collisions:
+    """Collisions of a device playing every collision at least ``gap_s`` after the last played."""
+    played, free_at = [], -np.inf
+    for k, t in enumerate(candidates.times_s.tolist()):
         if t >= free_at:
-            kept.append(k)
+            played.append(k)
             free_at = t + gap_s
-    return found.only(np.array(kept, np.int64))
+    return candidates.only(np.array(played, np.int64))
 
 
-def _best_possible(found: Collisions, gap_s: float) -> float:
-    """The largest sum of strengths of collisions that are no nearer than the gap."""
-    before = np.searchsorted(found.times_s, found.times_s - gap_s * (1.0 - 1e-9), "right")
+def _best_possible(candidates: Collisions, gap_s: float) -> float:
+    """Largest sum of strengths of collisions at least ``gap_s`` apart, by dynamic programming."""
+    before = np.searchsorted(candidates.times_s, candidates.times_s - gap_s * (1.0 - 1e-9), "right")
     best = [0.0]
-    for k, strength in enumerate(found.intensity.tolist()):
+    for k, strength in enumerate(candidates.intensity.tolist()):
         best.append(max(best[-1], best[int(before[k])] + strength))
     return max(best[-1], 1e-12)
 
@@ -145,7 +152,7 @@ def _best_possible(found: Collisions, gap_s: float) -> float:
 
 
 def windows() -> list[dict[str, Any]]:
-    """Window of the textile renderer: spread of its level over one even stroke, and cost."""
+    """Measure spread of the textile renderer's level over an even stroke, and cost, by window."""
     field, _ = procedural.material("fabric-denim").make(512)
     way = stroke.line((0.0, 0.0), 0.3, 0.4, 0.1, 240.0)
     rows = []
@@ -164,7 +171,7 @@ def windows() -> list[dict[str, Any]]:
 
 
 def maps(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """Time to make a map, and the error of coarser maps against the finest."""
+    """Measure seconds for building a map, and the error of coarser maps against 2048 texels."""
     rows = []
     rng = np.random.default_rng(0)
     for size in sizes:
@@ -184,12 +191,12 @@ def maps(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
 
 
 def _mean_intensity(cloth: procedural.Weave, texels: int) -> float:
-    made = mcha.make_map(procedural.woven(cloth, 0.04, texels))
-    return float(made.intensity.mean())
+    map_ = mcha.make_map(procedural.woven(cloth, 0.04, texels))
+    return float(map_.intensity.mean())
 
 
 def contacts(counts: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """Cost of one frame of some contacts: several at once as in an export, one by one as live."""
+    """Measure the cost of a frame of contacts: in blocks as in an export, single as live."""
     field, rough = procedural.material("fabric-denim").make(512)
     map_ = mcha.make_map(field, rough)
     vertices, triangles = _sheet(20)
@@ -199,11 +206,11 @@ def contacts(counts: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
         texture = SurfaceTexture(field, map_, renderer)
         for count in counts:
             for frames in (_FRAMES, 1):
-                seconds, felt = _frames(texture, mesh, vertices, count, frames, rounds)
+                seconds, samples = _frames(texture, mesh, vertices, count, frames, rounds)
                 rows.append(
                     {
                         "renderer": renderer.value,
-                        "contacts": felt,
+                        "contacts": samples,
                         "frames": frames,
                         "ms_per_frame": 1e3 * seconds,
                     }
@@ -214,7 +221,7 @@ def contacts(counts: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
 def _frames(
     texture: SurfaceTexture, mesh: SurfaceMesh, vertices: F64, count: int, frames: int, rounds: int
 ) -> tuple[float, int]:
-    """Seconds per frame, and contacts."""
+    """Seconds per frame (minimum over all rounds), and contacts per frame."""
     follower = ContactFollower(mesh, 0.003, count)
     renderer = ContactRenderer(texture, 1.0 / _FRAME_HZ)
     rng = np.random.default_rng(0)
@@ -222,13 +229,13 @@ def _frames(
     times = np.repeat(np.arange(frames), count)
     ids = np.tile(np.arange(count), frames)
     matrices = np.tile(np.eye(4), (frames, 1, 1))
-    seconds, felt = [], 0
+    seconds, contact_count = [], 0
     for k in range(rounds + 1):
-        moment = (k * frames + np.arange(frames))[:, None] / _FRAME_HZ
+        time_s = (k * frames + np.arange(frames))[:, None] / _FRAME_HZ
         # A circle of 3 cm at 10 cm/s.
-        turn = moment * stroke.FAST_M_S / 0.03
-        place = 0.03 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=2)
-        points = (place + fingertip).reshape(-1, 3)
+        turn = time_s * stroke.FAST_M_S / 0.03
+        centre = 0.03 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=2)
+        points = (centre + fingertip).reshape(-1, 3)
         start = time.perf_counter()
         paths = follower.follow(
             matrices, vertices[None], times, ids, points, np.arange(frames) + k > 0
@@ -236,9 +243,9 @@ def _frames(
         renderer.render(paths)
         if k:
             seconds.append((time.perf_counter() - start) / frames)
-        felt = (len(paths) - paths.carried) // frames
-    # The best: whatever else the machine does only ever adds.
-    return min(seconds), felt
+        contact_count = (len(paths) - paths.carried) // frames
+    # The minimum: other load on the machine only adds.
+    return min(seconds), contact_count
 
 
 def _sheet(count: int) -> tuple[F64, npt.NDArray[np.int32]]:
@@ -252,22 +259,22 @@ def _sheet(count: int) -> tuple[F64, npt.NDArray[np.int32]]:
     return vertices, triangles.astype(np.int32)
 
 
-def confusion_lines(told: dict[str, Any]) -> list[str]:
-    """Confusion matrix with its names, for a terminal."""
-    lines = [f"  {'':8}" + "".join(f"{name:>8}" for name in told["names"])]
-    for name, row in zip(told["names"], told["confusion"], strict=True):
+def confusion_lines(result: dict[str, Any]) -> list[str]:
+    """Format a confusion matrix with names for a terminal, in lines."""
+    lines = [f"  {'':8}" + "".join(f"{name:>8}" for name in result["names"])]
+    for name, row in zip(result["names"], result["confusion"], strict=True):
         lines.append(f"  {name:8}" + "".join(f"{n:8}" for n in row))
     return lines
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
-    told = result["identification"]
+    """Format a result of :func:`measure` for a terminal."""
+    identified = result["identification"]
     lines = as_lines(result["roughness"])
     lines += [
-        f"Nearest neighbour of {told['learnt']} strokes, unseen maps, directions and speeds: "
-        f"{100 * told['share']:.1f} % right; rows are, columns were found:",
-        *confusion_lines(told),
+        f"Nearest neighbour of {identified['learnt']} strokes, unseen maps, directions and speeds: "
+        f"{100 * identified['share']:.1f} % right; rows are, columns were found:",
+        *confusion_lines(identified),
     ]
     lines.append("Strokes too fast for a device (50 ms a collision): strength kept, of the best")
     lines.append(f"  {'material':18} {'cm/s':>5} {'hits':>5} {'salient':>8} {'first come':>11}")
@@ -298,7 +305,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def as_markdown() -> str:
-    """Shares that the judge and a device's gap keep, measured for ``docs/surfaces.md``."""
+    """Measure classification and salience; returns the text of ``docs/surfaces.md``."""
     one, many = identification(1, 1), identification(3, 10)
     names, table = one["names"], np.array(one["confusion"])
     lines = [
@@ -318,7 +325,7 @@ def as_markdown() -> str:
     right, all_ = np.diag(table), table.sum(axis=1)
     worst = int(np.argmin(right / all_))
     fast = [row for row in salience(False) if row["speed_m_s"] == max(SPEEDS_M_S)]
-    kept = [
+    shares = [
         f"{100 * min(row[key] for row in fast):.0f} to {100 * max(row[key] for row in fast):.0f} %"
         for key in ("salient", "first_come")
     ]
@@ -332,7 +339,7 @@ def as_markdown() -> str:
             f"{all_[worst]}.",
             "",
             "Where a device needs 50 ms between two collisions, taking the most salient first "
-            f"keeps {kept[0]} of the strength that the best possible choice keeps, over the 18 "
-            f"materials at 10 cm/s; taking what comes first keeps {kept[1]}.",
+            f"keeps {shares[0]} of the strength that the best possible choice keeps, over the 18 "
+            f"materials at 10 cm/s; taking what comes first keeps {shares[1]}.",
         ]
     )

@@ -14,10 +14,10 @@ _LEAST_R: Final = 0.8
 
 
 def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw the results of :func:`textile_correlation.correlation`, as SVG.
+    """Draw a result of :func:`textile_correlation.correlation` as SVG.
 
-    Above, the surfaces' drive against their roughness, by parameter; below, r of all sets at the
-    last cut-off, a row a family and speed, with the paper's as a line.
+    Above, the surfaces' drive against roughness, by parameter; below, r of all sets at the last
+    cut-off, a row for each family and speed, with the paper's r as a line.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
             above.set(xlim=0, ylim=0, xlabel="drive, um", ylabel=f"{name}, um")
             above.legend()
             for row, (family, v) in enumerate(families):
-                r = [max(each[-1][v][k], _LEAST_R) for each in result["sets"][family]]
+                r = [max(set_[-1][v][k], _LEAST_R) for set_ in result["sets"][family]]
                 below.scatter(r, [row] * len(r), 14, color=_COLOURS[v], alpha=0.5, lw=0)
             below.axvline(PAPER_R[k], color="#222222", linestyle="dotted")
             below.set_yticks(range(len(families)), [name for name, _ in families] if k == 0 else [])

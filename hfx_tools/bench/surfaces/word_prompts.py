@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wishes in people's words, with the kind of material that each one means, and comparatives."""
+"""Prompts in everyday words with their kind of material, and comparatives."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ PROMPTS: Final = {
         "parquet in a ballroom",
     ),
 }
-"""Fifteen wishes for each kind, written before the vocabulary was tried on them."""
+"""Fifteen prompts for each kind, written before any test of the vocabulary."""
 
 COMPARATIVES: Final = (
     ("gravel", "coarser gravel", "rsm", 1),
@@ -99,4 +99,4 @@ COMPARATIVES: Final = (
     ("twill", "twill, not so deep", "level", -1),
     ("bark", "bark, deeply furrowed", "level", 1),
 )
-"""Plain wish, steered wish, measure, and the sign of its change: RSm, Ra, or the map's level."""
+"""Plain prompt, steered prompt, measure (RSm, Ra, or the map's level), sign of the change."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from words: kinds that are recognised, comparatives, and the judge of strokes."""
+"""Surfaces from words: recognized kinds, comparatives, and classified strokes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SPEEDS_M_S: Final = (0.03, 0.06, 0.1)
 
 
 def measure(*, short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
-    """Measure everything; plain data."""
+    """Run all measurements of prompts; plain data."""
     result: dict[str, Any] = {"kinds": kinds()}
     progress(0.1)
     result["comparatives"] = comparatives()
@@ -36,18 +36,18 @@ def measure(*, short: bool, progress: Callable[[float], None]) -> dict[str, Any]
 
 
 def kinds() -> dict[str, Any]:
-    """Kind found for each prompt."""
+    """Compare the recognized kind with the true kind of each prompt; "none": no match."""
     wrong, unknown = [], set()
     for kind, prompts in PROMPTS.items():
         for prompt in prompts:
             wish = read_words(prompt)
             unknown |= set(wish.unknown)
             try:
-                found = wish.choose()[0].kind
+                kind_ = wish.choose()[0].kind
             except InputError:
-                found = "none"
-            if found != kind:
-                wrong.append({"words": prompt, "is": kind, "found": found})
+                kind_ = "none"
+            if kind_ != kind:
+                wrong.append({"words": prompt, "is": kind, "found": kind_})
     count = sum(map(len, PROMPTS.values()))
     return {
         "asked": count,
@@ -58,7 +58,7 @@ def kinds() -> dict[str, Any]:
 
 
 def comparatives() -> list[dict[str, Any]]:
-    """Change of each comparative's measure, as a ratio, and whether it is the right way."""
+    """Measure the change of each comparative as a ratio, and test its direction."""
     rows = []
     for plain, steered, name, sign in COMPARATIVES:
         before, after = (_measured(words, name) for words in (plain, steered))
@@ -75,33 +75,36 @@ def comparatives() -> list[dict[str, Any]]:
 
 
 def _measured(words: str, name: str) -> float:
-    """RSm or Ra in metres (the mean along both axes), or the map's mean intensity."""
-    made = library_search.generate(words, texels=TEXELS)
+    """RSm or Ra in metres (mean of both axes; an unknown RSm is 0), or the map's mean intensity."""
+    surface = library_search.generate(words, texels=TEXELS)
     if name == "level":
-        return float(made.map.intensity.mean())
-    found = []
+        return float(surface.map.intensity.mean())
+    values_m = []
     for direction in (0.0, np.pi / 2.0):
         measured = roughness_of_surface(
-            made.height, made.height.size_m[0] / 10.0, direction_rad=direction
+            surface.height, surface.height.size_m[0] / 10.0, direction_rad=direction
         )
-        found.append(measured.ra_m if name == "ra" else measured.rsm_m or 0.0)
-    return float(np.mean(found))
+        values_m.append(measured.ra_m if name == "ra" else measured.rsm_m or 0.0)
+    return float(np.mean(values_m))
 
 
 def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, Any]:
-    """Confusion of strokes over generated surfaces, by the judge of the library's own maps."""
-    asked = prompts or {kind: (kind,) for kind in _JUDGED}
+    """Confusion of strokes over generated surfaces, classified by strokes over the library's maps.
+
+    Prompts without a match are skipped. ``prompts`` None: the names of four kinds.
+    """
+    prompts_of_kinds = prompts or {kind: (kind,) for kind in _JUDGED}
     known = classify.NearestNeighbour.of(texture.library_strokes(train, TEXELS))
     truth, signals = [], []
-    for kind, wishes in asked.items():
+    for kind, wishes in prompts_of_kinds.items():
         for number, words in enumerate(wishes):
             try:
-                made = library_search.generate(words, seed=100 + number, texels=TEXELS)
+                surface = library_search.generate(words, seed=100 + number, texels=TEXELS)
             except InputError:
-                continue  # told among the kinds
-            found = _strokes(made, number)
-            truth += [kind] * len(found)
-            signals += found
+                continue  # counted in kinds()
+            strokes = _strokes(surface, number)
+            truth += [kind] * len(strokes)
+            signals += strokes
     table = classify.confusion(truth, known.classify(signals), KINDS)
     return {
         "names": list(KINDS),
@@ -110,16 +113,16 @@ def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, A
     }
 
 
-def _strokes(made: Generated, seed: int) -> list[Any]:
-    return texture.strokes_over(made.map, _DIRECTIONS, _SPEEDS_M_S, seed)
+def _strokes(surface: Generated, seed: int) -> list[Any]:
+    return texture.strokes_over(surface.map, _DIRECTIONS, _SPEEDS_M_S, seed)
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """The measurement for a terminal."""
-    found = result["kinds"]
-    lines = [f"Kind of material: {found['right']} of {found['asked']} wishes right"]
-    lines += [f"  {row['words']}: {row['is']}, found {row['found']}" for row in found["wrong"]]
-    lines.append(f"  words that are not known: {', '.join(found['unknown_words'])}")
+    """Format a result of :func:`measure` for a terminal."""
+    kinds_ = result["kinds"]
+    lines = [f"Kind of material: {kinds_['right']} of {kinds_['asked']} wishes right"]
+    lines += [f"  {row['words']}: {row['is']}, found {row['found']}" for row in kinds_["wrong"]]
+    lines.append(f"  words that are not known: {', '.join(kinds_['unknown_words'])}")
     rows = result["comparatives"]
     right = sum(row["is_right"] for row in rows)
     lines.append(f"Comparatives: {right} of {len(rows)} move their measure the right way")
@@ -128,22 +131,23 @@ def as_text(result: dict[str, Any]) -> str:
         + ("" if row["is_right"] else "  wrong")
         for row in rows
     ]
-    told = result["judge"]
+    judged = result["judge"]
     lines.append(
-        f"Strokes over what was generated, judged by the library's: {100 * told['share']:.1f} % "
+        "Strokes over generated surfaces, judged by the library's: "
+        f"{100 * judged['share']:.1f} % "
         "right; rows are, columns were found:"
     )
-    return "\n".join(lines + texture.confusion_lines(told))
+    return "\n".join(lines + texture.confusion_lines(judged))
 
 
 def as_markdown() -> str:
-    """Table for ``docs/surfaces-from-words.md``."""
-    found, rows, few, many = kinds(), comparatives(), judge(1, None), judge(3, PROMPTS)
-    strokes = [int(np.sum(each["confusion"])) for each in (few, many)]
+    """Measure all; returns the table of ``docs/surfaces-from-words.md``."""
+    kinds_, rows, few, many = kinds(), comparatives(), judge(1, None), judge(3, PROMPTS)
+    strokes = [int(np.sum(judged["confusion"])) for judged in (few, many)]
     lines = [
         "| what | right |",
         "|---|---|",
-        f"| kind of material of {found['asked']} wishes | {found['right']} |",
+        f"| kind of material of {kinds_['asked']} wishes | {kinds_['right']} |",
         f"| comparatives that move RSm, Ra or the map's level, of {len(rows)} | "
         f"{sum(row['is_right'] for row in rows)} |",
         f"| strokes over {', '.join(_JUDGED)}, named by the judge of the library's own strokes, of "

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Speed against accuracy: one scene at every setting, against the exact reference.
+"""Speed against accuracy: a scene at every setting, compared with the exact reference.
 
-The reference is the preset ``exact`` at the same samples, and for the begin of contacts at a
-much higher rate. Every setting is run once to see what it finds, with its memory traced, and
-then timed in turn with the others: in processor time, so that other work on the machine hardly
-counts, and is unfair to all of them.
+The reference is the preset ``exact`` at the same samples, and at a much higher rate for the
+begin of contacts. Every setting runs once for its errors, with memory traced, and is then timed
+in turn with all settings: in processor time, nearly independent of other load on the machine.
 """
 
 from __future__ import annotations
@@ -35,18 +34,18 @@ SWEEP: Final = (
     *("20mm,10ms,5%", "10mm,10ms,5%", "2mm,10ms,5%", "1mm,10ms,5%"),
     *("5mm,80ms,5%", "5mm,40ms,5%", "5mm,20ms,5%", "5mm,5ms,5%"),
 )
-"""Sweep of one parameter of the preset ``standard`` at a time: the distance, then the time."""
+"""Settings with one parameter of the preset ``standard`` changed: the distance, then the time."""
 
 STANDARD_DEVICES: Final = (
     *("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_heater"),
 )
-"""Devices of a scene that names none."""
+"""Devices for a scene without devices."""
 
 REFERENCE_RATE_HZ: Final = Fraction(1000)
 
 
 def settings(sweep: bool = True) -> tuple[Tolerance, ...]:
-    """The presets, and a sweep of single knobs."""
+    """All presets and, with ``sweep``, settings with one changed parameter."""
     return (*PRESETS.values(), *(parse(text) for text in SWEEP if sweep))
 
 
@@ -59,9 +58,9 @@ def measure(
     reference_rate_hz: Fraction | None = REFERENCE_RATE_HZ,
     progress: Progress = lambda share: None,
 ) -> dict[str, Any]:
-    """Run a scene of the open file at each setting; plain data.
+    """Measure cost and errors of a scene of the open file at each setting; plain data.
 
-    ``reference_rate_hz`` is that of the begin of contacts; None: the samples' own.
+    ``reference_rate_hz`` is the rate for the begin of contacts; None: the rate of the samples.
 
     Raises
     ------
@@ -88,11 +87,11 @@ def measure(
     )
     step(2)
     judge = Judge(reference, onsets)
-    found = []
+    errors_of_settings = []
     for tolerance in tolerances:
         is_exact = tolerance == EXACT
         recording = reference if is_exact else traced(scene, tolerance, devices, frames)
-        found.append(judge.errors(recording, tolerance))
+        errors_of_settings.append(judge.errors(recording, tolerance))
         step(2)
     times: list[list[Times]] = [[] for _ in tolerances]
     for _ in range(rounds):
@@ -103,12 +102,12 @@ def measure(
     time_base = reference.description.time
     count = time_base.frame_last - time_base.frame_first + 1
     rows = [
-        {**_setting(tolerance), **_cost(each, count), **errors}
-        for tolerance, each, errors in zip(tolerances, times, found, strict=True)
+        {**_setting(tolerance), **_cost(runs_, count), **errors}
+        for tolerance, runs_, errors in zip(tolerances, times, errors_of_settings, strict=True)
     ]
     for row in rows:
         row["on_front"] = row["is_bounded"] and not any(
-            _beats(other, row) for other in rows if other["is_bounded"]
+            _beats(rival, row) for rival in rows if rival["is_bounded"]
         )
     return {
         "scene": scene.name,
@@ -139,13 +138,13 @@ def _setting(tolerance: Tolerance) -> dict[str, Any]:
 
 
 def _cost(times: Sequence[Times], frames: int) -> dict[str, float]:
-    """Milliseconds of processor time per frame: the fastest run, and how far runs were apart.
+    """Milliseconds of processor time per frame: the fastest run, and median and maximum of all.
 
-    Whatever else the machine does, and how warm it is, only lengthens a run.
+    The fastest run counts: other load and heat of the machine only lengthen a run.
     """
     scale = 1000.0 / frames
-    totals = [each.total_s * scale for each in times]
-    best = min(times, key=lambda each: each.total_s)
+    totals = [time.total_s * scale for time in times]
+    best = min(times, key=lambda times_: times_.total_s)
     return {
         "ms_per_frame": best.total_s * scale,
         "ms_median": statistics.median(totals),
@@ -159,18 +158,18 @@ def _cost(times: Sequence[Times], frames: int) -> dict[str, float]:
 ERRORS: Final = (
     *("wrong_share", "amplitude_mean", "amplitude_largest", "onset_mean_ms", "events_missed"),
 )
-"""Criteria of a setting: one that costs more and is better in none of them is off the front."""
+"""Criteria of a setting: off the Pareto front if slower than another and better in none."""
 
 
-def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Test a setting for being faster than another and at least as exact in every way."""
-    faster = one["ms_per_frame"] * NOISE < other["ms_per_frame"]
-    return faster and all(one[name] <= other[name] + 1e-9 for name in ERRORS)
+def _beats(row: dict[str, Any], rival: dict[str, Any]) -> bool:
+    """Test a setting for being faster than a second setting, and as exact by all criteria."""
+    faster = row["ms_per_frame"] * NOISE < rival["ms_per_frame"]
+    return faster and all(row[name] <= rival[name] + 1e-9 for name in ERRORS)
 
 
 def _onsets(
     scene: bpy.types.Scene, frames: tuple[int, int] | None, rate_hz: Fraction
 ) -> dict[Stream, F64]:
-    """Exact begin and end of each stream's contacts."""
+    """Begin and end of each stream's contacts, from the preset ``exact`` at a rate."""
     recording, _ = record(scene, EXACT, (), frames, rate_hz=rate_hz)
     return events(recording.runs, float(rate_hz))

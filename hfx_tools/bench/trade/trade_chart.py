@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Chart of the trade: time against error, one panel for each kind of error."""
+"""Chart of the trade: time against error, a panel for each kind of error."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _PANELS: Final = (
     ("onset_mean_ms", 1.0, "error of the begin of contacts, ms"),
 )
 NOISE: Final = 1.03
-"""A setting must be faster by more than this to count as faster."""
+"""Factor between two times, above which a setting counts as faster."""
 
 _PRESET: Final = "#b03a2e"
 _OTHER: Final = "#5d6d7e"
 
 
 def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw the results of :func:`trade.measure`, as SVG.
+    """Draw a result of :func:`trade.measure` as SVG.
 
     Raises
     ------
@@ -86,19 +86,21 @@ def _draw_panel(panel: Any, settings: list[dict[str, Any]], errors: list[float])
 def front(points: list[tuple[float, float]]) -> list[int]:
     """Indices of the Pareto front of points (cost, error), by rising cost."""
     order = sorted(range(len(points)), key=lambda k: points[k])
-    kept: list[int] = []
+    indices: list[int] = []
     for k in order:
-        if not kept or points[k][1] < points[kept[-1]][1]:
-            kept.append(k)
-    return kept
+        if not indices or points[k][1] < points[indices[-1]][1]:
+            indices.append(k)
+    return indices
 
 
 def on_front(points: list[tuple[float, float]]) -> list[int]:
-    """Indices of points (cost, error) that no other surely beats: cheaper by more than
-    :data:`NOISE`, no worse.
+    """Indices of points (cost, error) that no other point beats: error no higher, cost lower by
+    more than :data:`NOISE`.
     """
     return [
         k
         for k, (cost, error) in enumerate(points)
-        if not any(other * NOISE < cost and least <= error for other, least in points)
+        if not any(
+            rival_cost * NOISE < cost and rival_error <= error for rival_cost, rival_error in points
+        )
     ]

@@ -15,10 +15,10 @@ from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.volume.shape import Shape
 
 GAP_S = 0.05
-"""Contacts of one effect that are closer in time are one event: a graze may flicker."""
+"""Contacts of one effect with a shorter gap are one event: a graze may flicker."""
 
 WINDOW_S = 0.1
-"""An onset is looked for no farther away than this."""
+"""Largest distance in time of two matched onsets, seconds."""
 
 _DIRECTIONS = 64
 _NEAREST_M, _FARTHEST_M, _FACTOR = 2e-5, 0.5, 1.1
@@ -36,8 +36,8 @@ VERTICES = 1 << 24
 
 
 def contacts_of(runs: Sequence[SampleRun]) -> dict[Stream, StreamContacts]:
-    """All contacts of a recording, by stream."""
-    found: dict[Stream, list[tuple[I64, F64]]] = {}
+    """Collect all contacts of a recording, by stream."""
+    parts_of_streams: dict[Stream, list[tuple[I64, F64]]] = {}
     for run in runs:
         sets = run.set_of
         sizes = run.sizes
@@ -45,10 +45,12 @@ def contacts_of(runs: Sequence[SampleRun]) -> dict[Stream, StreamContacts]:
         steps = np.arange(len(owners)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         entries = np.repeat(run.offsets[sets], sizes) + steps
         keys = run.indices[owners] * VERTICES + run.vertices[entries]
-        found.setdefault(run.stream, []).append((keys, run.weights[entries].astype(np.float64)))
+        parts_of_streams.setdefault(run.stream, []).append(
+            (keys, run.weights[entries].astype(np.float64))
+        )
     columns = {
         stream: tuple(np.concatenate(column) for column in zip(*parts, strict=True))
-        for stream, parts in found.items()
+        for stream, parts in parts_of_streams.items()
     }
     return {
         stream: StreamContacts(keys[order], weights[order])
@@ -61,13 +63,13 @@ def contacts_of(runs: Sequence[SampleRun]) -> dict[Stream, StreamContacts]:
 class ContactError:
     """Differences of one stream's contacts from the reference's."""
 
-    missed: I64  # keys that only the reference has
-    extra: I64  # keys that only the other has
+    missed: I64  # keys in the reference only
+    extra: I64  # keys in the compared recording only
     count: int  # contacts of the reference
-    missed_m2: float  # skin, summed over samples: weights that are too low
-    extra_m2: float
-    felt_m2: float  # of the reference
-    samples: int  # at which either feels anything
+    missed_m2: float  # area of skin times missing weight, summed over samples
+    extra_m2: float  # area of skin times excess weight
+    felt_m2: float  # area of skin times weight of the reference
+    samples: int  # samples with a contact in either recording
 
 
 def contact_error(one: StreamContacts, reference: StreamContacts, areas_m2: F64) -> ContactError:
@@ -96,11 +98,10 @@ def _on(keys: I64, contacts: StreamContacts) -> F64:
 
 
 def boundary_distance_m(shape: Shape, to_shape: F64, points: F64) -> F64:
-    """World distance of points (3, N) to the boundary of a placed shape, inside or outside, (N,).
+    """World distance of points (3, N) to the boundary of a placed shape, unsigned, (N,).
 
-    Found by looking round each point in 64 directions, farther and farther, for the first
-    place on the other side: right for every shape to a tenth, which is enough to judge by.
-    Infinite where nothing is found within 0.5 m.
+    Probes in 64 directions at growing distance search the first point on the opposite side: right
+    for every shape to a tenth. Infinite if the boundary is farther than 0.5 m.
     """
     k = np.arange(_DIRECTIONS) + 0.5
     polar, turn = np.arccos(1.0 - 2.0 * k / _DIRECTIONS), np.pi * (1.0 + 5.0**0.5) * k
@@ -137,15 +138,15 @@ def events(indices: I64, rate_hz: float) -> F64:
 class OnsetError:
     """Timing errors of the beginnings of one stream's events."""
 
-    errors_s: F64  # (n,) signed, of the events that were found
-    missed: int  # events that have no contact near them at all
-    extra: int
+    errors_s: F64  # (n,) signed, of matched events; above 0: late
+    missed: int  # events of the reference without a near event
+    extra: int  # events without a near event of the reference
 
 
 def onset_error(one: F64, reference: F64) -> OnsetError:
-    """Match the events (n, 2) of one recording to those of the reference.
+    """Match the events (n, 2) of a recording to the reference's events (m, 2), seconds.
 
-    Of several that are near one, that counts which begins most nearly when it does.
+    Of several near events the one with the nearest begin counts.
     """
     errors, missed = [], 0
     used = np.zeros(len(one), np.bool_)
@@ -167,15 +168,18 @@ def onset_error(one: F64, reference: F64) -> OnsetError:
 class AmplitudeError:
     """Errors of a device's actuators, as shares of their full scale."""
 
-    mean: float  # over the actuators and times at which either drives anything
-    largest: float  # where the reference has no such value within the accepted time
-    count: int
+    mean: float  # over actuators and times driven in either raster
+    largest: float  # beyond all values of the reference within the accepted time
+    count: int  # driven values
 
 
 def amplitude_error(
     one: Raster, reference: Raster, device: DeviceConfig, window: int
 ) -> AmplitudeError:
-    """Compare what a device plays; ``window`` samples earlier or later are as good."""
+    """Compare two rasters of a device; shifts up to ``window`` samples are no error.
+
+    All zero for a device without strengths, or with nothing driven.
+    """
     columns, scales = _strengths(reference, device)
     if not len(columns):
         return AmplitudeError(0.0, 0.0, 0)
@@ -188,7 +192,7 @@ def amplitude_error(
         return AmplitudeError(0.0, 0.0, 0)
     low, high = _least(b, window), -_least(-b, window)
     beyond = np.maximum(np.maximum(low - a, a - high), 0.0)
-    # Short output of the reference must be played near the same time as well.
+    # Brief values of the reference must be reached within the window, too.
     lacking = np.maximum(np.maximum(_least(a, window) - b, b + _least(-a, window)), 0.0)
     return AmplitudeError(
         float(np.abs(a - b)[driven].mean()),
@@ -198,7 +202,7 @@ def amplitude_error(
 
 
 def _strengths(raster: Raster, device: DeviceConfig) -> tuple[I64, F64]:
-    """Columns of strength, rather than frequency, and the full scale of each."""
+    """Columns of strengths (not of frequencies), and the full scale of each, (C,)."""
     types = {actuator.id: actuator.type for actuator in device.actuators}
     chosen, scales = [], []
     for k, column in enumerate(raster.columns):
@@ -210,7 +214,7 @@ def _strengths(raster: Raster, device: DeviceConfig) -> tuple[I64, F64]:
 
 
 def _least(values: F64, window: int) -> F64:
-    """Minimum of each value and its neighbours in time, (T, C)."""
+    """Minimum of each value and its neighbours up to ``window`` rows away, (T, C)."""
     least = values.copy()
     for step in range(1, min(window, len(values) - 1) + 1):
         np.minimum(least[step:], values[:-step], out=least[step:])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors of one setting, against the recording of the exact one."""
+"""Errors of a setting, against the recording of the preset ``exact``."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hfx_blender.engine.volume.placing_matrix import inverse_placement
 from . import trade_errors
 from .trade_recording import Recording
 
-_JUDGED: Final = 400  # wrong contacts whose distance to the boundary is looked at
+_JUDGED: Final = 400  # number of wrong contacts with a measured distance to the boundary
 
 
 def events(runs: Sequence[SampleRun], rate_hz: float) -> dict[Stream, F64]:
-    """Begin and end of each contact event, by stream."""
+    """Begin and end (n, 2) of the contact events of each stream, seconds since the first sample."""
     indices: dict[Stream, list[I64]] = {}
     for run in runs:
         indices.setdefault(run.stream, []).append(run.indices)
@@ -34,7 +34,7 @@ def events(runs: Sequence[SampleRun], rate_hz: float) -> dict[Stream, F64]:
 
 
 class Judge:
-    """Compares recordings with the reference."""
+    """Comparison of recordings with the reference."""
 
     def __init__(self, reference: Recording, onsets: dict[Stream, F64]) -> None:
         self._reference = reference
@@ -48,7 +48,7 @@ class Judge:
         return [run for run in recording.runs if self._kinds[run.stream.effect_id] == "volume"]
 
     def errors(self, recording: Recording, tolerance: Tolerance) -> dict[str, Any]:
-        """All errors of a recording; plain data."""
+        """All errors of a recording at a tolerance; plain data."""
         rate_hz = recording.description.time.rate_hz
         return {
             **self._contact_errors(recording),
@@ -59,17 +59,17 @@ class Judge:
         }
 
     def _contact_errors(self, recording: Recording) -> dict[str, Any]:
-        found = trade_errors.contacts_of(self._volume_runs(recording))
+        contacts = trade_errors.contacts_of(self._volume_runs(recording))
         errors = {
             stream: trade_errors.contact_error(
-                found.get(stream, trade_errors.NOTHING),
+                contacts.get(stream, trade_errors.NOTHING),
                 self._contacts.get(stream, trade_errors.NOTHING),
                 self._model(stream.model_id).areas_m2.astype(np.float64),
             )
-            for stream in dict.fromkeys((*self._contacts, *found))
+            for stream in dict.fromkeys((*self._contacts, *contacts))
         }
         samples = max(sum(error.samples for error in errors.values()), 1)
-        felt = sum(error.felt_m2 for error in errors.values()) or 1.0
+        area_m2 = sum(error.felt_m2 for error in errors.values()) or 1.0
         missed_m2 = sum(error.missed_m2 for error in errors.values())
         extra_m2 = sum(error.extra_m2 for error in errors.values())
         distances = self._distances({s: (e.missed, e.extra) for s, e in errors.items()})
@@ -79,18 +79,20 @@ class Judge:
             "contacts": sum(error.count for error in errors.values()),
             "missed_cm2": 1e4 * missed_m2 / samples,
             "extra_cm2": 1e4 * extra_m2 / samples,
-            "wrong_share": (missed_m2 + extra_m2) / felt,
+            "wrong_share": (missed_m2 + extra_m2) / area_m2,
             "distance_mean_mm": 1e3 * float(np.mean(distances)) if len(distances) else 0.0,
             "distance_p95_mm": 1e3 * float(np.quantile(distances, 0.95)) if len(distances) else 0.0,
         }
 
     def _onset_errors(self, recording: Recording) -> dict[str, Any]:
         rate_hz = float(recording.description.time.rate_hz)
-        found = events(recording.runs, rate_hz)
+        events_of_streams = events(recording.runs, rate_hz)
         nothing = np.zeros((0, 2))
         errors = [
-            trade_errors.onset_error(found.get(stream, nothing), self._onsets.get(stream, nothing))
-            for stream in dict.fromkeys((*self._onsets, *found))
+            trade_errors.onset_error(
+                events_of_streams.get(stream, nothing), self._onsets.get(stream, nothing)
+            )
+            for stream in dict.fromkeys((*self._onsets, *events_of_streams))
         ]
         late = np.abs(np.concatenate([np.zeros(0), *(error.errors_s for error in errors)]))
         return {
@@ -118,7 +120,7 @@ class Judge:
         return self._models.setdefault(model_id, load_model(model_id))
 
     def _distances(self, wrong: dict[Stream, tuple[I64, I64]]) -> F64:
-        """Distances of wrong contacts from the boundary of their volume, for a sample of them."""
+        """Finite distances of about 400 wrong contacts from the boundary of their volume."""
         count = sum(len(part) for pair in wrong.values() for part in pair)
         step = max(count // _JUDGED, 1)
         distances = [
@@ -126,7 +128,7 @@ class Judge:
             for stream, pair in wrong.items()
             for key in np.concatenate(pair)[::step]
         ]
-        return np.array([each for each in distances if np.isfinite(each)])
+        return np.array([distance for distance in distances if np.isfinite(distance)])
 
     def _distance(self, stream: Stream, key: int) -> float:
         index, vertex = divmod(key, trade_errors.VERTICES)
@@ -146,10 +148,10 @@ class Judge:
         inverses, usable = inverse_placement(animated.matrices[row : row + 1])
         if not usable[0]:
             return np.inf
-        place = bound.points(np.array([vertex], np.int32), pose, row, pose.to_world[row])
+        points = bound.points(np.array([vertex], np.int32), pose, row, pose.to_world[row])
         which = 0 if animated.shape_index is None else int(animated.shape_index[row])
         shape = animated.shapes[which]
-        return float(trade_errors.boundary_distance_m(shape, inverses[0], place)[0])
+        return float(trade_errors.boundary_distance_m(shape, inverses[0], points)[0])
 
     def _bound_model(self, stream: Stream, body: int) -> SkinnedModel | None:
         key = (stream.body_id, stream.model_id)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run of a scene at one setting: the work of an export, without files."""
+"""Run of a scene at a setting: the work of an export, without files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from hfx_blender.reading.scene_reader import SceneReader
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Results of one setting."""
+    """Results of a setting; ``blocks`` only if kept, ``memory_bytes`` only if traced."""
 
     description: SceneDescription
     runs: list[SampleRun]
@@ -39,9 +39,9 @@ class Recording:
 
 @dataclass(frozen=True)
 class Times:
-    """Processor time that one run of a setting took, seconds.
+    """Processor seconds of a run, summed over all cores.
 
-    What else the machine does meanwhile hardly counts; what runs on several cores counts in full.
+    Nearly independent of other load on the machine.
     """
 
     read_s: float
@@ -62,7 +62,13 @@ def record(
     rate_hz: Fraction | None = None,
     keep_blocks: bool = False,
 ) -> tuple[Recording, Times]:
-    """Read, evaluate and render a scene, and time each."""
+    """Read, evaluate and render a scene, and time each step.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported.
+    """
     start = time.process_time()
     reader = SceneReader(scene, frames=frames, rate_hz=rate_hz, tolerance=tolerance)
     description = reader.description
@@ -79,13 +85,13 @@ def record(
     engine_s = render_s = 0.0
     for block in reader.blocks():
         before = time.process_time()
-        felt = engine.evaluate(block)
+        samples = engine.evaluate(block)
         between = time.process_time()
         for _, renderer in renderers:
-            renderer.add(felt)
+            renderer.add(samples)
         render_s += time.process_time() - between
         engine_s += between - before
-        runs += felt
+        runs += samples
         if keep_blocks:
             blocks.append(block)
     before = time.process_time()
@@ -111,7 +117,7 @@ def traced(
     *,
     keep_blocks: bool = False,
 ) -> Recording:
-    """Record a scene and the peak memory of Python and numpy meanwhile."""
+    """Record a scene with the peak memory of Python and numpy."""
     gc.collect()
     tracemalloc.start()
     try:

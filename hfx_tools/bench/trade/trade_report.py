@@ -51,7 +51,7 @@ def _share(count: int, of: int) -> str:
 
 
 def title(result: dict[str, Any]) -> str:
-    """Title of the measurement, one line."""
+    """Title of a result of :func:`trade.measure`, one line."""
     return (
         f"{result['scene']}: {result['frames']} frames, {result['samples']} samples at "
         f"{result['rate_hz']:g} Hz, {result['bodies']} bodies, {result['effects']} effects "
@@ -61,7 +61,7 @@ def title(result: dict[str, Any]) -> str:
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """A table for a terminal."""
+    """Format the trade as a table for a terminal."""
     lines = [[name for name, _ in _COLUMNS]]
     lines += [[show(row) for _, show in _COLUMNS] for row in result["settings"]]
     widths = [max(len(line[k]) for line in lines) for k in range(len(_COLUMNS))]
@@ -76,7 +76,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def as_markdown(result: dict[str, Any]) -> str:
-    """Table of the trade for the documentation."""
+    """Format the trade as a Markdown table."""
     head = [name for name, _ in _COLUMNS]
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
     for row in result["settings"]:
@@ -89,7 +89,7 @@ def as_markdown(result: dict[str, Any]) -> str:
 
 
 def as_csv(result: dict[str, Any]) -> str:
-    """CSV with every number of every setting."""
+    """Format every number of every setting as CSV."""
     out = io.StringIO()
     writer = csv.DictWriter(out, list(result["settings"][0]), lineterminator="\n")
     writer.writeheader()
@@ -98,12 +98,12 @@ def as_csv(result: dict[str, Any]) -> str:
 
 
 def write(result: dict[str, Any], folder: Path) -> tuple[Path, Path]:
-    """Write ``trade-SCENE.csv`` and ``trade-SCENE.svg`` into a folder.
+    """Write ``trade-SCENE.csv`` and ``trade-SCENE.svg`` into a folder; returns both paths.
 
     Raises
     ------
     OutputError
-        One of them cannot be written.
+        A file cannot be written.
     """
     from . import trade_chart
 

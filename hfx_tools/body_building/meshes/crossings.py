@@ -15,9 +15,9 @@ _PAIRS_AT_ONCE: Final = 1_000_000
 
 
 def crossings(points: F64, triangles: I64) -> I64:
-    """Pairs of an edge and a triangle that it runs through.
+    """Find all pairs of an edge and a triangle crossed by it.
 
-    Every edge is tested against every triangle whose bounding sphere it may reach.
+    Candidate pairs come from bounding spheres.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def crossings(points: F64, triangles: I64) -> I64:
     Returns
     -------
     (N, 5) int64
-        The ends of the edge, then the corners of the triangle; they share no vertex.
+        Ends of the edge, then corners of the triangle; no vertex is common to both.
     """
     from scipy.spatial import cKDTree
 
@@ -36,23 +36,25 @@ def crossings(points: F64, triangles: I64) -> I64:
     half = 0.5 * np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     centres = points[triangles].mean(axis=1)
     radius = np.linalg.norm(points[triangles] - centres[:, None], axis=2).max(axis=1)
-    size = np.floor(np.log2(np.maximum(radius, 1e-12)))  # like with like: short searches
-    found = [np.zeros((0, 5), np.int64)]
-    for each in np.unique(size):
-        alike = np.flatnonzero(size == each)
-        reach = half + radius[alike].max()
-        near = cKDTree(centres[alike]).query_ball_point(middle, reach, return_sorted=True)
+    size = np.floor(
+        np.log2(np.maximum(radius, 1e-12))
+    )  # classes of similar radius keep the search radius small
+    rows = [np.zeros((0, 5), np.int64)]
+    for class_ in np.unique(size):
+        members = np.flatnonzero(size == class_)
+        reach = half + radius[members].max()
+        near = cKDTree(centres[members]).query_ball_point(middle, reach, return_sorted=True)
         count = np.array([len(row) for row in near])
         edge = np.repeat(np.arange(len(ends)), count)
-        triangle = alike[np.concatenate([np.array(row, np.int64) for row in near])]
+        triangle = members[np.concatenate([np.array(row, np.int64) for row in near])]
         for start in range(0, len(edge), _PAIRS_AT_ONCE):
             block = slice(start, start + _PAIRS_AT_ONCE)
-            found.append(pierced(points, ends[edge[block]], triangles[triangle[block]]))
-    return np.concatenate(found)
+            rows.append(pierced(points, ends[edge[block]], triangles[triangle[block]]))
+    return np.concatenate(rows)
 
 
 def pierced(points: F64, ends: I64, corners: I64) -> I64:
-    """Edge-triangle pairs that intersect, among pairs without a common vertex.
+    """Select intersecting edge-triangle pairs; pairs with a common vertex are dropped.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
     Returns
     -------
     (M, 5) int64
-        As of :func:`crossings`.
+        Rows as in :func:`crossings`.
     """
     apart = (corners[:, :, None] != ends[:, None, :]).all(axis=(1, 2))
     ends, corners = ends[apart], corners[apart]
@@ -70,19 +72,19 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
     a, b, c = (points[corners[:, k]] for k in range(3))
     through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
     sides = np.column_stack(
-        [_volume(start, end, one, other) for one, other in ((a, b), (b, c), (c, a))]
+        [_volume(start, end, one, second) for one, second in ((a, b), (b, c), (c, a))]
     )
     through &= (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
     return np.column_stack((ends[through], corners[through]))
 
 
 def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
-    found: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
-    return found
+    volumes: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    return volumes
 
 
 def depth_m(points: F64, crossing: I64) -> F64:
-    """Smallest movement that would end each crossing, (N,) metres.
+    """Smallest displacement that would end each crossing, (N,) metres.
 
     Parameters
     ----------
@@ -92,11 +94,11 @@ def depth_m(points: F64, crossing: I64) -> F64:
     start, end, a, b, c = (points[crossing[:, k]] for k in range(5))
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    above, below = (np.einsum("ij,ij->i", place - a, normal) for place in (start, end))
+    above, below = (np.einsum("ij,ij->i", position - a, normal) for position in (start, end))
     through = start + (above / (above - below))[:, None] * (end - start)
     least: F64 = np.minimum(np.abs(above), np.abs(below))
-    for one, other in ((a, b), (b, c), (c, a)):
-        along = other - one
+    for one, second in ((a, b), (b, c), (c, a)):
+        along = second - one
         share = np.einsum("ij,ij->i", through - one, along) / np.einsum("ij,ij->i", along, along)
         nearest = one + np.clip(share, 0.0, 1.0)[:, None] * along
         least = np.minimum(least, np.linalg.norm(through - nearest, axis=1))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The finished mesh brought closer to the skin, and freed from crossing itself.
+"""Fit of a relaxed mesh to the skin, without self-intersections.
 
-Even cells make a good grid but know nothing of the chords between their centres. Here the
-vertices of finely spaced parts are raised by the little that the chords lie too deep, diagonals
-that cut through a coarse limb are exchanged, and triangles that cross are drawn apart.
+Even cells ignore the chords between their centres. Here the vertices of finely spaced parts are
+raised by the depth of the chords, diagonals through a coarse limb are flipped, and crossing
+triangles are drawn apart.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .nearest_places import locate
 from .remesher import Remesher
 from .uncross import COARSE_M, uncross
 
-_FLIP_GAIN: Final = 0.02  # of the spacing: what an exchanged diagonal must win
+_FLIP_GAIN: Final = 0.02  # smallest gain of a flipped diagonal, as a share of the spacing
 _SMALLEST_ANGLE: Final = np.radians(12.0)
 _RAISED_UP_TO_M: Final = 0.0315  # spacing
 _RAISED_FROM_M: Final = 0.012
@@ -42,10 +42,10 @@ def fit(mesh: Remesher) -> None:
 
 
 def _connect(mesh: Remesher) -> None:
-    """Join what the triangulation has cut off from its part.
+    """Reconnect vertices cut off from their part.
 
-    Cells of one part can touch in a corner only; the diagonal there is then laid the other way.
-    A vertex that no diagonal can join goes to the part around it.
+    Cells of one part may touch in a corner only; the diagonal is then flipped. A vertex that no
+    flip can connect joins the most frequent part around it.
     """
     for turn in range(_CONNECT_ROUNDS):
         edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
@@ -69,14 +69,14 @@ def _connect(mesh: Remesher) -> None:
 
 
 def _stray(mesh: Remesher, edges: mesh_edges.Edges) -> Bool:
-    """Vertices that are not in the largest connected piece of their part."""
+    """Mask (V,) of vertices outside the largest connected piece of their part."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    one, other = edges.ends[(mesh.part[edges.ends[:, 0]] == mesh.part[edges.ends[:, 1]])].T
+    one, second = edges.ends[(mesh.part[edges.ends[:, 0]] == mesh.part[edges.ends[:, 1]])].T
     size = (len(mesh.points),) * 2
     piece = connected_components(
-        coo_array((np.ones(len(one)), (one, other)), shape=size), directed=False
+        coo_array((np.ones(len(one)), (one, second)), shape=size), directed=False
     )[1]
     stray = np.zeros(len(mesh.points), bool)
     for part in np.unique(mesh.part):
@@ -86,7 +86,7 @@ def _stray(mesh: Remesher, edges: mesh_edges.Edges) -> Bool:
 
 
 def _exchange_diagonals(mesh: Remesher) -> None:
-    """Flip an edge of a coarse part where the other diagonal's middle is nearer to the skin."""
+    """Flip edges of coarse parts if the opposite diagonal's middle is nearer to the skin."""
     from scipy.spatial import cKDTree
 
     if (mesh.spacing_m < COARSE_M).all():
@@ -94,8 +94,8 @@ def _exchange_diagonals(mesh: Remesher) -> None:
     skin = cKDTree(mesh.samples.points)
 
     def depth(one: I64, other: I64) -> F64:
-        found: F64 = skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
-        return found
+        distance_m: F64 = skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
+        return distance_m
 
     for turn in range(8):
         edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
@@ -104,37 +104,43 @@ def _exchange_diagonals(mesh: Remesher) -> None:
         c, d = edges.opposite[index].T
         spacing = mesh.spacing_m[mesh.part]
         coarsest = np.max((spacing[a], spacing[b], spacing[c], spacing[d]), axis=0)
-        wanted = depth(a, b) - depth(c, d) > _FLIP_GAIN * coarsest
-        wanted &= coarsest >= COARSE_M
-        wanted &= _smallest_angle(mesh.points, a, b, c, d) > _SMALLEST_ANGLE
+        is_better = depth(a, b) - depth(c, d) > _FLIP_GAIN * coarsest
+        is_better &= coarsest >= COARSE_M
+        is_better &= _smallest_angle(mesh.points, a, b, c, d) > _SMALLEST_ANGLE
         mesh.triangles, done = mesh_edit.flip(
-            mesh.points, mesh.triangles, edges, index[wanted], mesh.is_midline, turn, mesh.normals
+            mesh.points,
+            mesh.triangles,
+            edges,
+            index[is_better],
+            mesh.is_midline,
+            turn,
+            mesh.normals,
         )
         if not done:
             break
 
 
 def _smallest_angle(points: F64, a: I64, b: I64, c: I64, d: I64) -> F64:
-    """Smallest angle of the two triangles that the diagonal from c to d would make, radians."""
+    """Smallest angle of the two triangles at a diagonal from c to d, radians."""
     angles = []
-    for apex, one, other in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
-        u, v = points[one] - points[apex], points[other] - points[apex]
+    for apex, one, second in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
+        u, v = points[one] - points[apex], points[second] - points[apex]
         area = np.linalg.norm(np.cross(u, v), axis=1)
         angles.append(np.arctan2(area, np.einsum("ij,ij->i", u, v)))
-    found: F64 = np.min(angles, axis=0)
-    return found
+    smallest: F64 = np.min(angles, axis=0)
+    return smallest
 
 
 def raised(mesh: Remesher) -> F64:
-    """Vertices moved along their normals so that the triangles lie on the skin on average.
+    """Vertices (V, 3) moved along their normals, so that triangles lie on the skin on average.
 
-    The heights are the least-squares fit to the distances of skin samples from the mesh.
+    The heights are a damped least-squares fit to the distances of skin samples from the mesh.
     """
     from scipy.sparse import coo_array, csr_array, diags_array
     from scipy.sparse.linalg import spsolve
 
     if (mesh.spacing_m >= COARSE_M).any():
-        return mesh.points  # chords through whole limbs: nothing that a millimetre could mend
+        return mesh.points  # chords through whole limbs are far deeper than the allowed height
     spacing = mesh.spacing_m[mesh.samples.part]
     chosen = np.flatnonzero((spacing >= _RAISED_FROM_M) & (spacing <= _RAISED_UP_TO_M))
     if not len(chosen):
@@ -163,9 +169,9 @@ def _untangle(mesh: Remesher) -> None:
     from scipy.sparse import coo_array, csr_array
 
     edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
-    one, other = edges.ends.T
+    one, second = edges.ends.T
     size = (len(mesh.points),) * 2
-    graph = csr_array(coo_array((np.ones(len(one)), (one, other)), shape=size))
+    graph = csr_array(coo_array((np.ones(len(one)), (one, second)), shape=size))
     graph = graph + graph.T
     mean = csr_array(graph / np.asarray(graph.sum(axis=1))[:, None])
     start = mesh.points.copy()

@@ -15,36 +15,36 @@ from hfx_blender.files.atomic import atomic_file
 
 from .mesh_edges import edges_of
 
-_SEED_LINKS: Final = 6  # nearest fine vertices that a coarse vertex is joined to
+_SEED_LINKS: Final = 6  # number of fine vertices linked to a coarse vertex
 _SHORTEST_M: Final = 1e-9  # scipy takes a length of zero for "no edge"
 
 _Links = tuple[I64, I64, F64]  # from, to, metres
 
 
 def owners(coarse: PerceptualModel, fine: PerceptualModel) -> I32:
-    """Vertex of ``coarse`` in whose geodesic cell each vertex of ``fine`` lies.
+    """Geodesically nearest vertex of ``coarse`` for each vertex of ``fine``.
 
-    The way along the skin is the shortest path (Dijkstra 1959) over the edges of the fine mesh
-    and the straight lines across two neighbouring triangles unfolded into a plane. It stays in
-    the body part, as cells do, so that the two sides of a thin limb are far from each other.
+    Distances are shortest paths (Dijkstra 1959) over the edges of the fine mesh and the straight
+    lines across two neighbouring triangles unfolded into a plane. A path stays in its body part,
+    so the two sides of a thin limb are far from each other.
 
     Parameters
     ----------
     coarse, fine : PerceptualModel
-        Of one body.
+        Models of one body.
 
     Returns
     -------
     (V,) int32
-        Ids in ``coarse``, of the same part. Left and right mirror each other exactly; a fine
-        vertex on the midline belongs to the midline or to the left.
+        Ids in ``coarse``, of the same part. Left and right are exact mirror images; a fine vertex
+        on the midline belongs to the midline or to the left.
     """
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    asked, seeds = np.flatnonzero(fine.side != RIGHT), np.flatnonzero(coarse.side != RIGHT)
-    links = (*_along_the_mesh(fine), *_from_seeds(coarse, seeds, fine, asked))
-    row, column, length_m = (np.concatenate(each) for each in zip(*links, strict=True))
+    left_ids, seeds = np.flatnonzero(fine.side != RIGHT), np.flatnonzero(coarse.side != RIGHT)
+    links = (*_along_the_mesh(fine), *_from_seeds(coarse, seeds, fine, left_ids))
+    row, column, length_m = (np.concatenate(column_) for column_ in zip(*links, strict=True))
     size = (len(fine) + len(coarse),) * 2
     _, _, source = dijkstra(
         csr_array(coo_array((np.maximum(length_m, _SHORTEST_M), (row, column)), shape=size)),
@@ -53,15 +53,15 @@ def owners(coarse: PerceptualModel, fine: PerceptualModel) -> I32:
         return_predecessors=True,
         min_only=True,
     )
-    found = np.full(len(fine), -1, np.int64)
-    found[asked] = source[asked] - len(fine)
+    owner = np.full(len(fine), -1, np.int64)
+    owner[left_ids] = source[left_ids] - len(fine)
     right = fine.side == RIGHT
-    found[right] = coarse.mirror[found[fine.mirror[right]]]
-    return found.astype(np.int32)
+    owner[right] = coarse.mirror[owner[fine.mirror[right]]]
+    return owner.astype(np.int32)
 
 
 def _along_the_mesh(fine: PerceptualModel) -> list[_Links]:
-    """Edges inside the parts of the left half, and the second diagonals of their triangles."""
+    """Links along edges within parts of the left half, and along the flipped diagonals."""
     points = fine.vertices.astype(np.float64)
     edges = edges_of(fine.triangles.astype(np.int64), len(fine))
     (a, b), (c, d) = edges.ends.T, edges.opposite.T
@@ -80,33 +80,33 @@ def _along_the_mesh(fine: PerceptualModel) -> list[_Links]:
 
 
 def _unfolded(points: F64, a: I64, b: I64, apex: I64, edge: F64) -> tuple[F64, F64]:
-    """Place of an apex in the plane of its triangle: along the edge from a, and beside it."""
+    """Coordinates of an apex in its triangle's plane: along the edge from a, and across."""
     along, offset = points[b] - points[a], points[apex] - points[a]
     x = np.einsum("ij,ij->i", offset, along) / edge
     return x, np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - x * x, 0.0))
 
 
 def _from_seeds(
-    coarse: PerceptualModel, seeds: I64, fine: PerceptualModel, asked: I64
+    coarse: PerceptualModel, seeds: I64, fine: PerceptualModel, left_ids: I64
 ) -> list[_Links]:
-    """Links from each coarse vertex to the nearest fine ones of the same part."""
+    """Links from each coarse vertex to the nearest fine vertices of the same part."""
     from scipy.spatial import cKDTree
 
     links: list[_Links] = []
     for number in np.unique(coarse.part[seeds]):
         start = seeds[coarse.part[seeds] == number]
-        near = asked[fine.part[asked] == number]
+        near = left_ids[fine.part[left_ids] == number]
         count = min(_SEED_LINKS, len(near))
         tree = cKDTree(fine.vertices[near].astype(np.float64))
-        length_m, place = tree.query(
+        length_m, nearest = tree.query(
             coarse.vertices[start].astype(np.float64), k=[*range(1, count + 1)]
         )
-        links.append((len(fine) + np.repeat(start, count), near[place.ravel()], length_m.ravel()))
+        links.append((len(fine) + np.repeat(start, count), near[nearest.ravel()], length_m.ravel()))
     return links
 
 
 def save(coarse: PerceptualModel, fine: PerceptualModel, path: Path) -> None:
-    """Write :func:`owners` with the ids and hashes of the two models, as ``.npz``."""
+    """Write :func:`owners` with id and hash of both models as ``.npz``."""
     with atomic_file(path) as file:
         np.savez_compressed(
             file,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures a mesh against the skin that it approximates: largest gap, mean error by part."""
+"""Measurements of a mesh against the approximated skin: largest gap and mean error by part."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..left_skin import Samples
 from .nearest_places import locate
 
 ERROR_STRIDE: Final = 41
-"""Stride of the samples at which the distance of the skin from the mesh is measured."""
+"""Stride of the samples for the distance of the skin from the mesh."""
 
 
 def gaps_m(samples: Samples, points: F64) -> F64:
-    """Distance from the farthest skin of each part of the left half to the nearest vertex.
+    """Largest distance, by part, from a skin sample of the left half to the nearest vertex.
 
     Parameters
     ----------
     points : (V, 3) float64
-        Of the whole body, or of the left half where that is all there is.
+        Vertices of the whole body, or of the left half alone.
 
     Returns
     -------
@@ -31,22 +31,22 @@ def gaps_m(samples: Samples, points: F64) -> F64:
     """
     from scipy.spatial import cKDTree
 
-    found = np.zeros(len(PARTS))
-    np.maximum.at(found, samples.part, cKDTree(points).query(samples.points)[0])
-    return found
+    gaps = np.zeros(len(PARTS))
+    np.maximum.at(gaps, samples.part, cKDTree(points).query(samples.points)[0])
+    return gaps
 
 
 def errors_m(samples: Samples, points: F64, triangles: I64, stride: int = ERROR_STRIDE) -> F64:
-    """Mean distance of the skin of each part of the left half from a mesh, by area.
+    """Area-weighted mean distance, by part, from skin samples of the left half to a mesh.
 
     Returns
     -------
     (parts,) float64
     """
     every = slice(None, None, stride)
-    places, part, weight = samples.points[every], samples.part[every], samples.areas_m2[every]
-    triangle, shares, _ = locate(places, points, triangles)
+    points_, part, weight = samples.points[every], samples.part[every], samples.areas_m2[every]
+    triangle, shares, _ = locate(points_, points, triangles)
     nearest = np.einsum("ij,ijk->ik", shares, points[triangles[triangle]])
-    distance = np.linalg.norm(places - nearest, axis=1)
+    distance = np.linalg.norm(points_ - nearest, axis=1)
     total = np.bincount(part, weight, minlength=len(PARTS))
     return np.bincount(part, weight * distance, minlength=len(PARTS)) / np.maximum(total, 1e-30)

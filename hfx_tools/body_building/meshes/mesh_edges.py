@@ -12,11 +12,11 @@ from hfx_blender.engine.arrays import F64, I64, Bool
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of a triangle mesh with the two triangles at each."""
+    """Edges of a triangle mesh, each with its two triangles."""
 
     ends: I64  # (E, 2) lower vertex first
-    triangle: I64  # (E, 2) -1 where the border is
-    opposite: I64  # (E, 2) the third vertex of each triangle, -1 likewise
+    triangle: I64  # (E, 2) -1 in the second column at the border
+    opposite: I64  # (E, 2) third vertex of each triangle, -1 at the border
     keys: I64  # (E,) ascending; see key()
     count: int  # number of vertices
 
@@ -26,20 +26,20 @@ class Edges:
 
     def exists(self, one: I64, other: I64) -> Bool:
         """Test pairs of vertices for a common edge, (N,)."""
-        wanted = key(one, other, self.count)
-        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        found: Bool = self.keys[place] == wanted
-        return found
+        keys = key(one, other, self.count)
+        index = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        is_edge: Bool = self.keys[index] == keys
+        return is_edge
 
 
 def key(one: I64, other: I64, count: int) -> I64:
     """Unique number of an unordered pair of vertices."""
-    found: I64 = np.minimum(one, other) * count + np.maximum(one, other)
-    return found
+    keys: I64 = np.minimum(one, other) * count + np.maximum(one, other)
+    return keys
 
 
 def edges_of(triangles: I64, count: int) -> Edges:
-    """Edges of an oriented manifold triangle mesh."""
+    """Find the edges of an oriented manifold triangle mesh, in ascending order."""
     starts, ends = triangles, np.roll(triangles, -1, axis=1)
     opposite = np.roll(triangles, -2, axis=1).ravel()
     keys = key(starts, ends, count).ravel()
@@ -59,7 +59,7 @@ def edges_of(triangles: I64, count: int) -> Edges:
 
 
 def triangle_normals(points: F64, triangles: I64) -> F64:
-    """Normals, as long as twice the triangle's area."""
+    """Normals (F, 3), of length twice the triangle's area."""
     corners = points[triangles]
-    found: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return found
+    normals: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edge collapses and flips on a triangle mesh, many at once, that never break its topology.
+"""Sets of edge collapses, splits and flips on a triangle mesh, without change of topology.
 
-The mesh is half a body: an open disc whose one border is the midline. Every operation keeps
-it a manifold disc; a set of operations is done together only if they cannot touch each other.
+The mesh is half a body: an open manifold disc with the midline as its only border. Only
+operations without a common triangle are done together.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ def neighbours(edges: Edges) -> tuple[I64, I64]:
 
 
 def scatter_ranks(count: int, seed: int) -> I64:
-    """A fixed shuffle of ``count`` numbers, the same for the same seed."""
+    """Permutation of ``count`` numbers, equal for equal seeds."""
     return np.random.default_rng(seed).permutation(count)
 
 
 def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
-    """Candidate edges with the lowest rank of all within one step around them, as a mask."""
+    """Mask of candidate edges with the lowest rank within one edge around them."""
     worst = np.iinfo(np.int64).max
     own = np.full(edges.count, worst)
     np.minimum.at(own, one, rank)
@@ -37,32 +37,32 @@ def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
     around = own.copy()
     np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
     np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
-    found: Bool = (around[one] == rank) & (around[other] == rank)
-    return found
+    is_lowest: Bool = (around[one] == rank) & (around[other] == rank)
+    return is_lowest
 
 
 def collapsible(
-    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64, fold: float
+    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, stays: I64, fold: float
 ) -> Bool:
-    """Test edges for a collapse of ``gone[i]`` into ``kept[i]`` without a fold or a pinch.
+    """Test edges for a collapse of ``gone[i]`` into ``stays[i]`` without a fold or a pinch.
 
-    The two may share exactly the neighbours across their edge (the link condition, Dey et al.
+    The only common neighbours may be the vertices opposite of the edge (link condition, Dey et al.
     1999), and no triangle may turn from the skin by more than ``arccos(fold)``.
     """
     offsets, around = neighbours(edges)
     places, owner = expand(offsets, gone)
-    shared = edges.exists(around[places], kept[owner]) & (around[places] != kept[owner])
+    shared = edges.exists(around[places], stays[owner]) & (around[places] != stays[owner])
     common = np.bincount(owner[shared], minlength=len(gone))
-    index = np.searchsorted(edges.keys, key(gone, kept, edges.count))
+    index = np.searchsorted(edges.keys, key(gone, stays, edges.count))
     allowed = common == np.where(edges.is_border[index], 1, 2)
 
     corner_order = np.argsort(triangles.ravel(), kind="stable")
     corner_offsets = np.searchsorted(triangles.ravel()[corner_order], np.arange(edges.count + 1))
     places, owner = expand(corner_offsets.astype(np.int64), gone)
     moved = triangles[corner_order[places] // 3]
-    stays = ~(moved == kept[owner][:, None]).any(axis=1)
-    moved, owner = moved[stays], owner[stays]
-    after = np.where(moved == gone[owner][:, None], kept[owner][:, None], moved)
+    is_moved = ~(moved == stays[owner][:, None]).any(axis=1)
+    moved, owner = moved[is_moved], owner[is_moved]
+    after = np.where(moved == gone[owner][:, None], stays[owner][:, None], moved)
     facing = triangle_normals(points, after)
     skin = normals[after].sum(axis=1)
     cosine = np.einsum("ij,ij->i", facing, skin) / np.maximum(
@@ -72,37 +72,37 @@ def collapsible(
     return allowed
 
 
-def collapse(triangles: I64, gone: I64, kept: I64, count: int) -> I64:
-    """Merge each ``gone[i]`` into ``kept[i]`` and drop the triangles that vanish."""
+def collapse(triangles: I64, gone: I64, stays: I64, count: int) -> I64:
+    """Merge each ``gone[i]`` into ``stays[i]`` and drop vanished triangles; returns a new array."""
     target = np.arange(count)
-    target[gone] = kept
+    target[gone] = stays
     merged = target[triangles]
     alive = (
         (merged[:, 0] != merged[:, 1])
         & (merged[:, 1] != merged[:, 2])
         & (merged[:, 2] != merged[:, 0])
     )
-    found: I64 = merged[alive]
-    return found
+    remaining: I64 = merged[alive]
+    return remaining
 
 
 def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
-    """Put a new vertex on edges, the first chosen first, no triangle being split twice.
+    """Put a new vertex on edges; an edge is skipped if its triangle is split by an earlier one.
 
     Parameters
     ----------
     chosen : (N,) int64
-        Edges to split, the most wanted first.
+        Edges, in order of priority.
 
     Returns
     -------
     triangles : (F', 3) int64
         The new vertices are numbered from ``edges.count`` on.
     done : (M,) int64
-        The edges that were split, in the order of their new vertices.
+        Split edges, in the order of their new vertices.
     """
     rank = np.arange(len(chosen))
-    best = np.full(len(triangles) + 1, len(chosen))  # the last stands for "no triangle"
+    best = np.full(len(triangles) + 1, len(chosen))  # the last entry is for "no triangle"
     first, second = edges.triangle[chosen].T
     np.minimum.at(best, first, rank)
     np.minimum.at(best, second, rank)
@@ -124,7 +124,7 @@ def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
 
 
 def flip_to_delaunay(points: F64, triangles: I64, is_midline: Bool, rounds: int = 12) -> I64:
-    """Flip edges whose opposite angles add up to more than a half turn."""
+    """Flip edges with opposite angles of more than pi together; returns new triangles."""
     for turn in range(rounds):
         edges = edges_of(triangles, len(points))
         index = np.flatnonzero(~edges.is_border)
@@ -146,16 +146,16 @@ def flip(
     seed: int,
     normals: F64 | None = None,
 ) -> tuple[I64, int]:
-    """Replace inner edges by the other diagonal of their two triangles, where that is safe.
+    """Replace inner edges by the opposite diagonal of their two triangles, if safe.
 
-    A flip must not make an edge twice, join two midline vertices by a chord or turn a triangle
-    over: away from the two old ones, or from the vertices' ``normals`` where these are given.
+    A flip must not duplicate an edge, join two midline vertices by a chord or turn a triangle
+    over: away from the two old triangles, or from the vertices' ``normals`` if given.
 
     Returns
     -------
     triangles : (F, 3) int64
     done : int
-        Number of edges flipped; of flips that touch one triangle only one is done.
+        Number of flipped edges; of several flips at one triangle only one is done.
     """
     (a, b), (c, d) = edges.ends[chosen].T, edges.opposite[chosen].T
     allowed = ~(is_midline[c] & is_midline[d]) & (c != d) & ~edges.exists(c, d)
@@ -165,13 +165,13 @@ def flip(
     rows = triangles[first]
     forward = ((rows == a[:, None]) & (np.roll(rows, -1, axis=1) == b[:, None])).any(axis=1)
     start, end = np.where(forward, a, b), np.where(forward, b, a)
-    one, other = np.column_stack((start, d, c)), np.column_stack((d, end, c))
+    left_triangle, right_triangle = np.column_stack((start, d, c)), np.column_stack((d, end, c))
     if normals is None:
         facing = triangle_normals(points, rows) + triangle_normals(points, triangles[second])
     else:
         facing = normals[a] + normals[b] + normals[c] + normals[d]
-    safe = np.einsum("ij,ij->i", triangle_normals(points, one), facing) > 0.0
-    safe &= np.einsum("ij,ij->i", triangle_normals(points, other), facing) > 0.0
+    safe = np.einsum("ij,ij->i", triangle_normals(points, left_triangle), facing) > 0.0
+    safe &= np.einsum("ij,ij->i", triangle_normals(points, right_triangle), facing) > 0.0
     rank = np.where(safe, scatter_ranks(len(chosen), seed), len(chosen))
     best = np.full(len(triangles), len(chosen))
     np.minimum.at(best, first, rank)
@@ -180,13 +180,13 @@ def flip(
     _, unique = np.unique(key(c[winners], d[winners], len(points)), return_index=True)
     winners = winners[unique]
     triangles = triangles.copy()
-    triangles[first[winners]] = one[winners]
-    triangles[second[winners]] = other[winners]
+    triangles[first[winners]] = left_triangle[winners]
+    triangles[second[winners]] = right_triangle[winners]
     return triangles, len(winners)
 
 
 def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:
     u, v = points[one] - points[apex], points[other] - points[apex]
     area = np.linalg.norm(np.cross(u, v), axis=1)
-    found: F64 = np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)
-    return found
+    cotangent: F64 = np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)
+    return cotangent

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest places on a triangle mesh, and how far above it."""
+"""Nearest points on a triangle mesh, and signed heights above it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CANDIDATES: Final = 8
 def locate(
     points: F64, surface: F64, triangles: I64, candidates: int = _CANDIDATES
 ) -> tuple[I64, F64, F64]:
-    """Nearest place on a surface, for points that are close to it.
+    """Find the nearest point on a surface for each point close to it.
 
     Parameters
     ----------
@@ -27,15 +27,15 @@ def locate(
     surface : (V, 3) float64
     triangles : (F, 3) int64
     candidates : int
-        Nearest vertices whose triangles are tried; three do on an even mesh.
+        Number of nearest vertices with tested triangles; three suffice on an even mesh.
 
     Returns
     -------
     triangle : (P,) int64
     weights : (P, 3) float64
-        Barycentric, none negative, sum 1.
+        Barycentric, not negative, of sum 1.
     offset_m : (P,) float64
-        Distance along the triangle's normal.
+        Signed distance along the triangle's normal.
     """
     from scipy.spatial import cKDTree
 
@@ -45,8 +45,8 @@ def locate(
     corners = triangles.ravel()
     order = np.argsort(corners, kind="stable")
     offsets = np.searchsorted(corners[order], np.arange(len(surface) + 1)).astype(np.int64)
-    place, row = expand(offsets, used[near].ravel())
-    point, triangle = row // tries, order[place] // 3
+    position, row = expand(offsets, used[near].ravel())
+    point, triangle = row // tries, order[position] // 3
     weights = barycentric(points[point], surface[triangles[triangle]])
     nearest = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
     distance = np.linalg.norm(points[point] - nearest, axis=1)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quadric decimation of each part by itself, as in the paper.
+"""Quadric decimation of each part alone, as in the paper.
 
-Danieau et al. (VRST 2018, section 3.1) ran a decimation on each part until the mean distance
-between neighbours was the target. Here the same is done with fast-simplification (quadric
-error metrics, Garland and Heckbert 1997) on the left half of the skin. Parts are cut apart for
-it: along their borders this way leaves two rows of vertices that are not joined.
+Danieau et al. (VRST 2018, section 3.1) decimated each part down to the target mean distance
+between neighbours. This module uses fast-simplification (quadric error metrics, Garland and
+Heckbert 1997) on the left half of the skin. Parts are cut apart, so two unconnected rows of
+vertices remain along each border.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _CLOSE: Final = 0.005  # of the target
 
 
 def decimate(skin: LeftSkin, spacing_m: F64) -> Half:
-    """Decimate every part of the left half until its mean spacing is the target.
+    """Decimate every part of the left half down to its mean target spacing, within 0.5 %.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def _decimated(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]
     count = 2.0 * float(area.sum()) / (HEXAGON * spacing_m**2)
     fewer_points, fewer = points, triangles
     for _ in range(_STEPS):
-        wanted = int(np.clip(round(count), 4, len(triangles)))
-        fewer_points, fewer = fast_simplification.simplify(points, triangles, target_count=wanted)
+        target = int(np.clip(round(count), 4, len(triangles)))
+        fewer_points, fewer = fast_simplification.simplify(points, triangles, target_count=target)
         fewer_points, fewer = fewer_points.astype(np.float64), fewer.astype(np.int64)
         ends = np.unique(np.sort(fewer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         mean = float(
             np.linalg.norm(fewer_points[ends[:, 0]] - fewer_points[ends[:, 1]], axis=1).mean()
         )
-        if abs(mean / spacing_m - 1.0) < _CLOSE or wanted in (4, len(triangles)):
+        if abs(mean / spacing_m - 1.0) < _CLOSE or target in (4, len(triangles)):
             break
         count *= (mean / spacing_m) ** 2
     used, inverse = np.unique(fewer, return_inverse=True)
@@ -77,12 +77,13 @@ def _decimated(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]
 
 
 def areas_m2(half: Half, samples: Samples) -> F64:
-    """Skin of each vertex of the left half: its third of the triangles around it, scaled to
-    the skin of its part."""
+    """Skin (V,) of each vertex of the left half: a third of the adjacent triangles, scaled so that
+    each part has the area of its skin samples.
+    """
     size = np.linalg.norm(mesh_edges.triangle_normals(half.points, half.triangles), axis=1) / 6.0
     count = len(half.points)
     share = sum(np.bincount(corner, size, minlength=count) for corner in half.triangles.T)
     of_mesh = np.bincount(half.part, share, minlength=len(PARTS))
     of_skin = np.bincount(samples.part, samples.areas_m2, minlength=len(PARTS))
-    found: F64 = share * (of_skin / np.maximum(of_mesh, 1e-30))[half.part]
-    return found
+    scaled: F64 = share * (of_skin / np.maximum(of_mesh, 1e-30))[half.part]
+    return scaled

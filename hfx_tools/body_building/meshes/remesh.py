@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An evenly spaced mesh of the skin: each part at its own spacing, without leaving its part.
+"""Evenly spaced mesh of the skin, with a spacing for each part.
 
-Half the body is thinned to a set number of vertices a part, then relaxed, and vertices too many
-are merged until the mean spacing is the target.
+Half the body is thinned to an expected number of vertices per part, then relaxed; excess vertices
+are merged until the mean spacing reaches the target.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .remesher import Remesher
 
 METHOD: Final = "centroidal Voronoi cells of the skin, each within its part, mirrored"
 
-_START: Final = 1.10  # vertices to start with, over the number expected
+_START: Final = 1.10  # initial number of vertices, relative to the expected number
 _SETTLE: Final = 25  # relaxation steps after each thinning
 _CORRECTIONS: Final = 4
 _FINAL: Final = 40
-_PUSH: Final = 1.5  # overshoot of the centres, which settles faster
+_PUSH: Final = 1.5  # overshoot toward the centres, for faster convergence
 
 
 def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
@@ -34,26 +34,28 @@ def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
     Parameters
     ----------
     spacing_m : (parts,) float64
-        Wanted mean distance between neighbours.
+        Target mean distance between neighbours, metres.
     progress : callable
-        Given the share that is done, 0..1, and what is being done.
+        Called with the finished share, 0..1, and the current step.
     """
     mesh = Remesher(skin, spacing_m)
-    beside, on = mesh.expected()
+    off_midline, on_midline = mesh.expected()
     progress(0.0, "thinning")
     mesh.refine()
-    mesh.thin(np.rint(beside * _START).astype(np.int64), on)
+    mesh.thin(np.rint(off_midline * _START).astype(np.int64), on_midline)
     mesh.compact()
     for correction in range(_CORRECTIONS):
         progress(0.2 + 0.6 * correction / _CORRECTIONS, "relaxing")
         mesh.relax(_SETTLE, _PUSH)
         kinds = mesh.part.astype(np.int64) + len(PARTS) * mesh.is_midline
-        now = mesh._counts(kinds)[: len(PARTS)]
+        present_count = mesh._counts(kinds)[: len(PARTS)]
         mean = mesh.mean_spacing(fit.raised(mesh))
-        wanted = (now + 0.5 * on) * (mean / spacing_m) ** 2 - 0.5 * on
-        few = beside < 20
-        wanted = np.where(few, beside, np.minimum(now, np.rint(wanted)))
-        mesh.thin(wanted.astype(np.int64), on)
+        target_count = (present_count + 0.5 * on_midline) * (
+            mean / spacing_m
+        ) ** 2 - 0.5 * on_midline
+        few = off_midline < 20
+        target_count = np.where(few, off_midline, np.minimum(present_count, np.rint(target_count)))
+        mesh.thin(target_count.astype(np.int64), on_midline)
         mesh.compact()
     progress(0.8, "relaxing")
     mesh.relax(_FINAL)

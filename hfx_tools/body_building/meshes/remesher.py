@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh of half a body that is thinned and relaxed: owners, movement and merging of vertices.
+"""Thinning and relaxation of half a body's mesh: owners, movement and merging of vertices.
 
 A vertex moves to the centre of its cell of skin (Lloyd's method for centroidal Voronoi cells,
-Du et al. 1999). Only edge collapses and flips change the mesh, so that it stays closed and
-without handles however coarse it becomes.
+Du et al. 1999). Only edge collapses and flips change the mesh, so even a coarse mesh is closed
+and without handles.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ..left_skin import Half, LeftSkin, sample
 from . import measure, mesh_edges, mesh_edit
 
 HEXAGON: Final = np.sqrt(3.0) / 2.0
-"""Area of one cell of an even triangular grid, over the square of its spacing."""
+"""Area of one cell of an even triangular grid, divided by its squared spacing."""
 
-_COARSEST: Final = 0.6  # longest edge to thin from, over the spacing
-_ERROR_STRIDE: Final = 7  # of the samples that measure the error
+_COARSEST: Final = 0.6  # longest edge before thinning, relative to the spacing
+_ERROR_STRIDE: Final = 7  # stride of the samples for the error
 
 
 class Remesher:
-    """Remesher of half a body to one table of spacings."""
+    """Mesh of half a body under change, with skin samples owned by its vertices."""
 
     def __init__(self, skin: LeftSkin, spacing_m: F64) -> None:
         half = skin.medium
@@ -37,7 +37,7 @@ class Remesher:
         self.triangles = half.triangles
         self.part = half.part
         self.is_midline = half.is_midline
-        self.owner = self.samples.vertex.copy()  # (S,) vertex in whose cell a sample lies
+        self.owner = self.samples.vertex.copy()  # (S,) vertex with the sample in its cell
         self.midline_m = self._midline_lengths()
 
     def _midline_lengths(self) -> F64:
@@ -48,7 +48,7 @@ class Remesher:
         return total.astype(np.float64)
 
     def expected(self) -> tuple[I64, I64]:
-        """Vertices beside the midline and on it, for each part, by area and length."""
+        """Expected numbers of vertices off and on the midline, by part."""
         area = np.bincount(self.samples.part, self.samples.areas_m2, minlength=len(PARTS))
         on = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
         cells = area / (HEXAGON * self.spacing_m**2)
@@ -56,31 +56,35 @@ class Remesher:
         return np.where(area > 0.0, beside, 0), on
 
     def refine(self) -> None:
-        """Split edges until there are enough vertices everywhere."""
+        """Split edges, in place, until none is longer than 0.6 of its part's spacing."""
         while True:
             edges = mesh_edges.edges_of(self.triangles, len(self.points))
-            one, other = edges.ends.T
-            lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
-            wanted = lengths / self.spacing_m[self.part[one]]
-            wanted[self.part[one] != self.part[other]] = 0.0
-            order = np.argsort(-wanted, kind="stable")
-            chosen = order[wanted[order] > _COARSEST]
+            start, end = edges.ends.T
+            lengths = np.linalg.norm(self.points[start] - self.points[end], axis=1)
+            relative = lengths / self.spacing_m[self.part[start]]
+            relative[self.part[start] != self.part[end]] = 0.0
+            order = np.argsort(-relative, kind="stable")
+            chosen = order[relative[order] > _COARSEST]
             if not len(chosen):
                 break
             self.triangles, done = mesh_edit.split(self.triangles, edges, chosen)
-            one, other = edges.ends[done].T
+            start, end = edges.ends[done].T
             self.points = np.concatenate(
-                (self.points, 0.5 * (self.points[one] + self.points[other]))
+                (self.points, 0.5 * (self.points[start] + self.points[end]))
             )
-            normal = self.normals[one] + self.normals[other]
+            normal = self.normals[start] + self.normals[end]
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
             self.normals = np.concatenate((self.normals, normal))
-            self.part = np.concatenate((self.part, self.part[one]))
+            self.part = np.concatenate((self.part, self.part[start]))
             self.is_midline = np.concatenate((self.is_midline, edges.is_border[done]))
             self._find_owners(2)
 
     def thin(self, beside: I64, on: I64) -> None:
-        """Merge vertices along short edges until each part has its number of them."""
+        """Merge vertices along short edges, in place, down to the given numbers by part.
+
+        ``beside`` counts vertices off the midline, ``on`` vertices on the midline. Fewer vertices
+        are merged if no further collapse is safe.
+        """
         seed = 0
         reach = 0.35
         while True:
@@ -88,7 +92,7 @@ class Remesher:
             excess = self._counts(kinds) - np.concatenate((beside, on))
             if (excess <= 0).all() or reach > 8.0:
                 return
-            # A limb thinner than its cells can only be reached by letting triangles turn.
+            # A limb thinner than its cells needs collapses with turned triangles.
             fold = 0.2 if reach < 2.0 else -1.0
             removed = self._thin_once(kinds, excess, reach, fold, seed)
             seed += 1
@@ -101,34 +105,34 @@ class Remesher:
 
     def _thin_once(self, kinds: I64, excess: I64, reach: float, fold: float, seed: int) -> int:
         edges = mesh_edges.edges_of(self.triangles, len(self.points))
-        one, other = edges.ends.T
-        lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
-        short = (kinds[one] == kinds[other]) & (excess[kinds[one]] > 0)
-        short &= lengths < reach * self.spacing_m[self.part[one]]
-        short &= ~self.is_midline[one] | edges.is_border
+        start, end = edges.ends.T
+        lengths = np.linalg.norm(self.points[start] - self.points[end], axis=1)
+        short = (kinds[start] == kinds[end]) & (excess[kinds[start]] > 0)
+        short &= lengths < reach * self.spacing_m[self.part[start]]
+        short &= ~self.is_midline[start] | edges.is_border
         index = np.flatnonzero(short)
         rank = mesh_edit.scatter_ranks(len(index), seed)
         swap = (rank & 1).astype(bool)
-        gone = np.where(swap, one[index], other[index])
-        kept = np.where(swap, other[index], one[index])
+        gone = np.where(swap, start[index], end[index])
+        target_ids = np.where(swap, end[index], start[index])
         good = mesh_edit.collapsible(
-            self.points, self.normals, self.triangles, edges, gone, kept, fold
+            self.points, self.normals, self.triangles, edges, gone, target_ids, fold
         )
-        gone, kept, rank = gone[good], kept[good], rank[good]
-        chosen = mesh_edit.independent(edges, gone, kept, rank)
-        gone, kept, rank = gone[chosen], kept[chosen], rank[chosen]
+        gone, target_ids, rank = gone[good], target_ids[good], rank[good]
+        chosen = mesh_edit.independent(edges, gone, target_ids, rank)
+        gone, target_ids, rank = gone[chosen], target_ids[chosen], rank[chosen]
         order = np.argsort(rank, kind="stable")
-        gone, kept = gone[order], kept[order]
+        gone, target_ids = gone[order], target_ids[order]
         taken = _first_of_each(kinds[gone], excess)
-        gone, kept = gone[taken], kept[taken]
-        self.triangles = mesh_edit.collapse(self.triangles, gone, kept, len(self.points))
+        gone, target_ids = gone[taken], target_ids[taken]
+        self.triangles = mesh_edit.collapse(self.triangles, gone, target_ids, len(self.points))
         target = np.arange(len(self.points))
-        target[gone] = kept
+        target[gone] = target_ids
         self.owner = target[self.owner]
         return len(gone)
 
     def compact(self) -> None:
-        """Drop the vertices that no triangle uses any more."""
+        """Drop unused vertices and renumber, in place."""
         alive = np.unique(self.triangles)
         renumber = np.full(len(self.points), -1, np.int64)
         renumber[alive] = np.arange(len(alive))
@@ -137,7 +141,7 @@ class Remesher:
         self.triangles, self.owner = renumber[self.triangles], renumber[self.owner]
 
     def relax(self, steps: int, push: float = 1.0) -> None:
-        """Move every vertex to the middle of its cell, steps times; ``push`` overshoots."""
+        """Move every vertex to the centre of its cell, in place; ``push`` above 1 overshoots."""
         for _ in range(steps):
             self.triangles = mesh_edit.flip_to_delaunay(
                 self.points, self.triangles, self.is_midline, rounds=4
@@ -148,7 +152,7 @@ class Remesher:
         self._find_owners(3)
 
     def _find_owners(self, rounds: int) -> None:
-        """Move each sample to a neighbour of its owner that is nearer, in the same part."""
+        """Give each sample to the nearest neighbour of its owner in the part, ``rounds`` times."""
         edges = mesh_edges.edges_of(self.triangles, len(self.points))
         same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
         inner = mesh_edges.Edges(
@@ -164,25 +168,25 @@ class Remesher:
         column = np.arange(len(around)) - offsets[row]
         table = np.repeat(np.arange(len(self.points))[:, None], degree.max(), axis=1)
         table[row, column] = around
-        # Nothing is nearer to a sample than its owner within half the way to the next vertex.
+        # A sample within half the distance from its owner to the next vertex has no nearer vertex.
         safe = np.full(len(self.points), np.inf)
         np.minimum.at(safe, row, 0.25 * _squared(self.points[row] - self.points[around]))
         for _ in range(rounds):
             best = _squared(self.samples.points - self.points[self.owner])
             open_ = np.flatnonzero(best > safe[self.owner])
             where, best, owner = self.samples.points[open_], best[open_], self.owner[open_]
-            found = owner.copy()
+            new_owner = owner.copy()
             for candidates in table.T:
                 active = np.flatnonzero(candidates[owner] != owner)
                 candidate = candidates[owner[active]]
                 distance = _squared(where[active] - self.points[candidate])
                 nearer = distance < best[active]
                 best[active[nearer]] = distance[nearer]
-                found[active[nearer]] = candidate[nearer]
-            self.owner[open_] = found
+                new_owner[active[nearer]] = candidate[nearer]
+            self.owner[open_] = new_owner
 
     def _centre(self, push: float) -> None:
-        """Move each vertex to the centre of its cell, and from there back onto the skin."""
+        """Move each vertex to the centre of its cell, then back onto the skin, in place."""
         count = len(self.points)
         weight = self.samples.areas_m2
         total = np.bincount(self.owner, weight, minlength=count)
@@ -201,55 +205,55 @@ class Remesher:
         nearest_of[self.owner[hits]] = hits
         owner, first = np.flatnonzero(has), nearest_of[has]
         nearest, normal = self.samples.points[first], self.samples.normals[first]
-        # Onto the skin: into the tangent plane of the nearest sample, unless that is far.
+        # Onto the skin: into the tangent plane of the nearest sample, or, if far, to the sample.
         height = np.einsum("ij,ij->i", centre[owner] - nearest, normal)
         flat = centre[owner] - height[:, None] * normal
         is_near = _squared(flat - nearest) < self.samples.areas_m2[first]
-        place = np.where(is_near[:, None], flat, nearest)
-        place[self.is_midline[owner], 0] = 0.0
-        self.points[owner], self.normals[owner] = place, normal
+        moved = np.where(is_near[:, None], flat, nearest)
+        moved[self.is_midline[owner], 0] = 0.0
+        self.points[owner], self.normals[owner] = moved, normal
 
     def result(self) -> Half:
-        """Current state of the mesh."""
+        """Current mesh; the arrays are shared, not copied."""
         return Half(self.points, self.triangles, self.part, self.is_midline)
 
     def areas_m2(self) -> F64:
-        """Skin in the cell of each vertex, on the left half."""
+        """Area of skin in the cell of each vertex, (V,), on the left half."""
         areas = np.bincount(self.owner, self.samples.areas_m2, minlength=len(self.points))
         return areas.astype(np.float64)
 
     def largest_gaps_m(self) -> F64:
-        """Distance from the farthest skin of each part to the nearest vertex of all."""
+        """Largest distance, by part, from a skin sample to the nearest vertex of both halves."""
         mirrored = self.points * (-1.0, 1.0, 1.0)
         return measure.gaps_m(self.samples, np.concatenate((self.points, mirrored)))
 
     def errors_m(self) -> F64:
-        """Mean distance of the skin from the mesh, for each part."""
+        """Mean distance of the skin from the mesh, by part."""
         return measure.errors_m(self.samples, self.points, self.triangles, _ERROR_STRIDE)
 
     def mean_spacing(self, points: F64) -> F64:
-        """Mean distance between neighbours of the same part, for each part, metres.
+        """Mean distance between neighbours within each part, metres; 0 for a part without edges.
 
         Parameters
         ----------
         points : (V, 3) float64
-            Where the vertices are taken to be.
+            Positions of the vertices.
         """
         edges = mesh_edges.edges_of(self.triangles, len(points))
-        one, other = edges.ends.T
-        lengths = np.linalg.norm(points[one] - points[other], axis=1)
-        # An edge beside the midline counts twice, one on it once.
+        start, end = edges.ends.T
+        lengths = np.linalg.norm(points[start] - points[end], axis=1)
+        # An edge off the midline counts twice (mirrored), an edge on the midline once.
         copies = np.where(edges.is_border, 1.0, 2.0)
-        same = self.part[one] == self.part[other]
-        labels = self.part[one][same]
+        same = self.part[start] == self.part[end]
+        labels = self.part[start][same]
         total = np.bincount(labels, (copies * lengths)[same], minlength=len(PARTS))
         number = np.bincount(labels, copies[same], minlength=len(PARTS))
         return total / np.maximum(number, 1.0)
 
 
 def _squared(offsets: F64) -> F64:
-    found: F64 = np.einsum("ij,ij->i", offsets, offsets)
-    return found
+    squares: F64 = np.einsum("ij,ij->i", offsets, offsets)
+    return squares
 
 
 def _first_of_each(kinds: I64, limit: I64) -> I64:

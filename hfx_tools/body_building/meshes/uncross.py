@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Freeing limbs that are thinner than their cells from triangles that cross.
+"""Removal of crossing triangles from limbs thinner than their cells.
 
-Three vertices a forearm make a prism that few triangulations close without running through
-themselves. Around each crossing, diagonals are exchanged and vertices moved along the skin by
-simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983), its chances fixed, until none is left.
+Three vertices a forearm make a prism, and few triangulations close this prism without
+self-intersections. Around each crossing, diagonals are flipped and vertices moved along the skin
+by simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983) with fixed seeds.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from .crossings import crossings, depth_m, pierced
 from .remesher import Remesher
 
 COARSE_M: Final = 0.1
-"""Spacing from which a limb is thinner than its cells."""
+"""Smallest spacing of limbs thinner than their cells."""
 
 STEPS: Final = 3000
 _TRIES: Final = 8
 _WARMEST: Final = 6.0  # in units of the cost
 _COLDEST: Final = 0.05
-_FLIPS: Final = 0.6  # share of the steps that exchange a diagonal; the others move a vertex
+_FLIPS: Final = 0.6  # share of the steps with a flip; the rest moves a vertex
 _MOVES_M: Final = (0.003, 0.01)  # standard deviations of a move
 _MOVE_LIMIT: Final = 0.2  # of the spacing
-_FLATTEST: Final = 0.06  # twice the area of a triangle over the square of its longest side
-_DEPTH_SAMPLES: Final = 3000  # of the skin around a patch
+_FLATTEST: Final = 0.06  # smallest allowed _flatness()
+_DEPTH_SAMPLES: Final = 3000  # number of skin samples around a patch
 
 # Cost of a state: first crossings, then triangles turned over, then distance from the skin.
 _PER_CROSSING: Final = 4.0
@@ -41,34 +41,31 @@ _PER_MOVE_M: Final = 30.0
 
 
 def uncross(mesh: Remesher) -> None:
-    """Remove crossings around the vertices of coarse parts, in place.
-
-    What cannot be freed stays as it is.
-    """
+    """Remove crossings around the vertices of coarse parts, in place, as far as possible."""
     coarse = mesh.spacing_m[mesh.part] >= COARSE_M
     if not coarse.any():
         return
     for cluster in _clusters(crossings(mesh.points, mesh.triangles)):
         patch = _Patch(mesh, cluster, coarse & ~mesh.is_midline)
-        found = patch.freed()
-        if found is not None:
-            mesh.points[patch.local] = found.points
-            mesh.normals[patch.local] = found.normals
-            mesh.triangles[patch.rows] = patch.local[found.triangles]
+        freed = patch.freed()
+        if freed is not None:
+            mesh.points[patch.local] = freed.points
+            mesh.normals[patch.local] = freed.normals
+            mesh.triangles[patch.rows] = patch.local[freed.triangles]
 
 
 def _clusters(crossing: I64) -> list[I64]:
-    """Connected groups of crossings, as vertices."""
-    found: list[set[int]] = []
+    """Sorted vertex ids of each connected group of crossings."""
+    clusters: list[set[int]] = []
     for row in crossing.tolist():
-        joined = set(row).union(*(each for each in found if each & set(row)))
-        found = [each for each in found if not each & set(row)] + [joined]
-    return [np.array(sorted(each)) for each in found]
+        joined = set(row).union(*(cluster for cluster in clusters if cluster & set(row)))
+        clusters = [cluster for cluster in clusters if not cluster & set(row)] + [joined]
+    return [np.array(sorted(cluster)) for cluster in clusters]
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """The triangles near a crossing, in a numbering of their own."""
+    """State of the triangles near a crossing, in local vertex ids."""
 
     points: F64  # (L, 3)
     normals: F64  # (L, 3)
@@ -78,14 +75,14 @@ class _State:
 
 
 class _Patch:
-    """Surroundings of a crossing: triangles that may change, and those not to be crossed."""
+    """Surroundings of a crossing: changeable triangles, and fixed triangles around them."""
 
     def __init__(self, mesh: Remesher, cluster: I64, may_move: Bool) -> None:
         from scipy.spatial import cKDTree
 
         limit = _MOVE_LIMIT * mesh.spacing_m.max()
-        beside = np.unique(mesh.triangles[np.isin(mesh.triangles, cluster).any(axis=1)])
-        movable = beside[may_move[beside]]
+        adjacent = np.unique(mesh.triangles[np.isin(mesh.triangles, cluster).any(axis=1)])
+        movable = adjacent[may_move[adjacent]]
         own = np.isin(mesh.triangles, np.union1d(cluster, movable)).any(axis=1)
         around = mesh.points[mesh.triangles[own]].reshape(-1, 3)
         low, high = around.min(axis=0) - limit, around.max(axis=0) + limit
@@ -108,11 +105,11 @@ class _Patch:
         self.sparse_tree = cKDTree(self.skin[:: max(1, len(self.skin) // _DEPTH_SAMPLES)])
 
     def freed(self) -> _State | None:
-        """Find the best state without a crossing; None if there is none."""
+        """Search a state without a crossing, of low cost; None if all tries fail."""
         for seed in range(_TRIES):
-            found = self._annealed(np.random.default_rng(seed))
-            if found is not None:
-                return found
+            annealed = self._annealed(np.random.default_rng(seed))
+            if annealed is not None:
+                return annealed
         return None
 
     def _annealed(self, rng: np.random.Generator) -> _State | None:
@@ -133,27 +130,27 @@ class _Patch:
 
     def _weighed(self, state: _State) -> _State:
         own = state.triangles[self.own]
-        found = self._crossings(state, own)
+        crossing = self._crossings(state, own)
         facing = mesh_edges.triangle_normals(state.points, own)
         turned = np.einsum("ij,ij->i", facing, state.normals[own].sum(axis=1)) < 0.0
         corners = state.points[own]
         middles = 0.5 * (corners + np.roll(corners, 1, axis=1))
-        places = np.concatenate((middles.reshape(-1, 3), corners.mean(axis=1)))
-        away = self.sparse_tree.query(places)[0]
+        probes = np.concatenate((middles.reshape(-1, 3), corners.mean(axis=1)))
+        away = self.sparse_tree.query(probes)[0]
         moved = np.linalg.norm((state.points - self.start.points)[self.movable], axis=1)
         cost = (
-            _PER_CROSSING * len(found)
-            + _PER_CROSSING_M * depth_m(state.points, found).sum()
+            _PER_CROSSING * len(crossing)
+            + _PER_CROSSING_M * depth_m(state.points, crossing).sum()
             + _PER_TURNED * turned.sum()
             + _PER_DEPTH_M * away.mean()
             + _PER_MOVE_M * moved.mean()
         )
-        return replace(state, cost=float(cost), crossing=len(found))
+        return replace(state, cost=float(cost), crossing=len(crossing))
 
     def _crossings(self, state: _State, own: I64) -> I64:
-        """Find crossings of the movable part, with itself and its surroundings."""
+        """Crossings of changeable triangles with each other and with the surroundings, (N, 5)."""
         points = state.points
-        found = []
+        rows = []
         for ends, corners in (
             (_edges(own), state.triangles),
             (_edges(state.triangles[~self.own]), own),
@@ -165,12 +162,12 @@ class _Patch:
             for axis in range(3):
                 meet &= starts[axis][:, None] < highs[axis]
                 meet &= stops[axis][:, None] > lows[axis]
-            one, other = np.nonzero(meet)
-            found.append(pierced(points, ends[one], corners[other]))
-        return np.concatenate(found)
+            edge_rows, corner_rows = np.nonzero(meet)
+            rows.append(pierced(points, ends[edge_rows], corners[corner_rows]))
+        return np.concatenate(rows)
 
     def _flipped(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """Flip one diagonal, chosen at random; None where that would tear a part apart."""
+        """Flip a random edge; None if unsafe, too flat, or the flip could disconnect a part."""
         edges = mesh_edges.edges_of(state.triangles, len(state.points))
         inner = np.flatnonzero(self.own[edges.triangle].all(axis=1) & ~edges.is_border)
         edge = rng.choice(inner)
@@ -191,17 +188,17 @@ class _Patch:
         return replace(state, triangles=triangles)
 
     def _moved(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """Move one random vertex a little along the skin; None where it would leave its part."""
+        """Move a random vertex along the skin; None if too far, too flat, or outside its part."""
         vertex = rng.choice(self.movable)
-        place = state.points[vertex] + rng.normal(0.0, rng.choice(_MOVES_M), 3)
-        nearest = int(self.tree.query(place)[1])
+        moved = state.points[vertex] + rng.normal(0.0, rng.choice(_MOVES_M), 3)
+        nearest = int(self.tree.query(moved)[1])
         normal = self.skin_normals[nearest]
-        place -= normal * (normal @ (place - self.skin[nearest]))
-        far = np.linalg.norm(place - self.start.points[vertex]) > self.limit_m[vertex]
+        moved -= normal * (normal @ (moved - self.skin[nearest]))
+        far = np.linalg.norm(moved - self.start.points[vertex]) > self.limit_m[vertex]
         if far or self.skin_part[nearest] != self.part[vertex]:
             return None
         points, normals = state.points.copy(), state.normals.copy()
-        points[vertex], normals[vertex] = place, normal
+        points[vertex], normals[vertex] = moved, normal
         touched = points[state.triangles[(state.triangles == vertex).any(axis=1)]]
         if _flatness(touched).min() < _FLATTEST:
             return None
@@ -209,14 +206,14 @@ class _Patch:
 
 
 def _edges(triangles: I64) -> I64:
-    """Edges that run upward in their triangle: of two triangles at an edge it is one."""
+    """Edges with ascending ids in their triangle: each edge of a manifold mesh at most once."""
     ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     return ends[ends[:, 0] < ends[:, 1]]
 
 
 def _flatness(corners: F64) -> F64:
-    """Twice the area of triangles over the square of their longest sides."""
+    """Twice the area of triangles, divided by the square of their longest side."""
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    found: F64 = np.linalg.norm(across, axis=1) / sides.max(axis=1) ** 2
-    return found
+    flatness: F64 = np.linalg.norm(across, axis=1) / sides.max(axis=1) ** 2
+    return flatness

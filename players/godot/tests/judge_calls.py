@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Compare what tests/controllers.gd planned with the calls that an OpenXR runtime got.
+"""Compare the plan of tests/controllers.gd with the calls received by an OpenXR runtime.
 
-``python judge_calls.py plan.csv api_dump.txt``: the dump is that of Khronos' API dump layer. Each
-frame asks each controller whose strength is above 0 for a pulse of the dead-man time; the first
-silent frame after that asks for one of nothing. Ends with 1 if a call is missing, too many or
-different (amplitudes and frequencies as 32-bit numbers, durations to the nanosecond).
+``python judge_calls.py plan.csv api_dump.txt``, with the output of Khronos' API dump layer. Each
+frame with a strength above 0 calls for a pulse of the dead-man time on that controller; the first
+silent frame afterwards calls for a pulse of strength 0. The exit code is 1 if a call is missing,
+extra or different (amplitudes and frequencies as float32, durations to the nanosecond).
 """
 
 import re
@@ -22,7 +22,7 @@ CALL = re.compile(
 
 
 def single(number: float) -> float:
-    """Nearest number of 32 bits."""
+    """Round to float32."""
     return struct.unpack("f", struct.pack("f", number))[0]
 
 
@@ -30,7 +30,7 @@ def planned(text: str) -> list[tuple[int, int, float, float]]:
     calls = []
     is_on = [False, False]
     for line in text.splitlines()[1:]:
-        numbers = [float(each.strip('"')) for each in line.split(",")]
+        numbers = [float(field.strip('"')) for field in line.split(",")]
         for side in (0, 1):
             strength, frequency_hz = numbers[2 * side : 2 * side + 2]
             if strength > 0.0:
@@ -44,13 +44,13 @@ def planned(text: str) -> list[tuple[int, int, float, float]]:
 
 def main() -> int:
     plan = planned(Path(sys.argv[1]).read_text())
-    found = [
+    calls = [
         (int(path), int(duration), single(float(frequency)), single(float(amplitude)))
         for path, duration, frequency, amplitude in CALL.findall(Path(sys.argv[2]).read_text())
     ]
-    wrong = sum(one != other for one, other in zip(plan, found, strict=False))
-    wrong += abs(len(plan) - len(found))
-    sys.stdout.write(f"{len(plan)} calls planned, {len(found)} found, {wrong} different\n")
+    wrong = sum(expected != call for expected, call in zip(plan, calls, strict=False))
+    wrong += abs(len(plan) - len(calls))
+    sys.stdout.write(f"{len(plan)} calls planned, {len(calls)} found, {wrong} different\n")
     return 1 if wrong or not plan else 0
 
 
