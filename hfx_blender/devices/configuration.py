@@ -130,8 +130,8 @@ def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | No
 
 
 def _on_side(path: Path) -> DeviceConfig | None:
-    """Device of a file; or of the file without ``_left`` or ``_right``, mirrored for the opposite
-    side. None without a file, or for a device without sides.
+    """Read ``path`` if it exists; else the file without ``_left`` or ``_right`` for that side,
+    mirrored if the file has the opposite side. None without either, or if the device has no side.
     """
     if path.is_file():
         return _with_script(_read(path), path, path)

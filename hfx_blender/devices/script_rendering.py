@@ -149,7 +149,7 @@ def _answers(
 
 
 def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
-    """Approved script of a device; ScriptError if it is missing, unreadable or not approved."""
+    """Script of a device; ScriptError if missing, unreadable, or neither shipped nor approved."""
     assert device.script is not None
     try:
         script = approval.script_of(device.script.configuration)
@@ -289,9 +289,9 @@ class _ScriptRun:
         return f"it did not answer within {ROW_S:g} s"
 
     def _process_message(self, received: Message | None) -> None:
-        """Store an answer in ``answers``, or log a line; ``_FaultError`` for anything else.
-
-        None is the end of the worker's messages, a fault too.
+        """Process READY, an answer (stored as the next row of ``answers``), or a line to log.
+        Raises _FaultError: anything else, as FAULT, an unexpected answer, or None, the worker's
+        end.
         """
         if received is None and self._worker.fault:
             raise self._fault(f"its process {self._worker.fault}")

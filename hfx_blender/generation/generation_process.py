@@ -105,7 +105,7 @@ def _of_picture(job: Mapping[str, Any], steps: NoticeableSteps | None) -> Genera
 
 
 def main() -> None:
-    """Child side: do the owner's job, write all surfaces and report each."""
+    """Child side: do the owner's job; send share and record of each surface, or the error."""
     owner = Owner()
     job = decode_json(owner.receive().body)
     try:

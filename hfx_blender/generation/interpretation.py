@@ -256,7 +256,9 @@ class _TextReader:
         return end - place + 1
 
     def _phrase(self, place: int) -> int:
-        """Read the longest material of several words at ``place``; return their number or 0."""
+        """Read the longest known phrase of 2 or more words at ``place`` as a material, also written
+        as one word unless the first is a quality; return the number of words, 0 for none.
+        """
         for count in range(LONGEST_PHRASE, 1, -1):
             words = self._words[place : place + count]
             if len(words) < count:

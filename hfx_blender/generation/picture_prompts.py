@@ -166,7 +166,7 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
 
 
 def _model(nodes: Mapping[str, Any]) -> str:
-    """File name of the first checkpoint or diffusion model; "" without any."""
+    """First text input ``ckpt_name`` or ``unet_name`` of the nodes; "" without any."""
     for node in nodes.values():
         for name in ("ckpt_name", "unet_name"):
             if isinstance(node["inputs"].get(name), str):

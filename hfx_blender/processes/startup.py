@@ -53,7 +53,7 @@ def farewell(number: int) -> str:
 
 
 def end_at_once(number: int, _frame: object) -> None:
-    """Signal handler that exits at once, while nothing has been written yet."""
+    """Signal handler: write the farewell to standard error, exit at once with 128 + ``number``."""
     try:
         os.write(2, f"hfx: {farewell(number)}\n".encode())
     finally:

@@ -171,7 +171,7 @@ class Worker:
         return code
 
     def kill(self) -> None:
-        """Kill the process and all its descendants, without waiting."""
+        """Kill the process, on POSIX its group, without waiting; does nothing before the start."""
         if self.process is None:
             return
         with suppress(OSError):
@@ -194,7 +194,9 @@ class Worker:
             self.process.wait()
 
     def how_it_ended(self) -> str:
-        """Wait for the exit and describe the end for messages: ``crashed (SIGSEGV)``."""
+        """Wait for the exit, kill after 10 s, and describe the end: "crashed (SIGSEGV)", or "ended
+        with code 1 (<last line of standard error>)".
+        """
         try:
             code = self.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:

@@ -73,9 +73,8 @@ class DeviceFacts:
 
 
 def facts_of(name: str) -> DeviceFacts:
-    """Texts about a device by its name in a scene; cached until the file changes.
-
-    Errors are returned as ``fault``.
+    """Texts about a device by its name in a scene; cached until the file's time changes.
+    For an unknown device, a file name or an unreadable file: ``name`` as title, and ``fault``.
     """
     try:
         path = find_file(named_in_blend(name))

@@ -112,7 +112,7 @@ class Channels:
 
 
 def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
-    """OSC address of each channel, with placeholders replaced; ``{number}`` counts from 1."""
+    """OSC address of each channel, placeholders replaced; a single template is for all channels."""
     names = Channels(device).names
     templates = how.addresses if len(how.addresses) == len(names) else how.addresses * len(names)
     side = device.side or ""

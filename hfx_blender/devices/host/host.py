@@ -151,7 +151,9 @@ class Host:
             thread.stop(end)
 
     def receive(self, message: Message) -> None:
-        """Execute a message that was just read; each message is also a sign of life of Blender."""
+        """Execute a message just read, and extend the time to the next: 10 s after PAUSE, else
+        0.25.
+        """
         now = self._clock.now()
         self._stop_after_standstill(now)
         # A pause of all devices announces work of Blender that sends no messages.
@@ -217,10 +219,10 @@ class Host:
             thread.close("disconnected")
 
     def take_rendered(self, answer: Message, questions: Questions) -> None:
-        """Forward an answer of the render worker: values to a device, haptic data to its script.
-
-        Faults stop their devices. ``questions`` are the answered requests by device number; answers
-        without a request are dropped.
+        """Forward an answer of the render worker: values to an armed device, haptic data to its
+        script.
+        A fault stops its device, or all armed devices. ``questions`` are the answered requests by
+        device number; answers without a request are dropped.
         """
         if answer.device == EVERY_DEVICE:
             self.fail_rendering(answer.body.decode(errors="replace"))
@@ -246,9 +248,8 @@ class Host:
                 thread.fault(text)
 
     def _connect(self, number: int, request: dict[str, Any]) -> None:
-        """Open the device of a CONNECT message in a new thread, after closing its earlier thread.
-
-        Failures are reported as the event "lost".
+        """Open the device of a CONNECT message in a new thread, which waits for the closing of an
+        earlier thread of this number. More than 64 devices, or a fault, are reported as "lost".
         """
         before = self.device_threads.pop(number, None)
         if before is not None:

@@ -56,7 +56,7 @@ class Ramp:
         self.reset()
 
     def reset(self) -> None:
-        """Start from silence."""
+        """Set start, target and last values to neutral, without a frame; the share is 1."""
         self._from, self._to = self._neutral.copy(), self._neutral.copy()
         self._here = self._neutral.copy()  # last values
         self._began_s, self._lasts_s = -np.inf, self._tick

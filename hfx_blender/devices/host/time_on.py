@@ -95,7 +95,7 @@ class DutyBudget:
         return is_used
 
     def is_on_for_others(self, player: TimeOn) -> Bool:
-        """Mask (slots,) of slots switched on by players except ``player``."""
+        """Mask (slots,) of slots whose actuators are on now for players other than ``player``."""
         is_on = np.zeros(len(self.load), np.bool_)
         for playing, slots in self.players.items():
             if playing is not player:
@@ -175,9 +175,8 @@ class TimeOn:
                 budget.on_begin()
 
     def end(self, played_s: float, now_s: float) -> None:
-        """Record silence from ``now_s`` on, after another ``played_s`` of the last values.
-
-        A repeated call changes nothing until :meth:`begin`.
+        """Charge another ``played_s`` of the last values; rest begins at ``now_s`` for slots
+        without another player. Ends the use: a repeated call changes nothing until :meth:`begin`.
         """
         with self._lock:
             for budget, slots in self._budgets:

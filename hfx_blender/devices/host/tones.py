@@ -107,7 +107,7 @@ class Sounding:
         self._from = self._to = self._here = Tones.none(len(self))
 
     def fault_of(self, frame: F64) -> str:
-        """Fault of a frame with a wrong number of entries; "" for a frame of this device."""
+        """Message for a frame with a wrong number of entries; "" for values with 0 to 16 tones."""
         columns, width = self._column_count, 1 + 2 * len(self)
         more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
         is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0

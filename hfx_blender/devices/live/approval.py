@@ -36,7 +36,7 @@ class DeviceScript:
     is_approved: bool
 
     def as_request(self) -> dict[str, str]:
-        """Argument ``script`` of :meth:`.client.LiveClient.connect`."""
+        """Path, configuration and fingerprint as texts, for :meth:`.client.LiveClient.connect`."""
         return {
             "path": str(self.path),
             "configuration": str(self.configuration),
@@ -89,7 +89,7 @@ def fingerprint(script: Path, configuration: Path) -> str:
 
 
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
-    """:func:`fingerprint` of given bytes: a SHA-256 as 64 hexadecimal digits."""
+    """Hexadecimal SHA-256 of the script API's version, and of length and content of both files."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
     # With lengths: bytes moved from a file to the next change the fingerprint.
     for content in (script, configuration):
@@ -178,7 +178,7 @@ class Approval:
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
-        """Test that the approval was withdrawn; the list is read only after a change."""
+        """Test that an approval on the list at first is missing now; reads a changed list only."""
         seen = _stamp()
         if self.was_given and seen != self._seen:
             self._seen, self._is_withdrawn = seen, self._mark not in approved()

@@ -170,9 +170,8 @@ class LiveClient:
         self._feed(name, MessageKind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
-        """Set the scene and the body of later moments, for the devices connected now.
-
-        All devices are silent until the next moment.
+        """Send the scene and the body of later moments, for the devices connected now.
+        Unsent moments are discarded, and all devices are silent until the next moment.
         """
         rendered = tuple(
             RenderedDevice(
@@ -208,14 +207,14 @@ class LiveClient:
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play a soft test pulse on an actuator, by index."""
+        """Play a soft test pulse on an actuator, by index; ignored for an unknown name."""
         if name in self.devices:
             self.pipe.send(
                 MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
             )
 
     def set_offset(self, name: str, offset_ms: float) -> None:
-        """Change the delay of a device's values."""
+        """Change the delay of a device's values; ignored for an unknown name."""
         if name in self.devices:
             number = self.devices[name].number
             self.pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))

@@ -70,9 +70,8 @@ def answers(host: str, port: int) -> bool:
 
 
 def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -> list[Found]:
-    """Devices on a port with their USB ids, or behind a program that accepts connections.
-
-    Devices with OSC cannot be discovered, as datagrams get no answer.
+    """Matches: a device and each port with its USB ids and serial number pattern, then devices by
+    websocket whose program accepts connections. Not devices with OSC: datagrams get no answer.
     """
     ports, matches = list(ports), []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}

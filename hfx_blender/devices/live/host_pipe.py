@@ -116,7 +116,9 @@ class HostPipe:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
 
     def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
-        """Queue a message; messages arrive in order. Dropped without a running process."""
+        """Queue a message in order; dropped without a process; a heartbeat only into an empty
+        queue.
+        """
         if not self.is_running:
             return
         if kind is MessageKind.HEARTBEAT and (self.urgent or self.newest):
@@ -153,7 +155,7 @@ class HostPipe:
         self._nudge()
 
     def watch(self) -> None:
-        """Kill a process that has not confirmed a stop in time, and create the event "gone"."""
+        """Kill a ready process that has not confirmed a stop for 0.2 s; create the event "gone"."""
         since_s = self._asked_silence_s
         if not self._is_ready or since_s is None:
             return

@@ -51,7 +51,7 @@ def load() -> dict[str, LiveSettings]:
 
 
 def store(name: str, settings: LiveSettings) -> None:
-    """Store the settings of a device; entries of concurrent processes are kept.
+    """Store changed settings of a device; entries of concurrent processes are kept.
 
     Raises OutputError: the file cannot be written.
     """

@@ -202,7 +202,9 @@ def play(
 
 
 def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
-    """Wait until all devices play or have failed, and the scene is prepared for rendering."""
+    """Wait, at most 60 s, until all devices are armed or have failed, and the event "prepared"
+    unless ``is_prepared``. Raises DeviceError: no device plays.
+    """
     deadline = time.monotonic() + SCENE_S
     while time.monotonic() < deadline:
         client.heartbeat()

@@ -256,7 +256,7 @@ def _shared(host: str, port: int) -> Server:
 
 
 def _leave(server: Server) -> None:
-    """End a use of a connection; the last end closes the connection."""
+    """End a use of a connection; the last end forgets and closes the connection."""
     with _users:
         server.users -= 1
         if server.users > 0:
@@ -404,7 +404,7 @@ class ButtplugOutput:
         self._given = [None] * len(ranges)
 
     def _check(self) -> None:
-        """Raise ``OutputLostError`` if the server is lost, or has another device at the index."""
+        """Raise OutputLostError if the server is lost, or has no device of this index and name."""
         self._server.check()
         device = self._device
         for served in self._server.devices or ():
@@ -413,7 +413,7 @@ class ButtplugOutput:
         raise OutputLostError("The device was disconnected from the server.")
 
     def _output(self, k: int, level: int) -> dict[str, Any]:
-        """Command for output ``k`` of the configuration."""
+        """OutputCmd message that sets output ``k`` of the configuration to ``level``."""
         feature, kind = self._how.outputs[k]
         return self._server.message(
             "OutputCmd",

@@ -175,7 +175,7 @@ class LogFile:
         self._file.truncate()
 
     def close(self) -> None:
-        """Close the file, and remove a new file after a failed write; idempotent."""
+        """Close the file; remove a new one, still at the path, after a failed write; idempotent."""
         with suppress(OSError):
             # The path may lead to another file by now, which must stay.
             state = os.fstat(self._file.fileno()) if not self.is_closed else None
@@ -231,7 +231,7 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
 
 
 def _require_regular(path: Path, state: os.stat_result) -> None:
-    """Raise ``OutputLostError`` unless ``state`` is of a regular file with a single name."""
+    """Raise OutputLostError unless ``state`` is of a regular file with one hard link."""
     if stat.S_ISREG(state.st_mode):
         if state.st_nlink > 1:
             raise OutputLostError(

@@ -129,7 +129,7 @@ class SoundCard:
         return Tones(np.array([LONE], np.int64), amplitudes[None], hz[None])
 
     def _play_on(self, tones: Tones) -> None:
-        """Set the tones of all channels; OutputLostError if the card is lost."""
+        """Start ramps to ``tones`` of all channels, amplitudes 0..1; OutputLostError if lost."""
         if self._lost:
             raise OutputLostError(f"{self._name} is lost ({self._lost}).")
         with self._lock:
@@ -142,7 +142,7 @@ class SoundCard:
             self._silence()
 
     def close(self) -> None:
-        """Close the stream; may be called again."""
+        """Close the stream and release the channels; never raises; may be called again."""
         self._is_closed = True
         with suppress(Exception):
             self._stream.stop()

@@ -198,7 +198,7 @@ class WebSocket:
             del self._waiting[:sent]
 
     def _keep_alive(self) -> None:
-        """Run the thread of this object, until the connection is closed or lost."""
+        """Thread: serve the connection until closed or lost; any exception counts as lost."""
         while not self._is_closed and not self._lost:
             try:
                 self._serve()
@@ -212,7 +212,9 @@ class WebSocket:
             self._socket.close()
 
     def _serve(self) -> None:
-        """Wait for data or for room, at most 50 ms, and process both."""
+        """Wait 50 ms at most for data or room, process both, and call ``on_tick``. Marks the
+        connection as lost if the server closed it, or has read nothing for a second.
+        """
         writing = [self._socket] if self._waiting else []
         readable, _, _ = select.select([self._socket], writing, [], _UPKEEP_S)
         content = self._socket.recv(_RECEIVED) if readable else b""

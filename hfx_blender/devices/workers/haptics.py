@@ -56,7 +56,7 @@ class Haptics:
 
     @property
     def columns(self) -> tuple[tuple[str, str], ...]:
-        """Actuator and control of each value."""
+        """Actuator id and control name of each value, actuator by actuator."""
         return tuple(
             (actuator.id, control.name)
             for actuator in self.device.actuators

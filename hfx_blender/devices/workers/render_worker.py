@@ -40,7 +40,9 @@ class _Rendered:
     width: int  # number of actuators that take a waveform
 
     def answer(self, moment: LiveFrame) -> bytes:
-        """Message for the device thread: ANSWER with values and tones, or HAPTICS for a script."""
+        """Render a moment: HAPTICS for a device with a script, unless muted; else ANSWER with
+        values and tones. Strengths are scaled by the device's gain.
+        """
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, moment.later)
@@ -112,7 +114,7 @@ def _fault(number: int, error: Exception) -> bytes:
 
 
 def main() -> None:
-    """Answer scenes and moments until the owner ends."""
+    """Answer each scene (faults) and moment, then send READY, until the owner ends."""
     owner = Owner()
     renderers: Renderers | None = None
     while True:

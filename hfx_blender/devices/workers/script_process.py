@@ -118,7 +118,7 @@ class ScriptProcess:
             worker.kill()
 
     def _watch_approval(self, worker: Worker) -> None:
-        """Kill the worker when the approval is withdrawn; runs in a thread."""
+        """Thread: poll the approval; if withdrawn, kill the worker and report the fault."""
         while worker is self._worker:
             if self._approval.is_withdrawn():
                 self.close()
@@ -139,7 +139,10 @@ class ScriptProcess:
     # Called in the worker's reading thread.
 
     def _take(self, worker: Worker, received: Message) -> str | None:
-        """Execute a message; returns the reason of a fault, which ends the reading, else None."""
+        """Execute READY, a LOG line, or the answer to the last question, and send the next
+        question. Returns the reason of a fault, which ends the reading ("" for a killed worker),
+        else None.
+        """
         with self._lock:
             if worker is not self._worker:  # a killed worker
                 return ""

@@ -42,7 +42,7 @@ class _Outlet:
         self._owner.send(message(kind, 0, text[:_LONGEST_TEXT].encode(errors="replace")))
 
     def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
-        """Replace ``print``: send the line as a LOG message; excess lines are dropped."""
+        """Replace ``print``: send a LOG message; drop more than 10 lines in a second."""
         now = time.monotonic()
         if now - self._since > 1.0:
             self._since, self._count = now, 0
