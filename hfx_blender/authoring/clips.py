@@ -231,7 +231,7 @@ def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]
 
 
 def played_span(scene: bpy.types.Scene, start: float, end: float) -> Key:
-    """Convert a span of strip frames to played frames, by the scene's time remapping."""
+    """Convert a span of strip frames to played frames: both times ``frame_map_new / old``."""
     # Time remapping stretches playback, not the strips.
     length = scene.render.frame_map_new / scene.render.frame_map_old
     return start * length, end * length
@@ -284,7 +284,7 @@ def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) ->
 
 
 def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
-    """Move all clips and keyframes of effects in time, except clips of a linked file."""
+    """Move clips and keyframes of effects by ``frames``; clips of a linked file stay."""
     for effect in effects:
         pairs = strips_of(effect)
         for track, strip in (

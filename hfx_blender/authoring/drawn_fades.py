@@ -72,7 +72,7 @@ def set_keys(
 
 
 def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
-    """Drawn fades of a clip as (frame, strength 0 to 1) at each frame; empty without any."""
+    """Drawn fades as (frame, strength 0 to 1) at start, whole frames and end; empty without any."""
     if not strip.use_animated_influence:
         return []
     start, end = strip.frame_start, strip.frame_end
@@ -87,7 +87,9 @@ def has_drawn_fades(effect: bpy.types.Object) -> bool:
 
 
 def follow_clips(effect: bpy.types.Object) -> bool:
-    """Move the drawn fades of an effect to the present spans of its clips; True if any moved."""
+    """Stretch the drawn fades of an effect to changed spans of its clips, but not after a split or
+    of a linked effect; True if any moved.
+    """
     if not has_drawn_fades(effect) or effect.library is not None:
         return False
     stored_spans = effect[_SPANS].to_dict()

@@ -39,7 +39,7 @@ PATH: Final = re.compile(r"hfx\.response\[(\d+)\]\.(\w+)$")
 
 
 def properties_of(response_filter: bpy.types.PropertyGroup) -> tuple[str, ...]:
-    """Names of a filter's properties, in the order of the engine's controls."""
+    """RNA names of a filter's controls, in the engine's order; a spatial sine has a wavelength."""
     names = _PROPERTIES[FilterKind(response_filter.kind)]
     if response_filter.kind == "sine" and response_filter.domain != "time":
         return tuple("wavelength" if name == "frequency" else name for name in names)
@@ -66,7 +66,7 @@ def _reference(response_filter: bpy.types.PropertyGroup) -> str:
 
 
 def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
-    """Fingerprint of a response's description: the unmuted filters with index."""
+    """Comparable value of a response without its controls: index and kind of unmuted filters."""
     return tuple((k, described(item)) for k, item in active_filters(hfx))
 
 
@@ -184,7 +184,7 @@ def add_response(
     frame: float,
     fps: float,
 ) -> None:
-    """Add the filters of a recipe to a new volume; times are relative to ``frame``."""
+    """Add a recipe's filters and keyframes to a volume without any; ``frame`` is time 0."""
     for index, recipe in enumerate(response):
         kind = FilterKind(recipe.kind)
         item = add_filter(effect, recipe.kind)

@@ -32,7 +32,7 @@ _Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
-    """Unit shape of an analytic volume, without the size (see :func:`shape_scale`)."""
+    """Unit shape of a volume that is no mesh; a capsule has its ratio of height and radius."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
     if hfx.shape == "CUBOID":
@@ -55,7 +55,9 @@ def modality_colour(modality: str) -> tuple[float, float, float, float]:
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
-    """Scale (3,) from shape space to the object's local space, Blender units."""
+    """Scale (3,) of the unit shape, Blender units: half edges, radius and half height; 1 for a
+    mesh.
+    """
     import numpy as np
 
     if hfx.shape == "CUBOID":
@@ -129,7 +131,7 @@ def _ring(radius: float, axes: str, height: float = 0.0) -> list[_Point]:
 
 
 def _outline(radius: float, half: float, axis: str) -> list[_Point]:
-    """Outline of a capsule in the plane of ``axis`` and Z."""
+    """Closed outline of a capsule, ``half`` its cylinder's half height, in the plane ``axis``-Z."""
     points = []
     for k in range(_SEGMENTS + 2):
         upper = k <= _SEGMENTS // 2

@@ -47,7 +47,7 @@ def store_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> 
 def visible_meshes(
     context: bpy.types.Context, armature: bpy.types.Object
 ) -> list[bpy.types.Object]:
-    """Visible meshes deformed or carried by an armature, sorted by name, without model meshes."""
+    """Visible meshes below, or deformed by, an armature, by name; no effects, no model meshes."""
     below = set(armature.children_recursive)
     meshes = [
         obj
@@ -86,7 +86,7 @@ def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
 
 
 def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
-    """Test for a mesh constrained to an armature, and not deformed or carried by bones."""
+    """Test for an unmuted constraint to the armature on a mesh without armature and bone parent."""
     if armature_of(mesh) is not None or bone_of(armature, mesh) is not None:
         return False
     targets = [

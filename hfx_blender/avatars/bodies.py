@@ -174,7 +174,9 @@ def check_armature(armature: bpy.types.Object) -> None:
 
 
 def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Make an armature a haptic body with the given meshes, without a fit; an existing id stays."""
+    """Make an armature a haptic body with ``meshes``, without a fit; an id stays. InputError as of
+    :func:`check_armature`.
+    """
     check_armature(armature)
     armature.hfx.role = "BODY"
     armature.hfx.uid = armature.hfx.uid or uuid.uuid4().hex

@@ -103,7 +103,9 @@ def warning_of(body: bpy.types.Object) -> str | None:
 
 
 def canonical_difference(body: bpy.types.Object) -> str | None:
-    """Difference of an armature's rest pose from the canonical pose, in words; None if equal."""
+    """Sentence on missing bones, or a bone head more than 0.1 mm from the canonical rest pose; None
+    if equal.
+    """
     skeleton = load_skeleton()
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
@@ -150,7 +152,7 @@ def _mesh_deformation_reason(body: bpy.types.Object, mesh: bpy.types.Object) -> 
 
 
 def is_measured(body: bpy.types.Object) -> bool:
-    """Test for up-to-date measurements of every suspected deformation of a body's meshes."""
+    """Test that each mesh of a body has no suspected deformation or a valid measurement."""
     return all(
         not mesh_suspects or evaluated_skin.valid_measurement(body, mesh, mesh_suspects) is not None
         for mesh in avatar_meshes.meshes_of(body)
@@ -189,7 +191,9 @@ def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
 def _armature_suspects(
     body: bpy.types.Object, mesh: bpy.types.Object, armatures: list[bpy.types.Modifier]
 ) -> dict[str, str]:
-    """Suspects in the Armature modifiers of a mesh (at least 1), and in the bones."""
+    """Causes by "armature" (Preserve Volume, envelopes, vertex group, several modifiers) and
+    "bones" (bendy or not deforming), in words; ``armatures`` is not empty.
+    """
     suspects: dict[str, str] = {}
     modifier = armatures[0]
     if modifier.use_deform_preserve_volume:

@@ -103,7 +103,7 @@ def refresh(armature: bpy.types.Object) -> None:
 
 
 def save(armature: bpy.types.Object, path: Path) -> int:
-    """Write the mapping as JSON; return the number of bones. Errors of :func:`mapping_of`."""
+    """Write the mapping as JSON; return the number of bones. InputError for an invalid mapping."""
     mapping = mapping_of(armature)
     with atomic_file(path) as file:
         file.write((to_json(mapping) + "\n").encode())

@@ -132,7 +132,7 @@ def cached_measurement(
 
 
 def _state(body: bpy.types.Object, mesh: bpy.types.Object, suspects: Mapping[str, str]) -> object:
-    """Comparable value of all settings that a measurement depends on."""
+    """Comparable value of vertices, suspects, modifiers, shape keys, bones and ``follow``."""
     places = mesh_arrays.values(mesh.data.vertices, "co", 3)
     keys = mesh.data.shape_keys
     moving = sorted(mesh_copies.animated_paths(mesh)), sorted(mesh_copies.animated_keys(mesh.data))
@@ -303,7 +303,9 @@ class _Copies:
                 key.value = used if "keys" in on else self._shape.get(own.name, 0.0)
 
     def _evaluated(self, on: frozenset[str], angle: float) -> _Evaluated:
-        """Evaluate the copies with each bone turned by an angle; 0 is the rest pose."""
+        """Evaluate both copies with the suspects ``on`` and each bone turned by ``angle`` radians,
+        with alternating sign down the hierarchy; 0 is the rest pose.
+        """
         self._enable(on)
         for rig in self._rigs:
             for number, bone in enumerate(rig.pose.bones):
@@ -326,7 +328,7 @@ class _Copies:
         return any(self._has_deviation(self._cached(on, angle)) for angle in (0.0, _BEND))
 
     def _cached(self, on: frozenset[str], angle: float) -> _Evaluated:
-        """Copies in a pose, evaluated once. Results of a single set of suspects are cached."""
+        """Copies evaluated with suspects ``on`` at ``angle``; cached for the last ``on`` only."""
         if (on, angle) not in self._cache:
             self._cache = {key: posed for key, posed in self._cache.items() if key[0] == on}
             self._cache[on, angle] = self._evaluated(on, angle)

@@ -35,7 +35,7 @@ _MOST: Final = 32
 def key_of(
     subject: str, targets: Sequence[TargetAvatar], mapping: BoneMapping, *more: object
 ) -> str:
-    """Hexadecimal SHA-256 of the inputs of a kind of result; ``more`` by ``repr``."""
+    """Hexadecimal SHA-256 of code, ``subject`` (kind of result), mapping, avatars and ``more``."""
     digest = hashlib.sha256(_code_hash())
     rigs = [sorted(joints.items()) for joints in (mapping.bones, mapping.fallbacks)]
     digest.update(repr((subject, rigs, more)).encode())

@@ -130,7 +130,7 @@ def _stored(owner: bpy.types.ID | bpy.types.Bone) -> Any:
 
 
 def _field(holder: Any, *path: str) -> Any:
-    """Nested value by a path of attributes or dictionary keys; None if a step is missing."""
+    """Nested value by RNA attributes or dictionary keys; None if a step is missing."""
     for name in path:
         if hasattr(holder, "bl_rna"):
             holder = getattr(holder, name, None)

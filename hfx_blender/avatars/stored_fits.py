@@ -109,7 +109,7 @@ def _lines(text: str) -> tuple[str, ...]:
 
 
 def _stored_quality(quality: FitQuality) -> dict[str, object]:
-    """Dictionary of a fit quality for an ID property: a float64 array per measure."""
+    """Dictionary of a quality: parts joined by lines, a float64 array per measure, two flags."""
     table = {
         name: np.array([getattr(part, name) for part in quality.parts], np.float64)
         for name in _MEASURES
@@ -165,7 +165,7 @@ def _badness(part: PartQuality) -> float:
 
 
 def messages_of(armature: bpy.types.Object, field: str) -> list[str]:
-    """Texts of a stored fit: ``field`` is "warnings" or "notes"; empty without a fit."""
+    """Lines "warnings" or "notes" of a stored fit, by ``field``; empty without a fit."""
     fit = _stored_fit(armature)
     return [] if fit is None else list(_lines(fit[field]))
 

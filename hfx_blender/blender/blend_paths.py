@@ -155,7 +155,9 @@ class _Structure(NamedTuple):
 
 
 def _structures(dna: bytes) -> dict[int, _Structure]:
-    """Structures of :data:`_TITLES` by number, from the content of DNA1."""
+    """Layouts of the structures named in :data:`_TITLES`, by number, from the content of DNA1;
+    paths are char arrays of 768 bytes or more.
+    """
     # SDNA: names of fields, names of types, sizes of types, then structures by number.
     file = io.BytesIO(dna[4:])
     names = _strings(file, b"NAME")

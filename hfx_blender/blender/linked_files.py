@@ -136,7 +136,7 @@ def _paths_listed_by_blender() -> Iterator[_Path]:
 
 
 def _paths_of_objects() -> Iterator[_Path]:
-    """Folders of modifiers and particles, and scans of surfaces."""
+    """Yield cache folders of objects, and scan files of surfaces with that source; all optional."""
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False
@@ -149,7 +149,7 @@ def _paths_of_objects() -> Iterator[_Path]:
 
 
 def _paths_of_nodes() -> Iterator[_Path]:
-    """Files imported by geometry nodes, from unlinked sockets named Path."""
+    """Yield the value of each unlinked socket "Path" of geometry nodes' import nodes; required."""
     for tree in bpy.data.node_groups:
         for node in tree.nodes:
             for socket in node.inputs if node.bl_idname.startswith("GeometryNodeImport") else ():

@@ -50,7 +50,7 @@ def triangles(mesh: bpy.types.Mesh, name: str = "vertices") -> npt.NDArray[np.in
 def mesh_of(
     name: str, vertices: npt.NDArray[np.floating], faces: npt.NDArray[np.int32]
 ) -> bpy.types.Mesh:
-    """New mesh of vertices (N, 3) and faces (F, 3 or 4); -1 marks a missing last corner."""
+    """New mesh of vertices (N, 3) and faces (F, 3 or 4); -1 as last corner marks a triangle."""
     mesh = bpy.data.meshes.new(name)
     is_corner = faces >= 0
     corners = is_corner.sum(axis=1)

@@ -110,7 +110,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace an effect's area, and that of the canvas if any; return the vertex count."""
+    """Replace an effect's area by (V,), also on a canvas (InputError if edited); vertex count."""
     canvas = canvas_of(effect)
     if canvas is not None:
         _read_group(effect, canvas)  # raises an error for an edited mesh

@@ -35,7 +35,9 @@ def weights_of_image(
 
 
 def weights_of_selection(effect: bpy.types.Object) -> F64:
-    """Weights (V,) of an effect's vertices from vertices selected on the avatar in Edit Mode."""
+    """Weights (V,), 0 to 1, of an effect's vertices: barycentric mean of the selection (0 or 1) at
+    the avatar's triangle below each. InputError without a body or mesh.
+    """
     body, anchors = _anchors(effect)
     selected = []
     # Vertex numbers run over all meshes, as in the anchors.

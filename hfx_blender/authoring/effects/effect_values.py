@@ -85,7 +85,7 @@ class ShapeCache:
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """Shape of an evaluated effect; ``part`` numbers the meshes of an effect with instances.
+        """Unit shape, or mesh volume in Blender units (cached by ``part`` for equal positions).
 
         Raises InputError: a mesh is required, and the object has no surface, or a surface without
         an inside.

@@ -154,7 +154,7 @@ def model_of(effect: bpy.types.Object) -> PerceptualModel:
 def add_volume(
     scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
 ) -> bpy.types.Object:
-    """Add a volume effect at the world origin, as a wireframe that is not rendered."""
+    """Add a volume at the world origin, shown as wires; default name as "Pressure Sphere"."""
     title = name or f"{modality.title()} {volumes.SHAPE_LABELS[shape]}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
     effect = _make_effect(scene, obj, modality, shape)
@@ -213,7 +213,9 @@ def add_on_body(
 
 
 def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
-    """Copy an effect into the same collections, with its own id and copies of its actions."""
+    """Copy an effect with a new id and copied actions into its local collections, or into ``HFX
+    Effects`` of the current scene without any.
+    """
     copy = effect.copy()
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
@@ -268,7 +270,7 @@ def _is_editable(collection: bpy.types.Collection) -> bool:
 
 
 def _hidden(parent: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
-    """Collections excluded from a view layer or hidden in it."""
+    """Yield collections at any depth below ``parent`` that are excluded or not visible."""
     for child in parent.children:
         if child.exclude or not child.is_visible:
             yield child.collection

@@ -107,7 +107,9 @@ def _add_clip(
     drops: list[tuple[float, float]],
     duration_s: float,
 ) -> None:
-    """Add one clip with all taps of an effect, and the animated positions of the drops."""
+    """Add one clip from ``frame`` with all taps of an effect: per drop (start in seconds, path
+    position) a pulse of 60 ms in the activation, and two keys of the position.
+    """
     fps = fps_of(scene)
     levels, positions = [(0.0, 0.0)], []
     for start, share in drops:

@@ -29,7 +29,7 @@ def emitters(
 
 
 def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
-    """Unique haptic volumes emitted by an object's particle systems."""
+    """Haptic volumes that an object's particle systems show as instances, each once, in order."""
     objects = (obj for system in emitter.particle_systems for obj in _instanced(system.settings))
     return [
         obj

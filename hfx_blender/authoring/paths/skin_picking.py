@@ -22,7 +22,7 @@ SKIN_MODEL = "hfx-pressure-1"
 
 @lru_cache(maxsize=1)
 def _skin() -> tuple[I64, SurfaceLocator]:
-    """Triangles of the canonical body (F, 3), and their search structure."""
+    """Triangles (F, 3) of the canonical body, and a locator of nearest points on them; cached."""
     import numpy as np
 
     from ...engine.body.model import load_model

@@ -320,9 +320,8 @@ def _shortest(first: F64, last: F64) -> F64:
 
 
 def _set_ascending_values(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
-    """Set ascending keyframe values, where the old values went back and forth along the path.
-
-    Handles are scaled by ``scale``, and mirrored where the old curve fell.
+    """Set ascending keyframe values (k,) in place of ``old`` (k,), which may rise and fall.
+    Handles are scaled by ``scale``, negative where ``old`` fell, and level at its turning points.
     """
     signs = np.sign(np.diff(old))
     left_scales = np.concatenate([[1.0], signs])
@@ -342,7 +341,7 @@ def _set_values(
     left_scales: list[float],
     right_scales: list[float],
 ) -> None:
-    """Set keyframe values, and scale the value offsets of their left and right handles."""
+    """Set keyframe values; value offsets of left and right handles are multiplied by the scales."""
     points = zip(curve.keyframe_points, values, left_scales, right_scales, strict=True)
     for key, value, left, right in points:
         offsets = (key.handle_left[1] - key.co[1], key.handle_right[1] - key.co[1])

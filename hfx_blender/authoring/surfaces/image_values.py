@@ -47,7 +47,7 @@ def data_of(image: bpy.types.Image) -> F64:
 
 
 def brightness_of(image: bpy.types.Image) -> F64:
-    """Luminance (H, W) of an image in linear light, bottom row first.
+    """Luminance (H, W) in linear light, bottom row first, of RGB or a first channel as grey.
 
     Raises InputError: the image has no pixels, or too many.
     """

@@ -78,7 +78,9 @@ def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
 
 
 def relief_of(material: bpy.types.Material) -> ReliefNodes:
-    """Relief nodes of a material. The displacement is unlinked and missing in later bakes."""
+    """Relief nodes of a material: sum of displacement and chained Bump nodes, and another source of
+    normals. Nodes are added; the displacement is unlinked and missing in later bakes.
+    """
     tree = material.node_tree
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
@@ -98,7 +100,9 @@ def relief_of(material: bpy.types.Material) -> ReliefNodes:
 
 
 def colour_of(material: bpy.types.Material) -> Value:
-    """Base colour of a material; None for mixed shaders, or a shader without a colour."""
+    """Output socket of the base colour (a constant gets a new node); None for mixed shaders, or a
+    shader without a colour.
+    """
     shader = _shader(material)
     inputs = [] if shader is None else _colour_inputs(shader)
     if not inputs:
@@ -116,7 +120,7 @@ def _colour_inputs(shader: bpy.types.Node) -> list[bpy.types.NodeSocket]:
 
 
 def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
-    """Image behind the base colour of a material; None for no image or several. Changes nothing."""
+    """Only image upstream of a material's base colour; None for none or several."""
     shader = _shader(material)
     if shader is None:
         return None
@@ -136,7 +140,7 @@ def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
 
 
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
-    """Rewire a material to emit a value; return the undo function."""
+    """Rewire a material to emit a socket, constant or 0 (None); return the undo function."""
     # Emission passes values on unlit, so a bake reads exact values.
     node = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(value, bpy.types.NodeSocket):
@@ -147,7 +151,9 @@ def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
 
 
 def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], None]:
-    """Rewire a material to a diffuse shader with the relief's normal; return the undo function."""
+    """Rewire a material to a diffuse shader with the relief's normal; return the undo function.
+    Unchanged if unknown shaders bend the surface.
+    """
     if relief.is_surface_bent:
         return lambda: None
     node = material.node_tree.nodes.new("ShaderNodeBsdfDiffuse")
@@ -202,7 +208,7 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
 def nodes_of(
     tree: bpy.types.NodeTree, seen: frozenset[str] = frozenset()
 ) -> Iterator[bpy.types.Node]:
-    """Yield the nodes of a tree and of nested groups."""
+    """Yield the nodes of a tree and of nested groups; ``seen``: full names of outer groups."""
     for node in tree.nodes:
         yield node
         group = getattr(node, "node_tree", None)

@@ -237,7 +237,9 @@ class _Scratch:
             return self.baked("EMIT")
 
     def normals(self, reliefs: list[ReliefNodes]) -> F64:
-        """Bake shading normals without heights, tangent space, (H, W, 3); NaN outside of faces."""
+        """Bake normals without the reliefs' heights, unit vectors (H, W, 3), tangent space; NaN off
+        faces.
+        """
         with _wired(self.materials, material_relief.diffuse, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         # Cycles stores normals as colours, 0 to 1; below half length there is no face.

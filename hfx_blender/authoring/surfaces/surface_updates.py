@@ -89,7 +89,9 @@ def note_painted(graph: bpy.types.Depsgraph) -> None:
 
 
 def check() -> list[bpy.types.Object]:
-    """Mark and return the surfaces with an edited material or image."""
+    """Return the surfaces, baked before, with an edited material or painted image; sets
+    ``is_outdated`` of material surfaces, and forgets the painted images.
+    """
     from . import material_hash, surfaces
 
     painted = {image for image in bpy.data.images if image.name_full in painted_images}
@@ -115,7 +117,9 @@ def check() -> list[bpy.types.Object]:
 
 
 def bake_outdated() -> float | None:
-    """Timer: bake outdated surfaces if quick; returns seconds to wait during edits and playback."""
+    """Timer: make outdated maps of images, and of materials if shown and quick; redraw. Returns
+    seconds to wait within 0.8 s of an edit and in playback, else None.
+    """
     since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited
         return BAKE_DELAY_S - since
@@ -129,7 +133,7 @@ def bake_outdated() -> float | None:
 
 
 def make_waiting() -> None:
-    """Timer: make the maps of all scheduled objects."""
+    """Timer: update the maps of scheduled objects, and redraw; faults are shown in the panel."""
     from . import surfaces
 
     waiting = sorted(_waiting)

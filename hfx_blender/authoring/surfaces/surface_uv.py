@@ -66,7 +66,9 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
 
 
 def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
-    """Corners (F, 3, 3), without translation, and areas (F,) of a mesh's triangles in the world."""
+    """World corners (F, 3, 3), without translation, and areas (F,) of triangles, Blender units;
+    InputError without any area.
+    """
     # Translation has no effect on sizes.
     linear = np.array(world, np.float64)[:3, :3]
     points = (mesh_arrays.points(mesh) @ linear.T)[mesh_arrays.triangles(mesh)]
@@ -95,7 +97,7 @@ def projected(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> F64:
 
 
 def layer_of(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVLoopLayer:
-    """UV map of a mesh by name, or the map active for rendering; InputError if missing."""
+    """UV map by name; "": the map active for rendering, else the first; InputError if missing."""
     layers = mesh.uv_layers
     if not len(layers):
         raise InputError(f"'{owner}' has no UV map. Unwrap it first (in Edit Mode: U).")
@@ -108,7 +110,9 @@ def layer_of(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVL
 
 
 def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
-    """Mean world length of a UV unit along U and V, weighted by UV area; None without an area."""
+    """Mean length of a UV unit along U and V, weighted by UV area, of corners (F, 3, 3) and UVs (F,
+    3, 2); None without an area.
+    """
     uv_1, uv_2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     determinant = uv_1[:, 0] * uv_2[:, 1] - uv_1[:, 1] * uv_2[:, 0]
     is_valid = np.abs(determinant) > _SMALLEST

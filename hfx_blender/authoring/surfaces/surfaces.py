@@ -107,7 +107,7 @@ def has_outdated_settings(obj: bpy.types.Object) -> bool:
 
 
 def has_edited_material(obj: bpy.types.Object) -> bool:
-    """Test for a material edited after the bake; False without a stored state."""
+    """Test that the hash of the materials differs from that at baking; False without a hash."""
     from . import material_hash
 
     baked_state = obj.hfx.surface.material_state
@@ -377,7 +377,7 @@ def store_generated(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
 
 
 def _relief_key(obj: bpy.types.Object) -> str:
-    """JSON text of the settings, images and materials of the relief."""
+    """JSON text of the source, its settings, names of images or materials, for comparison."""
     settings = obj.hfx.surface
     names = _RELIEF_SETTINGS[settings.source]
     key = [settings.source, *(_plain(getattr(settings, name)) for name in names)]
@@ -391,7 +391,7 @@ def _relief_key(obj: bpy.types.Object) -> str:
 
 
 def _layer_key(obj: bpy.types.Object) -> str:
-    """JSON text of the settings of the map's layers."""
+    """JSON text of relief key and layer settings, with the amplitude if in steps."""
     settings = obj.hfx.surface
     values = [_plain(getattr(settings, name)) for name in _LAYER_SETTINGS]
     if settings.use_steps:
