@@ -36,10 +36,8 @@ class ActiveEffect:
 def active_rows(
     effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
 ) -> list[I64]:
-    """Own rows of a block at which each effect is on with finite values, ascending.
-
-    Warns of non-finite values.
-    """
+    """Own rows of a block, ascending, at which each effect has a level above 0 and finite values; a
+    list in the order of ``effects``. Warns of non-finite values."""
     if not effects:
         return []
     # Quick paths: a single sample (live), and blocks of finite values only.
@@ -66,7 +64,8 @@ def active_rows(
 def _finite_rows(
     effect: EffectDescription, animated: EffectBlock, block: AnimationBlock, counters: Counters
 ) -> I64:
-    """Own rows of one effect with non-finite values at some rows; warns."""
+    """Own rows at which one effect is on with finite values, ascending; warns with the number of
+    others."""
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
     judged = finite[block.own]
     if not judged.all():
@@ -88,7 +87,8 @@ def _keep_own(on: Bool, block: AnimationBlock) -> None:
 def with_directions(
     effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
 ) -> AnimationBlock:
-    """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if unchanged."""
+    """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if unchanged. Warns of
+    effects other than volumes and surfaces, where on."""
     effects_of_block = None
     for k, effect in enumerate(effects):
         if effect.modality != "wind" or block.effects[k].parameters[:, 1:4].any(axis=1).all():
@@ -109,7 +109,8 @@ def with_directions(
 def warn_of_controls(
     effect: EffectDescription, animated: EffectBlock, rows: I64, counters: Counters
 ) -> None:
-    """Warn of non-finite controls of a contact response, if any, at given rows."""
+    """Warn of non-finite controls of a contact response at given rows, with their number; nothing
+    without a response."""
     if animated.response is None or np.isfinite(animated.response[rows]).all():
         return
     is_bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))
@@ -118,7 +119,8 @@ def warn_of_controls(
 
 
 def posed_rows(pose: PoseBlock) -> I64:
-    """Rows of a pose that were read, with finite values below ``FARTHEST``."""
+    """Ascending rows of a pose that were read, with matrices, bones and surface finite and at most
+    ``FARTHEST``."""
     is_posed = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None and not _is_near(values):
@@ -142,17 +144,15 @@ def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters
 
 
 def of_read(rows: I64, pose: PoseBlock) -> I64:
-    """Rows at which a body was read (not disabled)."""
+    """Rows, of ``rows``, at which a body was read (valid: not disabled)."""
     return rows if pose.valid.all() else rows[pose.valid[rows]]
 
 
 def with_pose(
     rows: I64, posed: I64, body: BodyDescription, counters: Counters, *, needs_pose: bool = False
 ) -> I64:
-    """Rows (ascending) at which the pose is known; warns of the other rows.
-
-    ``needs_pose``: the warning says that painted effects are silent as well.
-    """
+    """Rows, of ascending ``rows``, in ``posed`` (known pose); warns with the number of others.
+    ``needs_pose``: the warning says that painted effects are silent as well."""
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # every row up to the last is posed
     is_posed = np.isin(rows, posed)
@@ -172,8 +172,8 @@ def followed(
 ) -> tuple[I64, Bool, Bool]:
     """Rows and their preceding rows (ascending), and masks of requested rows and of followers.
 
-    Preceding rows have the effect on and a known pose. A follower is one sample after the row
-    before.
+    Preceding rows have the effect on and a pose (in ``posed``). A follower is one sample after the
+    row before.
     """
     count = len(block.indices)
     # A single row (live) follows none.

@@ -60,13 +60,14 @@ def expand(offsets: I64, rows: I64 | I32) -> tuple[I64, I64]:
 
 
 def missing_ids(has_entry: Bool, ids: I64) -> I64:
-    """Sorted unique ids without an entry."""
+    """Sorted unique ids, of ``ids``, with False in ``has_entry``."""
     is_known = has_entry[ids]
     return np.zeros(0, np.int64) if is_known.all() else np.unique(ids[~is_known])
 
 
 def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Stable counting sort of keys (E,) below ``count``: order (E,), key starts (count + 1,)."""
+    """Stable counting sort of keys (E,) in 0..count - 1: order (E,) that sorts them, and the first
+    position of each key in it (count + 1,)."""
     # numpy sorts 16-bit keys by radix sort.
     short = keys.astype(np.uint16) if count <= 1 << 16 else keys
     order = np.argsort(short, kind="stable").astype(np.int64, copy=False)

@@ -66,7 +66,9 @@ class Spread:
 
 
 def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
-    """Strength (n,) at a sample's vertices, 0..1 of full colour."""
+    """Strength (n,) at a sample's vertices: weight times level times strength parameter over the
+    parameter's full-colour value, at most 1. A temperature counts as distance from neutral, of
+    touched objects if ``is_contact``."""
     modality = MODALITIES[sample.stream.modality]
     # Temperatures are relative to neutral; other strengths to 0.
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
@@ -77,7 +79,7 @@ def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float6
 
 
 def colour_name(sample: Sample, is_contact: bool) -> str:
-    """Palette key of a sample: modality or ``COLD``."""
+    """Palette key of a sample: its modality, or ``COLD`` for a temperature below neutral."""
     modality = sample.stream.modality
     if modality != "temperature":
         return modality

@@ -58,12 +58,13 @@ class Counters:
         return Counters(models_loaded=new, bodies_reached=reached, warnings=warnings, **changes)
 
     def reach(self, body_id: str) -> None:
-        """Count a body with a narrow phase, once."""
+        """Record that a body had a narrow phase, each id once."""
         if body_id not in self.bodies_reached:
             self.bodies_reached.append(body_id)
 
     def add(self, more: Counters) -> None:
-        """Add the counts of other counters, in place."""
+        """Add the counts of other counters, in place; loaded models and reached bodies each
+        once."""
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         models = {*self.models_loaded}
@@ -74,11 +75,11 @@ class Counters:
             self.warn(text, count)
 
     def go_back(self, before: Counters) -> None:
-        """Restore a snapshot."""
+        """Restore all counts from a snapshot of :meth:`copy`."""
         self.__dict__.update(vars(before.copy()))
 
     def as_dict(self) -> dict[str, object]:
-        """Plain data for a report."""
+        """All counts by name as plain data, copied."""
         return asdict(self)
 
 
@@ -95,7 +96,8 @@ class Unfelt:
 
 
 def powerless_reason(modality: str, is_contact: bool) -> str:
-    """Reason for an effect of strength 0 or neutral temperature, as text after its name."""
+    """Reason for an effect of strength 0 or neutral temperature, as a predicate ("has amplitude
+    0")."""
     if modality == "temperature":
         return f"has the neutral temperature, {neutral_temperature_c(is_contact):g} °C"
     strength = MODALITIES[modality].strength_parameter
@@ -136,7 +138,8 @@ class ReadingCounters:
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
-    """Part of counters (plain data) independent of the division of a scene into parts."""
+    """Counters independent of the division of a scene into parts: "far", with total samples by
+    volume name, sorted, and "skipped". ``counters`` are plain data."""
     far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
     return {"far": far, "skipped": counters.get("skipped", {})}
 

@@ -94,17 +94,19 @@ class Engine:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Facts about all blocks for a report."""
+        """Sentence for a report if volumes are evaluated without the compiled library; else
+        empty."""
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
-        """Evaluate a block: a run of samples per effect and body with any sample."""
+        """Samples of a block: a run for each effect and body with any sample, in the order of the
+        effects, then bodies."""
         return self.begin(block)()
 
     def evaluated(
         self, blocks: Iterable[AnimationBlock]
     ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-        """Yield (block, sample runs) in order.
+        """Yield (block, sample runs) for each block, in order.
 
         With threads, the next block is begun before the samples of a block are yielded. The
         counters include only yielded blocks.
@@ -124,7 +126,8 @@ class Engine:
     def _finished(
         self, block: AnimationBlock, finish: Callable[[], list[SampleRun]], counted: Counters
     ) -> tuple[AnimationBlock, list[SampleRun]]:
-        """Finish a block, after adding its counts."""
+        """Add the counts ``counted`` while beginning a block, finish it, and return (block,
+        runs)."""
         self.counters.add(counted)
         return block, finish()
 
@@ -161,11 +164,9 @@ class Engine:
     def _begin(
         self, active: ActiveEffect, reach: BlockBroadPhase
     ) -> Callable[[], list[SampleRun | None]]:
-        """Begin one effect at its active rows; returns a function to finish it.
-
-        The function returns a run per body, None without samples. The kind of area selects the
-        method; contact responses act on finished runs.
-        """
+        """Begin one effect at its active rows; returns a function to finish it. The function
+        returns a list of runs, of each body or of the only one, None without samples. Contact
+        responses act on finished runs."""
         effect, bodies = active.effect, self.scene.bodies
         area = effect.area
         if isinstance(area, HapticVolume):

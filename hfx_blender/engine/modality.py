@@ -50,7 +50,7 @@ class Parameter:
 
     @property
     def symbol(self) -> str:
-        """Unit with "²" and "°C" for display."""
+        """Unit for display, with "²" for "^2" and "°C" for "degC"."""
         return self.unit.replace("^2", "²").replace("degC", "°C")
 
 
@@ -98,12 +98,13 @@ class Modality:
 
     @cached_property
     def controls(self) -> tuple[Parameter, ...]:
-        """Parameters with a property, used by devices and files; the strength is first."""
+        """Parameters with a property, in order, for devices and files; the strength is first."""
         return tuple(p for p in self.parameters if p.prop)
 
     @property
     def is_silent_at_0(self) -> bool:
-        """True if strength 0 is silence; False for temperature."""
+        """True if the strength has no values below 0, so that 0 is silence; False for
+        temperature."""
         return self.strength_parameter.minimum >= 0.0
 
 

@@ -46,7 +46,7 @@ class _Worker(Generic[Made, Done]):
         self._thread.start()
 
     def _run(self) -> None:
-        """Body of the thread."""
+        """Body of the thread: queue all results of the work, keep its error, and set the end."""
         try:
             for result in self._work(self._items()):
                 self._done.put(result)
@@ -58,7 +58,8 @@ class _Worker(Generic[Made, Done]):
             self._has_ended.set()
 
     def _items(self) -> Iterator[Made]:
-        """Yield items until the end; raises ``_StoppedError`` after :meth:`stop`."""
+        """Yield items until the end (None); raises ``_StoppedError`` within 0.05 s after
+        :meth:`stop`."""
         while True:
             try:
                 item = self._made.get(timeout=_LOOK_S)
@@ -73,7 +74,7 @@ class _Worker(Generic[Made, Done]):
             yield item[0]
 
     def put(self, item: tuple[Made] | None) -> None:
-        """Queue an item (None: end), waiting for room; raises an error of the thread."""
+        """Queue an item (None: end), waiting for room; raises an error that the thread has met."""
         while True:
             self._raise_error()
             try:
@@ -82,27 +83,28 @@ class _Worker(Generic[Made, Done]):
                 continue
 
     def results_since(self) -> list[Done]:
-        """Results since the last call."""
+        """Results queued since the last call, in order; empty without any. Does not wait."""
         results = []
         while not self._done.empty():
             results.append(self._done.get())
         return results
 
     def wait_for_end(self) -> bool:
-        """Wait briefly; True at the end of the work. Raises an error of the thread."""
+        """Wait up to 0.05 s; True if the thread has ended, without an error. Raises the thread's
+        error once."""
         if not self._has_ended.wait(_LOOK_S):
             return False
         self._raise_error()
         return True
 
     def stop(self) -> None:
-        """Stop the thread before its next item, and wait for its end."""
+        """Make the thread end before its next item, and wait for its end."""
         self._is_stopped = True
         self._has_ended.wait()
         self._thread.join()
 
     def _raise_error(self) -> None:
-        """Raise an error of the thread once."""
+        """Raise the thread's error, if any, and forget it."""
         error, self._error = self._error, None
         try:
             if error is not None:
@@ -138,7 +140,8 @@ def overlapped(
 def sequentially(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """Version of :func:`overlapped` without a thread; yields lists of one result."""
+    """Version of :func:`overlapped` without a thread: runs ``work`` on ``source`` here, and yields
+    each result as a list of one."""
     with closing(work(source)) as done:
         for result in done:
             yield [result]
@@ -146,7 +149,7 @@ def sequentially(
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
-    """Context with a shorter switch interval of the interpreter."""
+    """Context with a switch interval of the interpreter of at most 0.1 ms, restored at the end."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))
     try:

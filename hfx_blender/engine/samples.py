@@ -32,7 +32,7 @@ class Impact:
     normals: F32  # (n, 3) outward normals of the volume, world space
 
     def part(self, chosen: slice) -> Impact:
-        """Impacts of a slice of the vertices."""
+        """Impacts of a slice ``chosen`` of the vertices."""
         return Impact(self.times_s[chosen], self.speeds_m_s[chosen], self.normals[chosen])
 
 
@@ -45,7 +45,7 @@ class Drive:
     values: F32  # (n, A) 0..1, one row per sample
 
     def part(self, chosen: slice) -> Drive:
-        """Values of a slice of the samples."""
+        """Values of a slice ``chosen`` of the samples."""
         return Drive(self.device_id, self.actuators, self.values[chosen])
 
     def gains(self, device_id: str, actuators: Sequence[str]) -> F64:
@@ -113,7 +113,7 @@ class SampleRun:
 
     @property
     def set_of(self) -> I64:
-        """Set (n,) of each sample."""
+        """Set number (n,) of each sample; 0 to n - 1 without shared sets."""
         return np.arange(len(self.indices)) if self.sets is None else self.sets
 
     @property
@@ -123,7 +123,7 @@ class SampleRun:
 
     @property
     def contact_count(self) -> int:
-        """Total number of vertices of all samples."""
+        """Number of (sample, vertex) pairs; a shared set counts for each of its samples."""
         if self.sets is None or len(self.sets) == len(self.offsets) - 1:
             return len(self.vertices)  # no shared sets
         return int(self.sizes.sum())
@@ -159,7 +159,7 @@ class SampleRun:
             )
 
     def _cut(self, names: tuple[str, ...], part: slice) -> dict[str, Any]:
-        """Slice of columns by name, without columns of None."""
+        """Slice ``part`` of the named columns, by name; absent columns are left out."""
         columns = {name: getattr(self, name) for name in names}
         return {name: column[part] for name, column in columns.items() if column is not None}
 
@@ -176,17 +176,10 @@ ENTRIES: Final = (
 def joined_runs(
     blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]
 ) -> list[SampleRun]:
-    """Join the runs of successive blocks into one run per stream.
+    """Join the runs of successive blocks into one run per stream, in the order of ``streams``.
 
-    Parameters
-    ----------
-    streams : sequence of Stream
-        Possible streams, in the order of the result; streams without samples are omitted.
-
-    Raises
-    ------
-    ValueError
-        Runs of a stream have different optional columns.
+    Streams without samples are omitted, as are runs of other streams. Raises ValueError if runs of
+    a stream have different optional columns.
     """
     runs_by_stream: dict[Stream, list[SampleRun]] = {}
     for block in blocks:
@@ -197,7 +190,8 @@ def joined_runs(
 
 
 def _joined(runs: list[SampleRun]) -> SampleRun:
-    """Concatenate the runs of a stream; a single run is returned unchanged."""
+    """Concatenate the runs of a stream, in order; a single run is returned unchanged. Raises
+    ValueError if only some have an optional column, or for drives of several devices."""
     first = runs[0]
     if len(runs) == 1:
         return first
@@ -242,12 +236,13 @@ def _impact(parts: list[Impact]) -> Impact:
 
 
 def _drive(parts: list[Drive], run: SampleRun) -> Drive:
-    """Concatenated drives of a device; raises ValueError for several devices."""
+    """Concatenated drives of a device; raises ValueError, naming the effect of ``run``, for several
+    devices or lists of actuators."""
     if len({(part.device_id, part.actuators) for part in parts}) > 1:
         raise ValueError(_differing(run))
     return replace(parts[0], values=np.concatenate([part.values for part in parts]))
 
 
 def _differing(run: SampleRun) -> str:
-    """Message about runs with different columns."""
+    """Message about samples of an effect with different columns."""
     return f"effect '{run.stream.effect_id}': what its samples carry changes"

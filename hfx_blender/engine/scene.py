@@ -45,7 +45,7 @@ class TimeBase:
 
     @property
     def sample_count(self) -> int:
-        """Number of samples in the range; the last frame lasts a whole frame."""
+        """Number of samples in the range, rounded up; the last frame lasts a whole frame."""
         duration = Fraction(self.frame_last - self.frame_first + 1) / self.fps
         return -int(-duration * self.rate_hz // 1)
 
@@ -93,7 +93,8 @@ class FittedModel:
     anchors: SurfaceAnchors  # offsets in the unit of the vertices
 
     def of(self, model: PerceptualModel) -> PerceptualModel:
-        """Copy of a model with the fitted vertices, bones and weights."""
+        """Copy of the canonical ``model`` with the fitted vertices, bones and weights; ids and the
+        rest stay."""
         return replace(
             model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
         )
@@ -151,7 +152,7 @@ class HapticVolume:
 
     @property
     def has_impacts(self) -> bool:
-        """True with an impact filter, which rings after a contact."""
+        """True if any response filter is an impact, which rings after a contact."""
         return any(one.kind is FilterKind.IMPACT for one in self.response)
 
 
@@ -229,7 +230,7 @@ class SceneDescription:
 
     @property
     def has_volumes(self) -> bool:
-        """True with any haptic volume."""
+        """True if any effect is a haptic volume; surfaces do not count."""
         return any(isinstance(effect.area, HapticVolume) for effect in self.effects)
 
 
@@ -257,7 +258,7 @@ class EffectBlock:
     drive: F64 | None = None  # (T, A) actuators only; strengths 0..1
 
     def shapes_at(self, rows: I64) -> I64:
-        """Index (k,) into ``shapes`` at rows (k,)."""
+        """Index (k,) into ``shapes`` at rows (k,); 0 without ``shape_index``."""
         if self.shape_index is None:
             return np.zeros(len(rows), np.int64)
         return self.shape_index[rows].astype(np.int64)

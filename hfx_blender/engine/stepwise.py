@@ -15,7 +15,8 @@ _T = TypeVar("_T")
 
 
 def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
-    """Run all steps and return the result; ``progress`` is called with each fraction."""
+    """Run all steps and return the generator's result; ``progress`` is called with each yielded
+    fraction."""
     while True:
         try:
             progress(next(steps))
@@ -27,7 +28,8 @@ def finish(steps: Generator[float, None, _T], progress: Progress = lambda share:
 def within(
     steps: Generator[float, None, _T], start: float, end: float
 ) -> Generator[float, None, _T]:
-    """Yield the fractions of steps scaled from ``start`` to ``end``; returns the result."""
+    """Yield the fractions 0..1 of ``steps`` scaled to ``start`` .. ``end``; returns the generator's
+    result."""
     while True:
         try:
             share = next(steps)

@@ -39,7 +39,8 @@ class Tolerance:
                 raise ValueError(f"a tolerance must not be negative: {self}")
 
     def edge_m(self, spacing_m: float) -> float:
-        """Largest error of the edge of a contact at a vertex spacing, metres."""
+        """Largest error of the edge of a contact, metres, for a vertex spacing: the smaller of the
+        share of the spacing and the distance."""
         return min(self.spacing_share * spacing_m, self.distance_m)
 
 
@@ -56,10 +57,8 @@ _ALLOWED = f"{', '.join(PRESETS)}, or values such as 5mm,10ms,5%"
 
 
 def parse(text: str) -> Tolerance:
-    """Parse a preset name, or values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
-
-    Raises UsageError: the text is neither.
-    """
+    """Parse a preset name, or values such as ``3mm,5ms`` or ``3mm,5ms,2%`` in any order; mm and ms
+    are required, without % that of STANDARD applies. Raises UsageError: the text is neither."""
     name = text.strip().lower()
     if name in PRESETS:
         return PRESETS[name]

@@ -59,10 +59,9 @@ class AllocentricAreas:
         body: BodyDescription,
         reach: BlockBroadPhase,
     ) -> Callable[[], SampleRun | None]:
-        """Begin the contacts of a volume with a body; returns a function to finish them.
-
-        The function returns None without contact. Worker threads may compute in between.
-        """
+        """Begin the contacts of a volume with a body; returns a function to finish them, to be
+        called once. The function returns None without contact. Without rows of known pose, or with
+        volume and body apart, nothing is computed. Worker threads may compute in between."""
         effect, animated, block = active.effect, active.animated, active.block
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
@@ -117,7 +116,8 @@ class AllocentricAreas:
     def _samples_of(
         self, active: ActiveEffect, body: BodyDescription, hits: Contacts
     ) -> SampleRun | None:
-        """Sample run of contacts at the active rows; None without contact."""
+        """Sample run of contacts ``hits``, with the recorded details depth, surface and impact;
+        None without contact."""
         if not len(hits.rows):
             return None
         animated, block = active.animated, active.block
@@ -144,10 +144,9 @@ class AllocentricAreas:
     def _between(
         self, effect: EffectDescription, falloff: Falloff, moments: Moments, follows: Bool
     ) -> SampleRun | None:
-        """Contacts between samples, without the response (:mod:`..response.between_samples`).
-
-        None without contact. Counts only posed vertices.
-        """
+        """Contacts at ``moments`` between samples, before the response; None without contact.
+        ``follows`` (n,) are moments one step after the moment before. Counts only posed
+        vertices."""
         query = ContactQuery(
             *(moments.effect, falloff, moments.skin, moments.pose, moments.bounds, Counters()),
             *(moments.rows, follows, np.ones(len(follows), np.bool_)),
@@ -172,7 +171,8 @@ class AllocentricAreas:
     def surface(
         self, active: ActiveEffect, body: BodyDescription, reach: BlockBroadPhase
     ) -> SampleRun | None:
-        """Evaluate a surface touched by a body; None without contact."""
+        """Samples of a surface touched by a body, amplitude and frequency as parameters; None
+        without contact or row of known pose."""
         pose = active.block.poses[self._builder.body_index[body.id]]
         rows = self._with_pose(active.rows, pose, reach.posed(body), body)
         if not len(rows):
@@ -195,7 +195,8 @@ class AllocentricAreas:
         return replace(run, parameters=samples.parameters)
 
     def _with_pose(self, rows: I64, pose: PoseBlock, posed: I64, body: BodyDescription) -> I64:
-        """Rows at which a body was read and the pose is known; warns of others."""
+        """Rows at which the body was read (enabled) and the pose is known; warns of rows read
+        without known pose."""
         read, builder = of_read(rows, pose), self._builder
         return with_pose(read, posed, body, builder.counters, needs_pose=builder.wants_motion)
 
@@ -206,10 +207,8 @@ class AllocentricAreas:
         reach: BlockBroadPhase,
         run: SampleRun | None,
     ) -> SampleRun | None:
-        """Response of a volume to its contacts ``run`` with a body (None without contact).
-
-        With recorded motion and depth. Returns None if nothing sounds.
-        """
+        """Response of a volume to its contacts ``run`` with a body (None without contact), with
+        recorded motion and depth; None without a sample above 0."""
         effect, animated, block = active.effect, active.animated, active.block
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
@@ -242,7 +241,8 @@ class AllocentricAreas:
 
 
 def _with_adjacent_rows(rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock) -> I64:
-    """Union of rows and the history and future rows of a block with the effect on."""
+    """Ascending union of ``rows`` and the history and future rows of a block with the effect on and
+    a known pose (``posed``)."""
     count = len(block.indices)
     adjacent = np.concatenate([np.arange(block.own.start), np.arange(block.own.stop, count)])
     values = np.concatenate(
@@ -288,5 +288,5 @@ def _coarse(
 
 
 def _no_samples() -> None:
-    """None: result of an effect without contacts."""
+    """Return None: finishing an effect without contacts."""
     return None

@@ -22,10 +22,9 @@ class EgocentricAreas:
         self._spots: dict[str, spot.SpotSkin] = {}
 
     def painted(self, active: ActiveEffect, area: PaintedArea) -> SampleRun | None:
-        """Run of a painted area; None without a row of known pose.
-
-        Raises ValueError: motion is recorded, but the reader did not read poses.
-        """
+        """Run of a painted area at the active rows, all with the same vertices; None without a row
+        of known pose. Poses count only if motion is recorded. Raises ValueError: motion is
+        recorded, but the reader did not read poses."""
         rows = active.rows
         if self._builder.wants_motion:
             k = self._builder.body_index[area.body_id]
@@ -50,7 +49,8 @@ class EgocentricAreas:
         )
 
     def spot(self, active: ActiveEffect, area: SpotArea) -> SampleRun | None:
-        """Run of a spot moving on the skin; None if never placed."""
+        """Run of a spot moving on the skin, at active rows with finite position and radius; None
+        without any, or, if motion is recorded, without a known pose."""
         effect, animated = active.effect, active.animated
         rows, focus = spot.focus_of(
             effect.name, area, animated, active.rows, self._builder.counters
@@ -80,11 +80,10 @@ class EgocentricAreas:
         )
 
     def actuators(self, active: ActiveEffect, area: ActuatorArea) -> SampleRun | None:
-        """Run of actuator values without vertices; None if no actuator is driven.
-
-        Vector sensations of Schneider et al., UIST 2015: a curve per actuator, without rendering
-        scheme. Other effects add on the device; limits of the device apply.
-        """
+        """Run of actuator values, clipped to 0..1, without vertices, at rows with a value above 0;
+        None without any. Rows with NaN are silent, with a warning. Vector sensations of Schneider
+        et al., UIST 2015: a curve per actuator, without rendering scheme. Other effects add on the
+        device; limits of the device apply."""
         assert active.animated.drive is not None
         values = active.animated.drive[active.rows]
         is_known = np.isfinite(values).all(axis=1)

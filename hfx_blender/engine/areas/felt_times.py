@@ -32,7 +32,8 @@ class FeltTimes:
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
 
     def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
-        """Record effects with a level above 0 at a block's own samples."""
+        """Record effects with a level above 0 and finite values at a block's own samples; for
+        effects on without finite values or placement the non-finite quantity."""
         for effect, animated in zip(effects, block.effects, strict=True):
             if effect.id in self.is_on:
                 continue
@@ -64,7 +65,7 @@ class FeltTimes:
                 self._count(stream.effect_id, stream.body_id, span)
 
     def add(self, later: FeltTimes) -> None:
-        """Add the counts of another part of the recording."""
+        """Add the counts of another part of the recording, in place."""
         self.is_on |= later.is_on
         self.no_number |= later.no_number
         self.touched |= later.touched
@@ -73,14 +74,15 @@ class FeltTimes:
                 self._count(effect_id, body_id, span)
 
     def _count(self, effect_id: str, body_id: str, span: list[int]) -> None:
-        """Add a span (number, first, last sample) to an effect and body."""
+        """Add a span (number, first, last sample index) to that of an effect and body."""
         spans = self.felt.setdefault(effect_id, {})
         count, first, last = spans.get(body_id, [0, *span[1:]])
         spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
 
 
 def has_strength(run: SampleRun, is_contact: bool) -> Bool:
-    """Mask (n,) of samples with strength above 0, or a temperature off neutral."""
+    """Mask (n,) of samples with level and strength parameter above 0; of temperatures 0.001 degrees
+    or more off neutral (of touched objects if ``is_contact``, else of air)."""
     modality = MODALITIES[run.stream.modality]
     values = run.parameters[:, modality.parameter_names.index(modality.strength)]
     if modality.name == "temperature":

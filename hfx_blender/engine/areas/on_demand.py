@@ -68,7 +68,8 @@ def motion(
 def _by_row(
     animated: EffectBlock, hits: Contacts
 ) -> Iterator[tuple[slice, Shape, F64, ContactDetails]]:
-    """Yield the slice of each row's contacts, the volume's shape and matrix, and the details."""
+    """Yield (slice of the contacts, shape, matrix (4, 4), details of all contacts) for each row
+    with contacts."""
     assert animated.matrices is not None and hits.details is not None
     for k, row in enumerate(hits.rows):
         part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
@@ -85,7 +86,8 @@ def depths(animated: EffectBlock, hits: Contacts) -> F32:
 
 
 def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
-    """Nearest boundary points and normals (total, 3 each), world space."""
+    """Nearest boundary points and outward normals (total, 3 each) of the contacts, world space,
+    metres."""
     places = np.zeros((len(hits.vertices), 3), np.float32)
     normals = np.zeros_like(places)
     for part, shape, matrix, details in _by_row(animated, hits):
@@ -95,7 +97,8 @@ def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
 
 
 def impact(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) -> Impact:
-    """Times, speeds and normals of contacts begun since the previous sample; NaN for others."""
+    """Times (seconds), approach speeds (m/s, at least 0) and normals of contacts begun since the
+    previous sample; NaN for earlier contacts. ``indices`` are the block's sample indices."""
     count = len(hits.vertices)
     times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
     normals = np.full((count, 3), np.nan, np.float32)

@@ -118,7 +118,8 @@ class SpotSkin:
 def focus_of(
     name: str, area: SpotArea, animated: EffectBlock, rows: I64, counters: Counters
 ) -> tuple[I64, F32]:
-    """Rows at which a spot has finite values, and the focus (n, 4); warns of other rows."""
+    """Rows, of ``rows``, at which a spot has finite position and radius, and the focus (n, 4):
+    point in rest space and radius of half strength, metres. Warns of other rows."""
     assert animated.place is not None
     along, radii = animated.place[rows].T
     is_known = np.isfinite(along) & np.isfinite(radii)

@@ -34,7 +34,8 @@ class BoundSkins:
         self._bound: dict[tuple[str, str], BodySkin] = {}
 
     def of(self, body: BodyDescription, model_id: str) -> BodySkin:
-        """Skin of a model on a body."""
+        """Skin of a model bound to a body, cached; by surface anchors, or fitted or canonical skin
+        weights."""
         key = (body.id, model_id)
         if key not in self._bound:
             binding = body.binding
@@ -51,7 +52,8 @@ class BoundSkins:
         return self._bound[key]
 
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:
-        """Skin coverage shared by all bodies with bindings of the same models."""
+        """Cached skin coverage, shared by all bodies with the same finer model: none on a body
+        fitted without it."""
         model = self.model(model_id)
         # A fitted body has finer skin only if the finer model was fitted too.
         fine = finer_id(model, self._tolerance)
@@ -65,7 +67,7 @@ class BoundSkins:
         return self._skins[model_id, fine]
 
     def model(self, model_id: str) -> PerceptualModel:
-        """Perceptual model by id, not fitted to a body."""
+        """Perceptual model by id, not fitted to a body, loaded and counted once."""
         if model_id not in self._models:
             self._models[model_id] = self._load(model_id)
             self._counters.models_loaded.append(model_id)

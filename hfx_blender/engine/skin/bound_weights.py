@@ -39,7 +39,8 @@ class BoundWeights:
 
     @classmethod
     def _made(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
-        """Uncached version of :meth:`of`."""
+        """Uncached version of :meth:`of`. Rows are normalised in float64; vertices without weights
+        get weight 1 on an additional bone at rest."""
         index = {name: i for i, name in enumerate(bone_names)}
         weights, rest_bone = model.weights, len(bone_names)
         bone_of = np.array([index.get(name, -1) for name in model.bone_names], np.int64)
@@ -78,7 +79,7 @@ class BoundWeights:
         return expand(self.offsets, ids)
 
     def clusters(self, clusters: list[I32]) -> native.BoundClusters:
-        """Clusters of vertices for the native library."""
+        """Clusters of vertices with weights and rest positions for the native library."""
         arrays = self.offsets, self.bones, self.values, self.rest
         return native.BoundClusters(*arrays, clusters, self.bone_count + 1)
 
@@ -103,7 +104,7 @@ class BoneBoxes:
 
     @classmethod
     def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
-        """Boxes of non-empty clusters."""
+        """Boxes of the clusters' vertices by bone; clusters must not be empty."""
         return cls(*weights.clusters(clusters).bone_boxes())
 
     @cached_property
@@ -123,7 +124,7 @@ class BoneBoxes:
 
     @property
     def used(self) -> I64:
-        """Bones with weights, ascending."""
+        """Indices of bones with weights in any cluster, ascending, unique."""
         return self._used[0]
 
     @property

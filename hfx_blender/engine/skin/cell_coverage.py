@@ -54,15 +54,13 @@ def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
 
 
 def finest_m(spacing: F64) -> F64:
-    """Distance of samples at tolerance 0, metres."""
+    """Smallest distance of samples, metres: an eighth of ``spacing``, clipped to 0.25 to 1 mm."""
     return np.asarray(np.clip(FINEST_SHARE * spacing, *FINEST_M))
 
 
 def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
-    """True if a tolerance requires more samples than the vertices.
-
-    Skin is never farther from its vertex than the spacing.
-    """
+    """True if a tolerance requires more samples than the vertices of a model with triangles: a
+    share below 1 or a finite distance. Skin is never farther from its vertex than the spacing."""
     is_finer = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
     return is_finer and len(model.triangles) > 0
 
@@ -130,7 +128,8 @@ class SkinCoverage:
             self.outlines, self.margins_m = self._outlined()
 
     def _outlined(self) -> tuple[list[I32], F64]:
-        """Outline (units, then corners around them) and margin of each cluster."""
+        """Vertices of the surface for each cluster (units, then corners around the units), and the
+        bulge of its skin beyond these in rest pose, metres."""
         # Skin vertices grouped by cell, then in the order of the cells in the clusters.
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
@@ -179,7 +178,8 @@ class BodySkin:
 
     @cached_property
     def own_outline(self) -> Outline | None:
-        """Bone boxes of the model's own vertices; None if these are the skin's vertices."""
+        """Bone boxes of the model's own vertices for the native library; None if these are the
+        skin's vertices."""
         if not self.is_grouped:
             return None
         assert isinstance(self.vertices, SkinnedModel)
@@ -187,7 +187,8 @@ class BodySkin:
 
     @cached_property
     def used_bones(self) -> UsedBones:
-        """Bones with weights on the skin or on the vertices of the model."""
+        """Unique bones with weights on the skin or on the vertices of the model; only for bodies
+        moved by bones."""
         models = {self.surface, self.vertices} if self.is_grouped else {self.surface}
         used = [model.used_bones for model in models if isinstance(model, SkinnedModel)]
         return UsedBones(np.unique(np.concatenate(used)))
@@ -197,10 +198,8 @@ class BodySkin:
         return CellGroups(len(self.surface.clusters))
 
     def cell_groups(self, clusters: I64) -> Any:
-        """Native table of bounds of cell sizes in a pose, with the given clusters filled.
-
-        Only for bodies moved by bones. Does not fill the skin table.
-        """
+        """Native table of bounds of cell sizes in a pose, with the clusters of these ids filled.
+        Only for bodies moved by bones. Does not fill the skin table."""
         missing = self._groups.missing(clusters)
         if len(missing):
             assert isinstance(self.surface, SkinnedModel)
@@ -221,7 +220,7 @@ class BodySkin:
 
 
 def owners_of(clusters: list[I32], count: int) -> I64:
-    """Cluster (count,) of each vertex."""
+    """Index (count,) of the cluster of each of ``count`` vertices; 0 for vertices in no cluster."""
     owners = np.zeros(count, np.int64)
     owners[np.concatenate(clusters)] = np.repeat(
         np.arange(len(clusters)), [len(ids) for ids in clusters]

@@ -140,7 +140,8 @@ class SkinTable:
         self.samples = np.zeros((4, 0))
 
     def need(self, clusters: I64) -> None:
-        """Fill clusters not filled before; ``clusters`` are ids in any order."""
+        """Fill clusters not filled before; ``clusters`` are ids in any order. Updates the arrays in
+        place."""
         new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
@@ -153,7 +154,8 @@ class SkinTable:
         self.largest_cell = int(self.most_samples.max())
 
     def _make_room(self, count: int) -> None:
-        """Grow the array of samples by copying, because other threads may read the old array."""
+        """Grow the array of samples to at least ``count`` columns by copying, because other threads
+        may read the old array."""
         self._sample_count = count
         if count > self.samples.shape[1]:
             larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
@@ -162,7 +164,8 @@ class SkinTable:
 
     @cached_property
     def _spacing(self) -> F64:
-        """Distances as given, and reciprocal vertex spacing up to a factor, (3, skin vertices)."""
+        """Largest and smallest sample distances, metres, and 1 / sqrt(cell area), (3, skin
+        vertices)."""
         closeness = 1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))
         return np.stack([*self._distances, closeness.astype(np.float64)])
 

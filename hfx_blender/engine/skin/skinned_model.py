@@ -61,7 +61,8 @@ class SkinnedModel:
         return self._factors[cluster]
 
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
-        """Matrices (n, len(bones), 3, 4), rest to target space; ``bone_count`` is at rest."""
+        """Matrices (n, k, 3, 4) of k ascending ``bones``, rest to target space, at rows (n,);
+        ``to_target`` (n, 4, 4). A last bone equal to the number of bones is at rest."""
         assert pose.bones is not None
         if len(bones) and bones[-1] == pose.bones.shape[1]:  # the additional bone at rest
             still = np.broadcast_to(np.eye(3, 4), (len(rows), 1, 3, 4))
@@ -110,10 +111,8 @@ class SkinnedModel:
     def native_clusters(
         self, clusters: I64, table: SkinTableArrays | None = None
     ) -> native.Clusters:
-        """Native table of all clusters, with the given clusters filled.
-
-        Neighbours are filled only with ``table``, for skin around vertices.
-        """
+        """Native table of all clusters, with the clusters of these ids filled; neighbours around
+        the vertices only with ``table``."""
         self._native.add(clusters, table)
         return self._native
 
@@ -130,6 +129,7 @@ class SkinnedModel:
 
 
 def _products(matrices: F64, factors: F64) -> F64:
-    """Positions (3, n V) from factors (V, 4 B) and matrices (n, B, 3, 4)."""
+    """Positions (3, n V) from factors (V, 4 B), weights times rest positions, and matrices (n, B,
+    3, 4)."""
     stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3))
     return stacked_product(stacked.reshape(1, 3 * len(matrices), -1), factors).reshape(3, -1)

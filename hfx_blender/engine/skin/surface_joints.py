@@ -81,7 +81,8 @@ class SurfaceJoints:
         return BoundWeights(offsets, bones, values, rest, len(self.names))
 
     def _followed(self, points: F64) -> F64:
-        """Least-squares similarity transforms (J, 3, 4) to moved vertices (V, 3)."""
+        """Least-squares similarity transforms (J, 3, 4), without reflection, of the joints' patches
+        from rest to moved vertices (V, 3)."""
         middles = (self._mix @ points) / self._sums
         products = (points[:, :, None] * self._rest[:, None, :]).reshape(-1, 9)
         spread = (self._mix @ products / self._sums).reshape(-1, 3, 3)
@@ -140,7 +141,8 @@ def _patches(model: PerceptualModel) -> I64:
 
 
 def _nearest_patches(model: PerceptualModel, centres: I64) -> tuple[I64, F64]:
-    """Nearest patches along the skin and weights, (V, 4) each; weights sum to 1."""
+    """Four nearest patches along the skin, fewer if there are fewer, and their weights, (V, 4)
+    each; weights sum to 1. An island without a patch takes straight distances."""
     from scipy.sparse.csgraph import dijkstra
 
     graph = edge_graph(model.vertices.astype(np.float64), model.triangles)

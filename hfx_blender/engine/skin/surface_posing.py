@@ -35,7 +35,8 @@ class PointwiseModel(ABC):
         return self._local(np.concatenate(self.clusters), pose, rows)
 
     def bounds_around(self, places: F64, to_target: F64) -> tuple[F64, F64]:
-        """Cluster bounding boxes (two of (n, C, 3)) of the points of :meth:`places`."""
+        """Lower and upper corners (n, C, 3 each), target space, of the clusters' boxes around the
+        points of :meth:`places`; ``to_target`` (n, 4, 4)."""
         moved = places @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         starts = np.cumsum([0, *(len(ids) for ids in self.clusters[:-1])])
         return np.minimum.reduceat(moved, starts, 1), np.maximum.reduceat(moved, starts, 1)
@@ -59,7 +60,7 @@ class PointwiseModel(ABC):
         return np.asarray(to_target[:3, :3] @ local.T + to_target[:3, 3:])
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """Lower and upper corners (n, 3) of the whole model, target space."""
+        """Lower and upper corners (n, 3) of a box that contains the whole model, target space."""
         low, high = self.cluster_bounds(pose, rows, to_target)
         return low.min(axis=1), high.max(axis=1)
 
@@ -77,7 +78,7 @@ class BlendedModel(PointwiseModel):
 
 @lru_cache(maxsize=80)
 def _blended(model: PerceptualModel, names: tuple[str, ...], pose: PoseBlock, row: int) -> F64:
-    """Positions (V, 3) of all vertices at a row; cached, must not be changed."""
+    """Positions (V, 3) of all vertices at a row, armature space; cached, must not be changed."""
     assert pose.bones is not None
     return by_bones(model, names, pose.bones[row]).T
 

@@ -42,10 +42,8 @@ class SurfaceDrive:
         return cls(texture.drive_per_m, float(texture.device.amplitude_m_s2(1.0)))
 
     def amplitude(self, amplitude_m_s2: npt.ArrayLike, own_per_m: float | None) -> F64:
-        """Amplitudes scaled by the device's c_v relative to the common; unchanged for None.
-
-        Scaling up stops at the amplitude of drive 1.
-        """
+        """Amplitudes (m/s^2) times the ratio of a device's c_v ``own_per_m`` to the common c_v;
+        unchanged for None. Scaling up stops at the amplitude of drive 1; larger amplitudes stay."""
         amplitude = np.asarray(amplitude_m_s2, np.float64)
         if own_per_m is None:
             return amplitude
@@ -68,7 +66,8 @@ class SurfaceDrives:
         self._drives = {name: _read(name, pair) for name, pair in stored.items()}
 
     def on_device(self, run: SampleRun) -> SampleRun:
-        """Copy of a run with amplitudes for the device; the run itself if unchanged."""
+        """Copy of a run with amplitudes for the device; the run itself without calibration or drive
+        of its effect."""
         drive = self._drives.get(run.stream.effect_id)
         if self._own_per_m is None or drive is None:
             return run
@@ -78,7 +77,8 @@ class SurfaceDrives:
 
 
 def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping[str, Any]:
-    """Copy of track settings with the drives of the surfaces of a scene."""
+    """Copy of track settings with the drives of the calibrated surfaces of a scene; ``settings``
+    itself without any."""
     drives = {
         effect.id: SurfaceDrive.of(effect.area.texture)
         for effect in scene.effects
@@ -89,10 +89,8 @@ def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping
 
 
 def _read(name: str, pair: object) -> SurfaceDrive:
-    """Drive of an effect from two positive numbers.
-
-    Raises InputError: the value is anything else.
-    """
+    """Drive of effect ``name`` from a list of two finite numbers above 0. Raises InputError: the
+    value is anything else."""
     if isinstance(pair, list) and len(pair) == 2:
         is_number = [isinstance(x, int | float) and not isinstance(x, bool) for x in pair]
         if all(is_number) and all(math.isfinite(x) and x > 0.0 for x in pair):

@@ -64,11 +64,9 @@ class SurfaceEffects:
         pose: PoseBlock,
         bounds: ReachableBounds,
     ) -> SurfaceSamples | None:
-        """Evaluate contacts of a body with a surface; None without contact.
-
-        The pose is known at the active rows; ``bounds`` are cluster boxes at all rows with a
-        known pose.
-        """
+        """Contacts of a body with a surface at the active rows; None without any above 0. Rows
+        without a finite placement are left out, with a warning. The pose is known at the active
+        rows; ``bounds`` are cluster boxes at all rows with a known pose."""
         effect, animated, block = active.effect, active.animated, active.block
         area = effect.area
         assert isinstance(area, HapticSurface)
@@ -138,10 +136,8 @@ class SurfaceEffects:
         bounds: ReachableBounds,
         rows: I64,
     ) -> tuple[I64, I64, F64]:
-        """Vertices within reach of a surface's bounding box: time (row number), id, world point.
-
-        Sorted by time, then id.
-        """
+        """Vertices within reach of a surface's bounding box: position in ``rows`` (n,), id (n,),
+        world point (n, 3), sorted by row, then id."""
         box_low, box_high = vertices.min(axis=1), vertices.max(axis=1)
         centre, half = 0.5 * (box_low + box_high), 0.5 * (box_high - box_low)
         middle = np.einsum(
@@ -172,7 +168,8 @@ class SurfaceEffects:
 
 
 def _parts(counts: I64) -> list[slice]:
-    """Slices of successive times with at most 512 points, or a single time."""
+    """Slices of successive rows with at most 512 points in all, or a single row with more;
+    ``counts`` are the points of each row."""
     parts, first, total = [], 0, 0
     for k, count in enumerate(counts.tolist()):
         # A time with more points than the limit is a batch of its own.
@@ -214,10 +211,9 @@ def _gathered(
     reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
-    """Samples of the contacts at reported rows; None without any.
-
-    Amplitude and frequency of a row are of the strongest contact, weights relative to it.
-    """
+    """Samples of the contacts with drive above 0 at ``reported`` rows; None without any. Amplitude
+    and frequency of a row are of the strongest contact, weights relative to it. ``drive`` and
+    ``frequency`` (contacts,) are rendered; a frequency of 0 means that of the effect."""
     contacts = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
     if not len(contacts):
         return None
@@ -246,7 +242,7 @@ def _gathered(
 
 
 def _joined(parts: list[SurfaceSamples]) -> SurfaceSamples | None:
-    """Concatenate samples of successive times; None without any."""
+    """Concatenate samples of successive times; None for an empty list."""
     if not parts:
         return None
     before = np.cumsum([0, *(part.offsets[-1] for part in parts)])
