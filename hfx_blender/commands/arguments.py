@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shared command arguments: file name patterns, and the option ``--largest``."""
+"""Shared command arguments: file name patterns, checked values, ``--largest`` and ``--json``."""
 
 from __future__ import annotations
 
 import argparse
 import glob
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import InputError
 from ..files import limits
+from .console import Console
+
+T = TypeVar("T")
+N = TypeVar("N", int, float)
 
 
 def expanded(paths: Sequence[Path]) -> list[Path]:
@@ -36,7 +40,11 @@ def add_largest(parser: Any) -> None:
     """Add ``--largest``, a factor of all limits of :mod:`.limits` while the command runs."""
     parser.add_argument(
         "--largest",
-        type=_times,
+        type=checked(
+            float,
+            lambda factor: 0.0 < factor <= limits.MOST_TIMES,
+            f"more than 0, up to {limits.MOST_TIMES:g}",
+        ),
         default=1.0,
         metavar="N",
         help="multiply the limits on memory, time and pixels of files that are read by N "
@@ -44,13 +52,34 @@ def add_largest(parser: Any) -> None:
     )
 
 
-def _times(text: str) -> float:
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = 0.0
-    if not 0.0 < factor <= limits.MOST_TIMES:
-        raise argparse.ArgumentTypeError(
-            f"'{text}': expected more than 0, up to {limits.MOST_TIMES:g}"
-        )
-    return factor
+def add_json(parser: Any, run: Callable[[argparse.Namespace, Console], int]) -> None:
+    """Add ``--json`` as the last option, and set the function that executes the command."""
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def checked(
+    parse: Callable[[str], T], is_allowed: Callable[[T], bool], expected: str
+) -> Callable[[str], T]:
+    """Make a parser of an option's value; other values are an error with the ``expected`` ones."""
+
+    def parse_checked(text: str) -> T:
+        try:
+            value = parse(text)
+            if is_allowed(value):
+                return value
+        except (ValueError, ZeroDivisionError):
+            pass
+        raise argparse.ArgumentTypeError(f"expected {expected}, found '{text}'")
+
+    return parse_checked
+
+
+def pair_of(number: Callable[[str], N], separator: str) -> Callable[[str], tuple[N, N]]:
+    """Make a parser of two numbers with a separator between; ValueError for other text."""
+
+    def parse_pair(text: str) -> tuple[N, N]:
+        first, second = map(number, text.split(separator))
+        return first, second
+
+    return parse_pair

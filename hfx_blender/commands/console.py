@@ -17,10 +17,11 @@ from ..text import printable, printable_lines
 
 
 class Console:
-    """Output of one command: text for a terminal or file, or one JSON value with ``--json``.
+    """Output of a command: text for a terminal or file, or a JSON value with ``--json``.
 
     Results go to standard output, messages and progress to standard error, with control characters
-    escaped. A closed pipe is ignored; any other write error of results is stored in ``fault``.
+    escaped. A closed pipe is ignored; the first other write error of results is stored in
+    ``fault``.
     """
 
     def __init__(
@@ -34,13 +35,13 @@ class Console:
         self.fault: OSError | None = None  # first error of writing results
 
     def say(self, text: str = "", *, several_lines: bool = False) -> None:
-        """Write one line, or several, to standard output; nothing with ``--json``."""
+        """Write a line, or several lines, to standard output; nothing with ``--json``."""
         self._clear()
         if not self.as_json:
             self._write(self._out, _shown(text, several_lines) + "\n")
 
     def warn(self, text: str, *, several_lines: bool = False) -> None:
-        """Write one line, or several, to standard error."""
+        """Write a line, or several lines, to standard error."""
         self._clear()
         self._write(self._err, _shown(text, several_lines) + "\n")
 
@@ -86,7 +87,7 @@ def _shown(text: str, several_lines: bool) -> str:
 
 
 def _write_nowhere(stream: TextIO) -> None:
-    """Redirect a stream and its buffered content to the null device."""
+    """Redirect a stream, with the buffered content, to the null device."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -94,7 +95,7 @@ def _write_nowhere(stream: TextIO) -> None:
 
 
 class Progress:
-    """Progress of one task; call with the finished share, 0..1.
+    """Progress of a task; call with the finished share, 0..1.
 
     Each call raises TerminatedError after a signal to end the process.
     """

@@ -46,21 +46,19 @@ def convert(
 ) -> Written:
     """Write ``source`` in another format; returns the final files, notes and omitted content.
 
-    A format with one file per actuator appends the actuator's name to the file name, unless the
-    source holds a single signal. Nothing is written that ``validate`` would reject.
+    A format with a file per actuator appends the actuator's name to the file name, unless the
+    source holds a single signal. Files that ``validate`` would reject are not written.
 
     Parameters
     ----------
     source : Path
         A track, a raster (``.raster.npz``, ``.csv``), or a file with vibration envelopes.
     target : Path
-        The suffix selects the format, unless ``to`` is given.
-    to : str, optional
-        One of ``TARGETS``.
+        The suffix selects the format, unless ``to``, an id in ``TARGETS``, is given.
     device : str, optional
         Name or file. Required for device formats of tracks and rasters, and for envelopes in
         formats of a whole device (csv, npz, wav, tact). With a device, envelopes become its output
-        in any format; HJIF then has its units and places on the body.
+        in any format; HJIF then has the actuators and positions of the device.
     body : str, optional
         Name or id of the wearer; required for tracks with several bodies.
     tolerance : float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx convert``: converts one file to another format."""
+"""``hfx convert``: converts a file to another format."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .arguments import add_largest
+from .arguments import add_json, add_largest
 from .console import Console
 
 
@@ -50,12 +50,11 @@ def add_parser(commands: Any) -> None:
         "--strict", action="store_true", help="treat omitted content as an error: exit code 3"
     )
     add_largest(parser)
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Convert the file; print its results, notes and omitted content."""
+    """Convert the file; print results, notes and omitted content."""
     from ..errors import UsageError
     from .conversion import convert
 

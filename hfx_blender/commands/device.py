@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, refuse_no_file
+from .arguments import add_json
 from .console import Console
 from .info import describe_device
 
@@ -51,8 +52,7 @@ def add_parser(commands: Any) -> None:
         (approve, _approve),
         (revoke, _revoke),
     ):
-        sub.add_argument("--json", action="store_true", help="the result as JSON")
-        sub.set_defaults(run=function)
+        add_json(sub, function)
 
 
 def _list(options: argparse.Namespace, console: Console) -> int:
@@ -167,7 +167,7 @@ def _own_scripts(console: Console) -> list[DeviceScript]:
 
 
 def _script_of(name: str) -> DeviceScript:
-    """Script of a device; InputError for an unknown device or one without a script."""
+    """Script of a device; InputError for an unknown device or a device without a script."""
     from ..devices.configuration import find_file
     from ..devices.live import approval
 

@@ -19,7 +19,7 @@ from ..processes import blender_session
 from ..processes.start import cores
 from ..text import printable
 from . import export_options
-from .arguments import expanded
+from .arguments import add_json, expanded
 from .console import Console
 
 SOME_FAILED = 5
@@ -31,11 +31,11 @@ def add_parser(commands: Any) -> None:
         "export", help="export scenes", description="Export haptic tracks from .blend scenes."
     )
     export_options.add_arguments(parser)
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Export each scene; a failed scene does not stop the others. Returns the exit code."""
+    """Export each scene, also after a failed scene; returns the exit code."""
     from ..export.batch import batch
     from ..files.staging import staging
 
@@ -164,13 +164,13 @@ class _Reporter:
         self._outcomes = outcomes
 
     def fully(self, unit: Unit, outcome: Outcome) -> None:
-        """Report one scene in full."""
+        """Report a scene in full."""
         self._note(unit, outcome)
         if "text" in outcome:
             self._console.say(self._as_given(outcome["text"]), several_lines=True)
 
     def brief(self, unit: Unit, outcome: Outcome) -> None:
-        """Report one of many scenes in one line."""
+        """Report a scene of many in a line."""
         self._note(unit, outcome)
         if "report" in outcome and "unchanged" not in outcome:
             report = outcome["report"]
@@ -181,9 +181,7 @@ class _Reporter:
             self._console.say(f"{unit.title}: {outcome['text']}")
 
     def _as_given(self, text: str) -> str:
-        """Replace absolute paths by the user's own: units have absolute ones for other
-        processes.
-        """
+        """Replace absolute paths, which units need for other processes, by the user's own."""
         for full, given in self._given:
             text = text.replace(full, given)
         return text
@@ -216,7 +214,7 @@ class _Reporter:
 
 
 def _result(outcome: Outcome) -> dict[str, Any]:
-    """Machine-readable result of one scene."""
+    """Machine-readable result of a scene."""
     if "error" in outcome:
         return {k: v for k, v in outcome.items() if k in ("input", "error", "exit_code")}
     more: dict[str, Any] = {"unchanged": True} if "unchanged" in outcome else {}

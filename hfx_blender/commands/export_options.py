@@ -18,6 +18,7 @@ from ..formats.clip import COARSEST, DETAIL
 from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes
 from ..processes import blender_session
 from ..text import name_key
+from .arguments import checked, pair_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "csv for devices)",
     )
     parser.add_argument("--frames", type=frames, metavar="A:B", help="both included")
-    parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")
+    parser.add_argument(
+        "--rate",
+        type=checked(Fraction, lambda rate: 0 < rate <= 10000, "more than 0, at most 10000 Hz"),
+        metavar="HZ",
+        help="samples a second",
+    )
     parser.add_argument(
         "--tolerance",
         type=_tolerance,
@@ -103,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     work.add_argument(
         "--time-limit",
-        type=_seconds,
+        type=checked(float, lambda seconds: 0.0 < seconds < 1e9, "seconds"),
         metavar="SECONDS",
         help="stop scenes, and parts of scenes, after this time",
     )
@@ -116,7 +122,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     work.add_argument(
         "--piece",
-        type=_piece,
+        type=checked(
+            pair_of(int, "/"),
+            lambda piece: 1 <= piece[0] <= piece[1] <= MOST_PIECES,
+            f"K/N, such as 1/8, with K from 1 to N and N to {MOST_PIECES}",
+        ),
         metavar="K/N",
         help="record only piece K of N, for --merge; on a farm each piece is a job",
     )
@@ -126,7 +136,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="combine the pieces into the files of one export; needs the same options",
     )
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
 
 
 def _names_of_formats(of_devices: bool) -> str:
@@ -213,35 +222,8 @@ def _names(text: str) -> list[str]:
     return text.split(",")
 
 
-def frames(text: str) -> tuple[int, int]:
-    """Parse A:B, first and last frame, for argparse."""
-    try:
-        first, last = (int(part) for part in text.split(":"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected A:B, two frames, found '{text}'") from None
-    return first, last
-
-
-def _piece(text: str) -> tuple[int, int]:
-    try:
-        number, count = (int(part) for part in text.split("/"))
-    except ValueError:
-        number = count = 0
-    if not 1 <= number <= count <= MOST_PIECES:
-        raise argparse.ArgumentTypeError(
-            f"expected K/N, such as 1/8, with K from 1 to N and N to {MOST_PIECES}, found '{text}'"
-        )
-    return number, count
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds < 1e9:
-        raise argparse.ArgumentTypeError(f"expected seconds, found '{text}'")
-    return seconds
+frames = checked(pair_of(int, ":"), lambda pair: True, "A:B, two frames")
+"""Parser of A:B, first and last frame, for argparse."""
 
 
 def _tolerance(text: str) -> Tolerance:
@@ -249,13 +231,3 @@ def _tolerance(text: str) -> Tolerance:
         return parse_tolerance(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _rate(text: str) -> Fraction:
-    try:
-        rate = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        rate = Fraction(0)
-    if not 0 < rate <= 10000:
-        raise argparse.ArgumentTypeError(f"expected more than 0, at most 10000 Hz, found '{text}'")
-    return rate

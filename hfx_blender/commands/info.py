@@ -14,7 +14,7 @@ from ..errors import InputError, refuse_no_file
 from ..files.kinds import title_of
 from ..processes import blender_session
 from ..text import printable
-from .arguments import add_largest
+from .arguments import add_json, add_largest
 from .console import Console
 from .own_files import kind_of
 
@@ -25,8 +25,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("file", type=Path, metavar="FILE")
     add_largest(parser)
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

@@ -38,7 +38,7 @@ _REPORT: Final = Record(
 
 @dataclass(frozen=True)
 class OwnFile:
-    """Kind of file; ``facts`` reads a file and raises ``InputError`` for its first fault."""
+    """Kind of file; ``facts`` reads a file and raises ``InputError`` for the first fault."""
 
     name: str
     title: str
@@ -46,7 +46,7 @@ class OwnFile:
 
 
 def kind_of(path: Path) -> OwnFile | None:
-    """Kind of a file by its name; None for other files."""
+    """Kind of a file by name; None for unknown names."""
     name = path.name.lower()
     return next((kind for suffix, kind in _KINDS.items() if name.endswith(suffix)), None)
 
@@ -87,7 +87,7 @@ def _path(path: Path) -> dict[str, Any]:
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:
-    """Content of an export's report, with the state of its listed files.
+    """Content of an export's report, with the state of each listed file.
 
     A state is "there", "missing" or "of another size". Raises InputError for an invalid report.
     """

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError
 from ..files import kinds
+from .arguments import add_json
 from .console import Console
 
 if TYPE_CHECKING:
@@ -78,12 +79,11 @@ def add_parser(commands: Any) -> None:
         help="play values that a game on this computer sends, instead of the clip, until Ctrl-C "
         "(docs/players.md)",
     )
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Play the file to its end; DeviceError for devices that failed."""
+    """Play the file to the end; DeviceError for devices that failed."""
     from ..devices.configuration import is_file
     from ..devices.live import live_settings
     from ..devices.live.client import LiveClient
@@ -172,7 +172,7 @@ def _no_progress(share: float) -> None:
 def _listening(
     options: argparse.Namespace, targets: Targets, stack: ExitStack
 ) -> tuple[ValueSource, str]:
-    """Open a port for a game's values; returns the source and a note with its address and token."""
+    """Open a port for a game's values; returns the source and a note with address and token."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
     from ..formats.clip.container import SUFFIX
 

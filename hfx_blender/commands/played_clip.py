@@ -44,14 +44,8 @@ class _Rows:
 class PlayedClip:
     """Value source for live devices, by the rules of ``docs/formats/clip.md``, "Playing".
 
-    Parameters
-    ----------
-    path : Path
-        A ``.hfxclip``.
-    devices : mapping
-        Devices by their names at the client.
-    body : str, optional
-        Name of the wearer; None: the first body with the device.
+    ``devices`` maps names at the client to configurations; ``body`` names the wearer (None: the
+    first body with the device). Raises InputError for an invalid clip, or a device without values.
 
     Attributes
     ----------
@@ -59,11 +53,6 @@ class PlayedClip:
         Time of the first row, and time after the last row, on the recorded scene's clock.
     sample_s : float
         Duration of a row.
-
-    Raises
-    ------
-    InputError
-        The file is no valid clip, or has no values for one of the devices.
     """
 
     is_rendered = False

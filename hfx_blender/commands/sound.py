@@ -11,7 +11,7 @@ from ..errors import UsageError, refuse_no_file
 from ..files.atomic import inputs_kept
 from ..files.staging import make_folder
 from ..processes import blender_session
-from .arguments import add_largest
+from .arguments import add_json, add_largest
 from .console import Console
 
 
@@ -27,8 +27,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="DIR")
     add_options(parser)
     add_largest(parser)
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +90,7 @@ def settings_of(options: argparse.Namespace) -> Any:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Open the scene and write its sound."""
+    """Open the scene and write the sound."""
     bpy = blender_session.start()
 
     from ..blender import linked_files

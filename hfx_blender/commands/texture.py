@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import InputError, UsageError, refuse_no_file
 from ..files import limits
 from . import left_out, texture_generate, texture_source
+from .arguments import add_json
 from .console import Console
 
 _RENDERERS = ("mcha", "textile", "direct")
@@ -80,8 +81,7 @@ def add_parser(commands: Any) -> None:
         (rough, _roughness),
         (listing, _list),
     ):
-        sub.add_argument("--json", action="store_true", help="the result as JSON")
-        sub.set_defaults(run=function)
+        add_json(sub, function)
     texture_generate.add_parser(actions)
     for name in ("texture_train_decoder", "texture_board", "texture_train_relief"):
         command = left_out.module(name)

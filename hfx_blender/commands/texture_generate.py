@@ -15,6 +15,7 @@ from ..errors import InputError, UsageError, refuse_no_file
 from ..files.atomic import inputs_kept
 from ..version import __version__
 from . import left_out, texture_source
+from .arguments import add_json
 from .console import Console
 
 if TYPE_CHECKING:
@@ -86,8 +87,7 @@ def add_parser(actions: Any) -> None:
     if diffusers is not None:
         diffusers.add_arguments(parser)
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=_run)
+    add_json(parser, _run)
 
 
 def _run(options: argparse.Namespace, console: Console) -> int:
@@ -140,9 +140,7 @@ def _make_all(
 
 
 def _of_pictures(options: argparse.Namespace, console: Console) -> int:
-    """Convert one picture, or the pictures of a folder; returns 5 if a picture could
-    not be read.
-    """
+    """Convert a picture, or the pictures of a folder; returns 5 if a picture could not be read."""
     if options.watch is not None and options.picture is not None:
         raise UsageError("give --watch or --picture, not both")
     if options.picture is not None:
@@ -202,7 +200,9 @@ def steps_of(options: argparse.Namespace) -> Any:
 
 
 def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Write a surface into the output folder; returns its names, notes and kind."""
+    """Write a surface into the output folder; returns name, files, notes, unknown words
+    and kind.
+    """
     from ..generation import generated
 
     written = generated.write(surface, options.output, __version__)

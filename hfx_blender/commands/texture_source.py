@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..errors import InputError, UsageError, refuse_no_file
 from ..files.kinds import title_of
 from ..processes import blender_session
-from .arguments import add_largest
+from .arguments import add_largest, checked, pair_of
 
 if TYPE_CHECKING:
     from ..engine.arrays import F64
@@ -49,6 +49,10 @@ _HEIGHT_MM: Final = 0.2
 
 _READINGS: Final = ("heights", "relief", "sobel")
 """Meaning of a picture: heights, a photograph with estimated relief, or brightness as height."""
+
+
+pair = checked(pair_of(float, ","), lambda pair: True, "two numbers with a comma between")
+"""Parser of two numbers, for argparse."""
 
 
 def add_arguments(parser: Any, *, readings: bool = True) -> None:
@@ -112,17 +116,6 @@ def add_arguments(parser: Any, *, readings: bool = True) -> None:
     parser.add_argument(
         "--steps", action="store_true", help="round to noticeable steps of 0.2 g and 40 Hz"
     )
-
-
-def pair(text: str) -> tuple[float, float]:
-    """Parse two numbers with a comma between, for argparse."""
-    parts = text.split(",")
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"'{text}': expected two numbers with a comma between")
-    try:
-        return float(parts[0]), float(parts[1])
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"'{text}': expected two numbers") from error
 
 
 def read(options: argparse.Namespace) -> TextureSource:
@@ -284,11 +277,8 @@ def _built(
 def picture(path: Path, values: str) -> F64:
     """Read a picture of any of Blender's formats, bottom row first.
 
-    Parameters
-    ----------
-    path : Path
-    values : {"colours", "brightness", "data"}
-        sRGB colours (h, w, 3), brightness (h, w), or raw numbers (h, w).
+    ``values`` is "colours" for sRGB (h, w, 3), "brightness" (h, w), or "data" for raw numbers (h,
+    w).
     """
     blender_session.start()
     import bpy

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .arguments import add_largest, expanded
+from .arguments import add_json, add_largest, expanded
 from .console import Console
 from .own_files import OwnFile, kind_of
 
@@ -28,8 +28,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files or folders")
     parser.add_argument("--strict", action="store_true", help="treat warnings as errors")
     add_largest(parser)
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
@@ -89,7 +88,7 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
 
 
 def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
-    """Check a file of this program; for a report also its listed files."""
+    """Check a file of this program; for a report also the listed files."""
     from ..files.findings import Finding
 
     try:

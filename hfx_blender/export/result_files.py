@@ -54,17 +54,9 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
 
 
 def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
-    """Path stem of the files of a device.
+    """Path stem of the files of a device on a body, a value of :func:`body_parts`.
 
-    Parameters
-    ----------
-    scene : Path
-        ``folder/scene``.
-    stem : Path
-        ``folder/scene``, or ``folder/scene.clip``.
-    body : str
-        Value of :func:`body_parts`.
-    device_id : str
+    ``scene`` is ``folder/scene``; ``stem`` is equal, or ``folder/scene.clip`` for a clip.
     """
     if not body:
         return stem.with_name(f"{stem.name}.{device_id}")

@@ -46,8 +46,7 @@ from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..text import MOST_LINES, counted, shortened
 from . import result_files
 from .clip_files import write_clips
-from .recorders import SceneRecorders
-from .recording import Recorded, record_track
+from .recording import Recorded, SceneRecorders, record_track
 from .report import (
     REPORT_SUFFIX,
     ExportReport,
@@ -368,12 +367,7 @@ def export_scene(
 ) -> ExportReport:
     """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left.
 
-    Raises
-    ------
-    InputError
-        The scene cannot be exported.
-    OutputError
-        The folder cannot be written to.
+    Raises InputError for an unusable scene, OutputError for an unwritable folder.
     """
     return SceneExport(scene, settings).whole(folder, stem, progress)
 

@@ -171,14 +171,8 @@ def write_sound(
 ) -> int:
     """Write the sound of a scene of the open file; returns the number of sources.
 
-    ``track`` is a recording of exactly this scene; None: the scene is evaluated here.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be read, or nothing sounds.
-    OutputError
-        The file cannot be written.
+    ``track`` is a recording of exactly this scene; None: the scene is evaluated here. Raises
+    InputError for an unreadable or silent scene, OutputError for an unwritable file.
     """
     reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)

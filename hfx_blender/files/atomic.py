@@ -85,22 +85,12 @@ def _is_passing(folder: Path) -> bool:
 
 
 def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into a folder, in order, after all are forced to the disk.
+    """Move finished files into a folder, in order, and return the new paths; none after an error.
 
-    Returns the new paths. After an error no file is moved.
-
-    Parameters
-    ----------
-    base : Path, optional
-        Root of the relative paths to keep; subfolders of ``folder`` must exist. None: all files go
-        directly into ``folder``.
-
-    Raises
-    ------
-    OutputError
-        A file cannot be forced to the disk.
-    OSError
-        A file cannot be moved.
+    ``base`` is the root of the relative paths to keep, with existing subfolders in ``folder``;
+    without it all files go directly into ``folder``. All files are forced to the disk before the
+    first move. Raises OutputError for a file that cannot be forced to the disk, OSError for a
+    failed move.
     """
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     is_durable = not _is_passing(folder)
@@ -183,14 +173,11 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
     The content goes to a hidden file in the same folder, is forced to the disk (except in folders
     of :func:`passing`) and moved into place. Any exception, Ctrl-C included, removes the hidden
-    file and leaves ``path`` as before. A symbolic link is replaced, not its target.
+    file and leaves ``path`` as before. A symbolic link itself is replaced.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written: no folder, no permission, full disk, name of a folder or device,
-        a file of :func:`inputs_kept`, an existing file in a folder of :func:`passing`.
-        An ``OSError`` of the block about another file is raised unchanged.
+    Raises OutputError for an unwritable file: no folder, no permission, full disk, name of a folder
+    or device, a file of :func:`inputs_kept`, an existing file in a folder of :func:`passing`. An
+    ``OSError`` of the block about another file is raised unchanged.
     """
     if not path.name:
         raise OutputError(f"'{path}' is no name of a file.")
@@ -339,16 +326,9 @@ def _sync_folder(folder: Path) -> None:
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
     """Replace a JSON file under a lock against other processes that use this function.
 
-    Parameters
-    ----------
-    content : callable
-        Reads the file and returns the new document, while the lock is held. An exception leaves the
-        file unchanged.
-
-    Raises
-    ------
-    OutputError
-        The lock is held for longer than :data:`.locks.PATIENCE_S`, or the file cannot be written.
+    ``content`` reads the file and returns the new document, while the lock is held; an exception
+    leaves the file unchanged. Raises OutputError for an unwritable file, and for a lock that is
+    held for longer than :data:`.locks.PATIENCE_S`.
     """
     with locked(path):
         data = json.dumps(content(), indent=1).encode()

@@ -83,30 +83,14 @@ def _host_of(path: Path) -> str:
 
 
 def state_of(path: Path, beside: Path | None = None) -> str | None:
-    """SHA-256 of a file, a folder with its subfolders, or a numbered file sequence.
+    """SHA-256 of a file, a folder tree, or a numbered file sequence; of names and contents, not
+    times.
 
-    Names and contents count, times do not. Files with suffixes outside :data:`KINDS` are not
-    opened.
-
-    Parameters
-    ----------
-    path : Path
-        The name may contain :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>`` for all matching files.
-    beside : Path, optional
-        The .blend; a network path is read only if the .blend is on the same machine.
-
-    Returns
-    -------
-    str or None
-        None for a missing file, an empty folder or an empty sequence; :data:`NOT_READ` for a
-        file that was not opened.
-
-    Raises
-    ------
-    InputError
-        A folder holds more than :data:`MOST_FILES`.
-    OSError
-        A file cannot be read.
+    None for a missing file, an empty folder or an empty sequence; :data:`NOT_READ` for suffixes
+    outside :data:`KINDS`, which are not opened, and for network paths on another machine than the
+    .blend ``beside``. :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>`` in the name stands for all
+    matching files. Raises InputError for a folder of more than :data:`MOST_FILES`, OSError for an
+    unreadable file.
     """
     if is_elsewhere(path, beside):
         return NOT_READ

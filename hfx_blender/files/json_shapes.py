@@ -476,13 +476,11 @@ class Node:
 
 
 def read(path: Path, most_bytes: int = MAX_OWN_BYTES) -> Node:
-    """Read a JSON file of one of this program's own formats.
+    """Read a JSON file of this program's own formats.
 
-    Raises
-    ------
-    InputError
-        Unreadable file, more than ``most_bytes``, nesting deeper than ``MAX_OWN_DEPTH``, no UTF-8,
-        no JSON, a repeated key in an object, or a number that is not finite.
+    Raises InputError for an unreadable file, more than ``most_bytes``, nesting deeper than
+    ``MAX_OWN_DEPTH``, no UTF-8, no JSON, a repeated key in an object, or a number that is not
+    finite.
     """
     return node_of(read_bytes(path, most_bytes), str(path), most_bytes)
 

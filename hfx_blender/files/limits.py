@@ -40,16 +40,11 @@ class Limit:
         return self.default * (_times.get() or 1.0)
 
     def check(self, amount: float, name: str, clause: str) -> None:
-        """Raise TooLargeError for an amount above the limit, or NaN.
+        """Raise TooLargeError for an amount above the limit, or NaN; the amount is in the limit's
+        unit.
 
-        Parameters
-        ----------
-        amount : float
-            Required amount, in the limit's unit.
-        name : str
-            Name of the file, for the message.
-        clause : str
-            Subject and verb of the message: ``its envelope lasts``, ``values would take``.
+        The message begins with ``name`` of the file and ``clause``, subject and verb: ``values
+        would take``, ``the envelope lasts``.
         """
         if not amount <= self.allowed:  # also true for NaN
             times = amount / self.default if amount < _COUNTLESS else math.inf
@@ -105,13 +100,9 @@ def check_unpacked(unpacked: float, packed: float, name: str) -> None:
 
 @contextmanager
 def raised(times: float) -> Iterator[None]:
-    """Context in which ``times`` as much is allowed, in this thread, and in which messages name the
-    option ``--largest``.
+    """Context with all limits multiplied by ``times``, in this thread; messages name ``--largest``.
 
-    Raises
-    ------
-    ValueError
-        It is not more than 0, or more than ``MOST_TIMES``.
+    Raises ValueError for a factor of 0 or less, or above ``MOST_TIMES``.
     """
     if not 0.0 < times <= MOST_TIMES:
         raise ValueError(f"expected more than 0, up to {MOST_TIMES:g} times, found {times}")

@@ -50,22 +50,11 @@ def parse(
 ) -> Any:
     """Parse JSON bytes with finite numbers and unique keys; a byte order mark is allowed.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file for messages.
-    most_bytes : int, optional
-        Size limit; None: :data:`MAX_BYTES`.
-    most_depth : int, optional
-        Nesting limit; None: that of Python's parser.
-    has_file_names : bool
-        Allow unpaired surrogates: Python's form of file names that are not UTF-8.
-
-    Raises
-    ------
-    InputError
-        Too large, too deep, no UTF-8, no JSON, a repeated key, a number that is not finite or has
-        more than 20 digits, or an unpaired surrogate.
+    ``name`` stands for the file in messages. The size limit is :data:`MAX_BYTES` by default, the
+    nesting limit that of Python's parser. ``has_file_names`` allows unpaired surrogates, Python's
+    form of file names that are not UTF-8. Raises InputError for a document beyond a limit, no
+    UTF-8, no JSON, a repeated key, a number that is not finite or has more than 20 digits, or an
+    unpaired surrogate.
     """
     if len(content) > (most_bytes := most_bytes or MAX_BYTES):
         raise InputError(f"{name}: is larger than {most_bytes >> 20} MiB, the most that is read.")

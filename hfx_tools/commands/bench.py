@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
 from hfx_blender.files.staging import make_folder, temporary_folder
@@ -68,8 +69,7 @@ def add_parser(commands: Any) -> None:
         metavar="ROW",
         help="for safety: only this row, as 'operator stops'; may be given again",
     )
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.files import resources
@@ -66,8 +67,7 @@ def add_parser(commands: Any) -> None:
         "--compare", action="store_true", help="beside quadric decimation, the paper's own way"
     )
     for sub, function in ((build, _build), (stats, _stats)):
-        sub.add_argument("--json", action="store_true", help="the result as JSON")
-        sub.set_defaults(run=function)
+        add_json(sub, function)
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.files.staging import make_folder
 from hfx_blender.processes import blender_session, start
@@ -37,8 +38,7 @@ def add_parser(commands: Any) -> None:
         "surfaces: a fingertip strokes 4 x 4 squares of four materials, played by two phones",
     )
     parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

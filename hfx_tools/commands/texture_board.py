@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.commands.texture import check_folder
 from hfx_blender.errors import UsageError
@@ -18,8 +19,7 @@ def add_parser(actions: Any) -> None:
         "board", help="the example: 4 x 4 squares of four materials, as a .blend"
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("board.blend"), metavar="FILE")
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hfx_blender.commands import texture_source
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
 
@@ -49,8 +50,7 @@ def add_parser(actions: Any) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--device", choices=DEVICES, default="auto", help="(auto)")
-    parser.add_argument("--json", action="store_true", help="the result as JSON")
-    parser.set_defaults(run=run)
+    add_json(parser, run)
 
 
 def _is_stopped(training: DecoderTraining, console: Console) -> bool:

@@ -44,7 +44,9 @@ def run(
     progress: Progress = lambda share: None,
     tell: Tell = lambda unit, outcome: None,
 ) -> list[Outcome]:
-    """Process a batch of scenes; a failed scene does not stop the batch.
+    """Process a batch of scenes and return the outcomes in the order of the units.
+
+    A failed scene does not stop the batch.
 
     Parameters
     ----------
@@ -57,12 +59,7 @@ def run(
     progress : callable
         Called with the finished share of the batch, 0..1.
     tell : callable
-        Called with each unit and its outcome, in order of completion.
-
-    Returns
-    -------
-    list of Outcome
-        In the order of the units.
+        Called with each unit and the outcome, in order of completion.
     """
     batch = _Batch([_Scene(unit) for unit in units], workers, progress, tell)
     if resume:

@@ -44,14 +44,9 @@ def tools() -> dict[str, str | bool]:
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
-    """Inputs of the export of the open file, as plain data for its report.
+    """Inputs of the export of the open file, as plain data for the report.
 
-    Parameters
-    ----------
-    devices : iterable of str
-        Names or files of devices.
-    models : iterable of str
-        Ids of body models.
+    ``devices`` are names or files, ``models`` ids of body models.
     """
     files: dict[str, str | None] = {}
     if unit.input is not None:

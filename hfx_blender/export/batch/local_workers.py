@@ -46,12 +46,8 @@ class TimeLimitError(Exception):
 class UnitWorker:
     """Worker process that exports units of a batch, started at the first unit.
 
-    One thread at a time may call :meth:`do`; any thread may call :meth:`close`.
-
-    Parameters
-    ----------
-    variables : mapping, optional
-        Additional environment variables.
+    One thread at a time may call :meth:`do`; any thread may call :meth:`close`. ``variables`` are
+    added to the environment.
     """
 
     def __init__(self, variables: Mapping[str, str] | None = None) -> None:
@@ -67,16 +63,10 @@ class UnitWorker:
         return None if worker is None else worker.pid
 
     def do(self, unit: Unit, progress: Progress, limit_s: float | None = None) -> Outcome:
-        """Execute a unit in the worker; return its outcome.
+        """Execute a unit in the worker and return the outcome.
 
-        Raises
-        ------
-        WorkerDiedError
-            The process died; the next unit starts a new one.
-        TimeLimitError
-            The process exceeded ``limit_s`` seconds (None: no limit) and was ended.
-        HfxError
-            Blender cannot be started on this machine.
+        Raises WorkerDiedError for a process that died, TimeLimitError for a process ended after
+        ``limit_s`` seconds (None: no limit), and HfxError where Blender cannot be started.
         """
         if self._count >= RENEW_AFTER:
             self._end()
@@ -197,14 +187,9 @@ class ThisProcess:
 
 
 class LocalWorkers:
-    """Executor with worker processes of this machine; a crash or hang costs one unit.
+    """Executor with ``jobs`` worker processes of this machine; a crash or hang costs one unit.
 
-    Parameters
-    ----------
-    jobs : int
-        Number of worker processes.
-    limit_s : float, optional
-        Time limit of a unit, seconds; None: no limit.
+    ``limit_s`` is the time limit of a unit in seconds (None: no limit).
     """
 
     def __init__(self, jobs: int, limit_s: float | None = None) -> None:

@@ -57,7 +57,9 @@ def keep(
     made_from: Mapping[str, Any],
     files: tuple[Path, ...] = (),
 ) -> dict[str, Any]:
-    """Move a finished piece into the folder of pieces; return its record.
+    """Move a finished piece into the folder of pieces; return the record.
+
+    Raises OutputError for an unwritable file.
 
     Parameters
     ----------
@@ -71,11 +73,6 @@ def keep(
         See :func:`.journal.made_from`.
     files : tuple of Path
         Finished files on the same file system, which are moved.
-
-    Raises
-    ------
-    OutputError
-        A file cannot be written.
     """
     assert unit.piece is not None
     folder = folder_of(unit)

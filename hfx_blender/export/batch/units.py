@@ -127,23 +127,12 @@ second opening of the scene costs."""
 def even_parts(
     samples: npt.NDArray[np.int64], count: int, parts: int, shortest: int = SHORTEST
 ) -> list[tuple[int, int]]:
-    """Cut a scene into parts with about equal numbers of active samples.
+    """Cut ``count`` samples into at most ``parts`` ranges with about equal numbers of active
+    samples.
 
-    Parameters
-    ----------
-    samples : (n,) int64
-        Active samples (an effect may be felt), ascending.
-    count : int
-        Number of all samples, which the parts cover.
-    parts : int
-        Largest number of parts.
-    shortest : int
-        Approximate smallest number of active samples per part.
-
-    Returns
-    -------
-    list of (first, stop)
-        Ascending, at multiples of ``SAMPLES_PER_CHUNK`` except for the end.
+    ``samples`` (n,) are the active ones (an effect may be felt), ascending. A range has about
+    ``shortest`` of them or more. Returns ascending (first, stop), at multiples of
+    ``SAMPLES_PER_CHUNK`` except for the end.
     """
     parts = max(min(parts, len(samples) // max(shortest, 1)), 1)
     cuts = [int(samples[len(samples) * k // parts]) for k in range(1, parts)]
