@@ -36,7 +36,7 @@ def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
     }
     for identity in model.manifest()["models"]:
         one = model.load_model(identity)
-        created = replace(
+        copy = replace(
             one,
             id=one.id + suffix,
             vertices=by * one.vertices,
@@ -44,8 +44,8 @@ def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
             avatar_offset_m=by * one.avatar_offset_m,
             provenance={**one.provenance, **_origin(one)},
         )
-        model_file.save(created, folder / f"{created.modality}.npz")
-        index["models"][created.id] = model_set.model_entry(created)
+        model_file.save(copy, folder / f"{copy.modality}.npz")
+        index["models"][copy.id] = model_set.model_entry(copy)
     model_set.write_manifest(folder, index)
     return folder
 

@@ -165,7 +165,7 @@ def test_programs_within_strings_import_modules_that_exist() -> None:
     for path in modules().values():
         for program in source(path).programs:
             for dotted in pattern.findall(program):
-                position = ROOT.joinpath(*dotted.split("."))
-                if not (position.is_dir() or position.with_suffix(".py").is_file()):
+                module_path = ROOT.joinpath(*dotted.split("."))
+                if not (module_path.is_dir() or module_path.with_suffix(".py").is_file()):
                     missing.append(f"{path.name}: {dotted}")
     assert not missing

@@ -136,9 +136,9 @@ def test_find_names_ports_and_which_of_several_devices_of_a_server(own, monkeypa
         ],
     )
     code, out, _ = hfx(capsys, "device", "find", "--json")
-    messages = json.loads(out)
-    assert messages["ports"] == ["/dev/ttyACM0"]
-    assert [device["unit"] for device in messages["devices"]] == ["S-1", "Lush (left)"]
+    document = json.loads(out)
+    assert document["ports"] == ["/dev/ttyACM0"]
+    assert [device["unit"] for device in document["devices"]] == ["S-1", "Lush (left)"]
     actual.clear()
     _, out, _ = hfx(capsys, "device", "find")
     assert out == "no known device; serial ports: /dev/ttyACM0\n"

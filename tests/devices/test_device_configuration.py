@@ -87,9 +87,9 @@ def test_what_may_be_left_out_has_defaults(full, stored):
 def test_pressure_shown_as_vibration_is_played_at_the_resonance(full, stored, left_out, own_hz):
     del full["substitutions"]["pressure"]["frequency_hz"]
     motor = full["actuator_types"]["motor"]
-    for item in left_out:
-        owner = motor if item in motor else motor["parameters"]["frequency_hz"]
-        del owner[item]
+    for member in left_out:
+        owner = motor if member in motor else motor["parameters"]["frequency_hz"]
+        del owner[member]
     assert load_device(stored(full)).substitutions["pressure"].frequency_hz == own_hz
     VALIDATOR.validate(full)
 

@@ -49,8 +49,8 @@ def written(tmp_path: Path):
 
 
 def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
-    created = import_layout(written(NODES), "my_vest")
-    assert check(created) == []
+    layout = import_layout(written(NODES), "my_vest")
+    assert check(layout) == []
     device = load_device("my_vest")
     assert [actuator.id for actuator in device.actuators] == [
         "node_1",

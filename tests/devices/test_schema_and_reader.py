@@ -123,14 +123,14 @@ def refusal(document: Any) -> str | None:
 
 
 def check_refused(content: Any, place: Place, why: str) -> None:
-    messages = refusal(content)
-    assert messages is not None, f"{place} {why} is accepted"
-    assert (
-        messages.startswith("device.json: ") and messages.endswith(".") and "\n" not in messages
-    ), messages
-    assert len(messages) < 1500, messages
+    message = refusal(content)
+    assert message is not None, f"{place} {why} is accepted"
+    assert message.startswith("device.json: ") and message.endswith(".") and "\n" not in message, (
+        message
+    )
+    assert len(message) < 1500, message
     names = [item for item in place if isinstance(item, str)]
-    assert any(name in messages for name in names[-2:]), f"{place} {why}: {messages}"
+    assert any(name in message for name in names[-2:]), f"{place} {why}: {message}"
 
 
 def type_name(value: Any) -> str:
@@ -158,11 +158,13 @@ def test_the_documents_are_right_for_reader_and_schema(name):
 
 @pytest.mark.parametrize("path", sorted(ALLOWED))
 def test_every_field_wrong_in_turn(path):
-    name, position = FIRST[path]
+    name, path_in_document = FIRST[path]
     whole = DOCUMENTS[name]
-    value = at(whole, position)
+    value = at(whole, path_in_document)
     wrong: list[tuple[str, Any]] = [
-        (f"as {item!r}", item) for item in OF_ANY_TYPE if type_name(item) != type_name(value)
+        (f"as {content!r}", content)
+        for content in OF_ANY_TYPE
+        if type_name(content) != type_name(value)
     ]
     most = 400
     for schema in ALLOWED[path]:
@@ -180,34 +182,36 @@ def test_every_field_wrong_in_turn(path):
         ]
     elif isinstance(value, dict):
         wrong += [("unknown", value | {UNKNOWN: 1})]
-    for why, item in wrong:
+    for why, content in wrong:
         document = copy.deepcopy(whole)
-        put(document, position, item)
+        put(document, path_in_document, content)
         # Another allowed kind; and in Python, unlike in the standard, $ also matches before a line
         # feed.
         if why in ("maybe", "too low", "too high") and VALIDATOR.is_valid(document):
             continue
-        check_refused(document, (*position, UNKNOWN) if why == "unknown" else position, why)
+        check_refused(
+            document, (*path_in_document, UNKNOWN) if why == "unknown" else path_in_document, why
+        )
         if why in ("as None", "as 0.5", "as '?'"):  # the schema is slow, so only for some values
-            assert not VALIDATOR.is_valid(document), f"the schema accepts {position} {why}"
+            assert not VALIDATOR.is_valid(document), f"the schema accepts {path_in_document} {why}"
     for raw in ("NaN", "-Infinity", "1e999", "9" * 40):
-        check_refused(with_raw(whole, position, raw), position, raw)
-    if isinstance(position[-1], str):
-        twice = f"0, {json.dumps(position[-1])}: {json.dumps(value)}"
-        check_refused(with_raw(whole, position, twice), position, "twice")
+        check_refused(with_raw(whole, path_in_document, raw), path_in_document, raw)
+    if isinstance(path_in_document[-1], str):
+        twice = f"0, {json.dumps(path_in_document[-1])}: {json.dumps(value)}"
+        check_refused(with_raw(whole, path_in_document, twice), path_in_document, "twice")
 
 
 @pytest.mark.parametrize("path", sorted(ALLOWED))
 def test_what_may_be_missing_may_be_missing_for_both(path):
-    name, position = FIRST[path]
+    name, path_in_document = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])
-    del at(document, position[:-1])[position[-1]]
-    messages = refusal(document)
+    del at(document, path_in_document[:-1])[path_in_document[-1]]
+    message = refusal(document)
     if VALIDATOR.is_valid(document):
-        assert messages is None or reader_only(messages), messages
+        assert message is None or reader_only(message), message
     else:
-        assert messages is not None, f"only the schema needs {position}"
-        check_refused(document, position, "missing")
+        assert message is not None, f"only the schema needs {path_in_document}"
+        check_refused(document, path_in_document, "missing")
 
 
 READER_ONLY = re.compile(
@@ -242,25 +246,25 @@ values = st.recursive(
 @given(st.sampled_from(sorted(FIRST)), values, st.sampled_from(["put", "remove", "twice", "add"]))
 @settings(max_examples=100)
 def test_schema_and_reader_agree_on_anything(path, value, action):
-    name, position = FIRST[path]
+    name, path_in_document = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])
-    inside = at(document, position[:-1])
+    inside = at(document, path_in_document[:-1])
     if action == "put":
-        put(document, position, value)
+        put(document, path_in_document, value)
     elif action == "remove":
-        del inside[position[-1]]
+        del inside[path_in_document[-1]]
     elif action == "add" and isinstance(inside, dict):
         inside[str(value)[:20]] = value
     elif isinstance(inside, list):
-        inside.append(copy.deepcopy(inside[position[-1]]))
-    messages = refusal(document)
+        inside.append(copy.deepcopy(inside[path_in_document[-1]]))
+    message = refusal(document)
     if VALIDATOR.is_valid(document):
-        assert messages is None or reader_only(messages), messages
+        assert message is None or reader_only(message), message
     else:
-        assert messages is not None, "only the schema refuses this"
+        assert message is not None, "only the schema refuses this"
 
 
 def test_the_published_schema_is_the_one_that_the_shapes_give():
-    messages = "made by 'python docs/regenerate.py schema'"
+    reason = "made by 'python docs/regenerate.py schema'"
     path = resources.device_configs() / "schema" / "device.schema.json"
-    assert path.read_text(encoding="utf-8") == device_schema(), messages
+    assert path.read_text(encoding="utf-8") == device_schema(), reason

@@ -59,12 +59,12 @@ def render(haptics):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Set up user devices with a band, and no approvals; return the device folder."""
-    created = tmp_path / "devices"
-    created.mkdir()
-    monkeypatch.setenv("HFX_DEVICES", str(created))
+    devices_folder = tmp_path / "devices"
+    devices_folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(devices_folder))
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
-    own_device(created, "forearm_band", "my_band")
-    return created
+    own_device(devices_folder, "forearm_band", "my_band")
+    return devices_folder
 
 
 def own_device(folder: Path, shipped: str, name: str, **kind: float) -> None:
@@ -227,8 +227,8 @@ def test_a_script_that_changes_nothing_gives_what_is_played_without_it(
     assert alone.values[:, ::2].any()
     assert raster.values.tobytes() == alone.values.tobytes()
     assert raster.shortfalls == alone.shortfalls
-    for mine, alternative in zip(raster.felt, alone.felt, strict=True):
-        assert mine.is_rendered.tolist() == alternative.is_rendered.tolist()
+    for mine, scriptless in zip(raster.felt, alone.felt, strict=True):
+        assert mine.is_rendered.tolist() == scriptless.is_rendered.tolist()
 
 
 def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path) -> None:
@@ -307,8 +307,8 @@ def test_a_script_that_is_not_approved_leaves_its_device_out_and_no_other(
     folder: Path, path: Path
 ) -> None:
     device = scripted(folder, COUNTER, is_approved=False)
-    alternative = load_device("insoles")
-    actual = rendered(path, device, alternative)
+    insoles = load_device("insoles")
+    actual = rendered(path, device, insoles)
     assert [item.id for item, _ in actual.played] == ["insoles"]
     assert str(folder / "my_band.py") in actual.silent[BAND]
     assert "not approved" in actual.silent[BAND]
@@ -414,8 +414,8 @@ def test_each_wearer_has_a_script_of_its_own(folder: Path, tmp_path: Path) -> No
     device = scripted(folder, COUNTER)
     actual = rendered(both, device)
     assert [raster.body_id for _, raster in actual.played] == ["anna", "bert"]
-    one, alternative = (raster.values for _, raster in actual.played)
-    assert one.any() and one.tobytes() == alternative.tobytes()
+    first, second = (raster.values for _, raster in actual.played)
+    assert first.any() and first.tobytes() == second.tobytes()
 
 
 def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) -> None:

@@ -46,11 +46,11 @@ def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> No
         start.start(processes.program(program, name), stdin=-1, stdout=-1, text=True)
         for name in ("one", "other")
     ]
-    for item in both:
-        assert item.stdout.readline() == "ready\n"
-    for item in both:
-        item.communicate("x")
-        assert item.returncode == 0
+    for process in both:
+        assert process.stdout.readline() == "ready\n"
+    for process in both:
+        process.communicate("x")
+        assert process.returncode == 0
     load = live_settings.load if what == "connections" else surface_calibration.load
     assert sorted(load()) == sorted(f"{name}{k}" for name in ("one", "other") for k in range(COUNT))
 

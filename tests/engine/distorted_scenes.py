@@ -255,9 +255,9 @@ def _volumes(
         size_m = float(np.exp(rng.uniform(*np.log(sizes_m))))
         kind = str(rng.choice(["sphere", "cuboid", "capsule"]))
         vertex = rng.integers(len(model))
-        position = _posed(model, bones, to_world, np.array([vertex]))[0]
-        position = position + away * size_m * rng.normal(size=3)
-        volumes.append(Volume(kind, size_m, position, turn(rng, rng.uniform(0.0, np.pi))))
+        point_m = _posed(model, bones, to_world, np.array([vertex]))[0]
+        point_m = point_m + away * size_m * rng.normal(size=3)
+        volumes.append(Volume(kind, size_m, point_m, turn(rng, rng.uniform(0.0, np.pi))))
     return tuple(volumes)
 
 
@@ -279,9 +279,9 @@ def _posed(
     weights = model.weights
     posed = np.zeros((len(model), 3))
     owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-    requests = np.isin(owners, vertices)
-    owners, values = owners[requests], weights.values[requests].astype(float)
-    matrices = bones[weights.bones[requests]]
+    is_owner = np.isin(owners, vertices)
+    owners, values = owners[is_owner], weights.values[is_owner].astype(float)
+    matrices = bones[weights.bones[is_owner]]
     moved = np.einsum("eij,ej->ei", matrices[..., :3], model.vertices[owners]) + matrices[..., 3]
     np.add.at(posed, owners, values[:, None] * moved)
     posed /= np.maximum(np.bincount(owners, values, len(model)), 1e-9)[:, None]

@@ -72,8 +72,8 @@ class RandomContact:
     def __str__(self) -> str:
         shapes = "+".join(type(shape).__name__ for shape in self.animated.shapes)
         binding = type(self.body.binding).__name__
-        messages = self.falloff.kind.value, self.falloff.share, self.tolerance.name, self.record
-        return f"seed {self.seed}: {shapes} on {binding}, {messages}"
+        facts = self.falloff.kind.value, self.falloff.share, self.tolerance.name, self.record
+        return f"seed {self.seed}: {shapes} on {binding}, {facts}"
 
     # The scene
 
@@ -81,13 +81,19 @@ class RandomContact:
     def model(self) -> PerceptualModel:
         """Bumpy skin of 12 or 42 vertices, 1 to 8 mm apart."""
         rng = self._rng(1)
-        created = ball(
+        ball_model = ball(
             float(np.exp(rng.uniform(np.log(0.001), np.log(0.008)))), int(rng.integers(2))
         )
-        bumps = 1.0 + 0.25 * np.sin(created.vertices @ rng.normal(0.0, 200.0, (3, 4))).mean(axis=1)
-        vertices = (created.vertices * bumps[:, None] * rng.uniform(0.6, 1.4, 3)).astype(np.float32)
-        triangles = created.triangles[rng.random(len(created.triangles)) < 0.9]  # some are missing
-        count = len(created)
+        bumps = 1.0 + 0.25 * np.sin(ball_model.vertices @ rng.normal(0.0, 200.0, (3, 4))).mean(
+            axis=1
+        )
+        vertices = (ball_model.vertices * bumps[:, None] * rng.uniform(0.6, 1.4, 3)).astype(
+            np.float32
+        )
+        triangles = ball_model.triangles[
+            rng.random(len(ball_model.triangles)) < 0.9
+        ]  # some are missing
+        count = len(ball_model)
         sizes = rng.integers(0, 4, count) if rng.random() < 0.2 else rng.integers(1, 4, count)
         bones = np.concatenate([np.sort(rng.permutation(len(BONES))[:n]) for n in sizes])
         weights = SkinWeights(
@@ -95,9 +101,9 @@ class RandomContact:
             bones.astype(np.int32),
             rng.uniform(0.1, 1.0, len(bones)).astype(np.float32),
         )
-        areas = (created.areas_m2 * rng.uniform(0.3, 2.0, count)).astype(np.float32)
+        areas = (ball_model.areas_m2 * rng.uniform(0.3, 2.0, count)).astype(np.float32)
         return replace(
-            created, vertices=vertices, triangles=triangles, areas_m2=areas, weights=weights
+            ball_model, vertices=vertices, triangles=triangles, areas_m2=areas, weights=weights
         )
 
     @cached_property
@@ -305,12 +311,12 @@ class StretchedContact(RandomContact):
 
     @cached_property
     def pose(self) -> PoseBlock:
-        created = super().pose
-        if created.bones is None:
-            return created
-        bones = created.bones.copy()
+        pose_block = super().pose
+        if pose_block.bones is None:
+            return pose_block
+        bones = pose_block.bones.copy()
         bones[..., :3] = bones[..., :3] * np.exp(self._rng(9).uniform(-0.3, 1.8, 3))
-        return replace(created, bones=bones)
+        return replace(pose_block, bones=bones)
 
 
 def _placing(
@@ -332,9 +338,9 @@ def _turn(rng: np.random.Generator, angle: float) -> np.ndarray:
 
 def _star(rng: np.random.Generator, model: PerceptualModel) -> MeshVolume:
     """Return a closed, non-convex mesh: a dented ball of 80 triangles."""
-    created = ball(1.0, 1)
-    dents = rng.uniform(0.4, 1.2, len(created))
-    return MeshVolume(created.vertices.astype(float) * dents[:, None], created.triangles, "star")
+    dented = ball(1.0, 1)
+    dents = rng.uniform(0.4, 1.2, len(dented))
+    return MeshVolume(dented.vertices.astype(float) * dents[:, None], dented.triangles, "star")
 
 
 def _normals_at(shape: Shape, points: np.ndarray, to_world: np.ndarray) -> np.ndarray:

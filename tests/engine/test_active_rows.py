@@ -98,8 +98,8 @@ def test_a_row_of_its_own_follows_none():
     block = AnimationBlock(np.array([7]), (), ())
     animated = EffectBlock(np.ones(1), np.ones((1, 1)))
     only = np.zeros(1, np.int64)
-    rows, reported, follows = followed(only, only, animated, block)
-    assert (rows.tolist(), reported.tolist(), follows.tolist()) == ([0], [True], [False])
+    rows, is_on, follows = followed(only, only, animated, block)
+    assert (rows.tolist(), is_on.tolist(), follows.tolist()) == ([0], [True], [False])
 
 
 def test_a_wind_without_a_direction_blows_up_and_is_told():
@@ -113,8 +113,8 @@ def test_a_wind_without_a_direction_blows_up_and_is_told():
     counters = Counters()
     actual = with_directions([effect], block, counters).effects[0].parameters
     assert actual[:, 1:].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, 1]]
-    (messages,) = counters.warnings.items()  # neither before the block nor while off
-    assert "'Draught'" in messages[0] and messages[1] == 1
+    (warning,) = counters.warnings.items()  # neither before the block nor while off
+    assert "'Draught'" in warning[0] and warning[1] == 1
     assert (parameters[0, 1:] == 0.0).all()
     same = AnimationBlock(np.arange(4), (EffectBlock(levels, actual),), (), 1)
     assert with_directions([effect], same, counters) is same
@@ -129,5 +129,5 @@ def test_controls_of_a_response_that_are_no_numbers_are_told():
     warn_of_controls(effect, animated, np.array([0, 2]), counters)
     assert not counters.warnings
     warn_of_controls(effect, animated, np.array([0, 1]), counters)
-    (messages,) = counters.warnings.items()
-    assert "'Wall'" in messages[0] and messages[1] == 1
+    (warning,) = counters.warnings.items()
+    assert "'Wall'" in warning[0] and warning[1] == 1

@@ -47,9 +47,9 @@ def test_nothing_felt_is_skin() -> None:
 
 @pytest.mark.parametrize(("modality", "channel"), [("vibration", 0), ("pressure", 1)])
 def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None:
-    strengths, bare = _colours(_sample(modality, FULL_COLOUR[modality]))
-    assert strengths.tolist() == pytest.approx(COLOURS[modality])
-    assert strengths.argmax() == channel
+    colours, bare = _colours(_sample(modality, FULL_COLOUR[modality]))
+    assert colours.tolist() == pytest.approx(COLOURS[modality])
+    assert colours.argmax() == channel
     assert bare.tolist() == list(SKIN)
 
 
@@ -57,9 +57,9 @@ def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None
 def test_temperature_counts_from_its_neutral(deviation: float) -> None:
     ambient = _colours(_sample("temperature", 24.0 + deviation))
     touched = _colours(_sample("temperature", 33.0 + deviation), contact=frozenset({"effect"}))
-    for strengths in (ambient[0], touched[0]):
-        assert strengths.tolist() == pytest.approx(COLOURS["temperature"])
-        assert strengths.argmax() == 2
+    for colour in (ambient[0], touched[0]):
+        assert colour.tolist() == pytest.approx(COLOURS["temperature"])
+        assert colour.argmax() == 2
     assert _colours(_sample("temperature", 24.0)).tolist() == [list(SKIN)] * 2
     neutral = _colours(_sample("temperature", 33.0), contact=frozenset({"effect"}))
     assert neutral.tolist() == [list(SKIN)] * 2
@@ -110,8 +110,8 @@ def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -
     shares = felt_shares(
         [_sample("pressure", FULL_COLOUR["pressure"])], SPREADS, COUNTS, frozenset()
     )
-    strengths, bare = colouring.overlay(shares)
-    assert strengths.tolist() == pytest.approx([*COLOURS["pressure"], 1.0])
+    colours, bare = colouring.overlay(shares)
+    assert colours.tolist() == pytest.approx([*COLOURS["pressure"], 1.0])
     assert bare.tolist() == [0.0, 0.0, 0.0, 0.0]
 
 

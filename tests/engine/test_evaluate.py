@@ -110,8 +110,8 @@ def test_a_volume_is_felt_by_every_body_where_it_is() -> None:
         for row in range(TIMES):
             world = skinned(MODELS["test-pressure"], posed, row)
             inside = np.linalg.norm(world - matrices[row, :3, 3], axis=1) <= RADIUS_M
-            strengths = actual[row].vertices.tolist() if row in actual else []
-            assert strengths == np.flatnonzero(inside).tolist()
+            vertices = actual[row].vertices.tolist() if row in actual else []
+            assert vertices == np.flatnonzero(inside).tolist()
         assert len(run) >= 3
 
 

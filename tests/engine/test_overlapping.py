@@ -31,18 +31,18 @@ def test_nothing_in_gives_nothing() -> None:
 
 def test_both_go_on_at_the_same_time() -> None:
     """Both sides wait for each other; sequential execution would block forever."""
-    created, done = threading.Event(), threading.Event()
+    reached, done = threading.Event(), threading.Event()
 
     def source() -> Iterator[int]:
         yield 1
         assert done.wait(10.0)
-        created.set()
+        reached.set()
         yield 2
 
     def work(numbers: Iterator[int]) -> Iterator[int]:
         assert next(numbers) == 1
         done.set()
-        assert created.wait(10.0)
+        assert reached.wait(10.0)
         yield next(numbers)
 
     assert [item for examples in overlapped(source(), work) for item in examples] == [2]
@@ -142,11 +142,11 @@ def test_an_interrupt_while_it_waits_leaves_no_thread(after_s: float) -> None:
 
 
 def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
-    created, closed = [], []
+    started, closed = [], []
 
     def source() -> Iterator[int]:
         for number in range(9):
-            created.append(number)
+            started.append(number)
             yield number
 
     def work(numbers: Iterator[int]) -> Iterator[int]:
@@ -157,6 +157,6 @@ def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
 
     actual = sequentially(source(), work)
     assert [next(actual), next(actual)] == [[0], [1]]
-    assert created == [0, 1]
+    assert started == [0, 1]
     actual.close()
     assert closed == [True]

@@ -178,9 +178,9 @@ def test_blocks_do_not_change_the_reverberation() -> None:
 
 def test_blocks_do_not_change_the_sound_and_it_never_clicks() -> None:
     sources = [_source(_circle(1.0, 60)), _source(_circle(3.0, 60), hz=660.0)]
-    one = _sound(sources, LAYOUTS["5.0"], 60 * 80, 4096)
+    first = _sound(sources, LAYOUTS["5.0"], 60 * 80, 4096)
     second = _sound(sources, LAYOUTS["5.0"], 60 * 80, 512)
-    np.testing.assert_allclose(one, second, atol=1e-9)
+    np.testing.assert_allclose(first, second, atol=1e-9)
     near = _sound([_source(np.tile([0.0, 0.0, 0.0], (60, 1)), 1.0)], LAYOUTS["stereo"], 60 * 80)
     # All dry, from both: a sine of 1 / sqrt(2), with the sine's slope as the steepest step.
     steepest = 2.0 * np.pi * 440.0 / RATE_HZ / np.sqrt(2.0)

@@ -93,8 +93,8 @@ SPOT = EffectDescription(
 def _animated(effect: EffectDescription, curves: np.ndarray = CURVES) -> EffectBlock:
     fixed = np.full(TIMES, 0.5), np.tile([4.0, 100.0], (TIMES, 1))
     if effect.kind == "spot":
-        position = np.stack([np.linspace(0, 1, TIMES), np.full(TIMES, 0.03)], axis=1)
-        return EffectBlock(*fixed, place=position)
+        path = np.stack([np.linspace(0, 1, TIMES), np.full(TIMES, 0.03)], axis=1)
+        return EffectBlock(*fixed, place=path)
     return EffectBlock(*fixed, drive=curves) if effect.kind == "actuators" else EffectBlock(*fixed)
 
 
@@ -157,16 +157,16 @@ def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...])
         assert [len(item) for item in part] == [2, 3, 3]
         assert part[1].focus is not None and runs[1].focus is not None
         assert (part[1].focus == runs[1].focus[2:5]).all()
-    for one, second in zip(runs, again, strict=True):
-        assert (one.indices == second.indices).all() and (one.vertices == second.vertices).all()
-        assert one.weights.tobytes() == second.weights.tobytes()
-        assert (one.focus is None) == (second.focus is None)
-        if one.focus is not None and second.focus is not None:
-            assert one.focus.tobytes() == second.focus.tobytes()
-        assert (one.drive is None) == (second.drive is None)
-        if one.drive is not None and second.drive is not None:
-            assert one.drive.values.tobytes() == second.drive.values.tobytes()
-            assert one.drive.actuators == second.drive.actuators
+    for first, second in zip(runs, again, strict=True):
+        assert (first.indices == second.indices).all() and (first.vertices == second.vertices).all()
+        assert first.weights.tobytes() == second.weights.tobytes()
+        assert (first.focus is None) == (second.focus is None)
+        if first.focus is not None and second.focus is not None:
+            assert first.focus.tobytes() == second.focus.tobytes()
+        assert (first.drive is None) == (second.drive is None)
+        if first.drive is not None and second.drive is not None:
+            assert first.drive.values.tobytes() == second.drive.values.tobytes()
+            assert first.drive.actuators == second.drive.actuators
     direct = render(_header(effects), runs, _device(), _load)
     later = render(_header(effects), again, _device(), _load)
     assert direct.values.tobytes() == later.values.tobytes()

@@ -245,8 +245,8 @@ def test_the_small_zip_brings_the_library_to_every_platform(small: Path) -> None
         ("docs/install.md", r"\((\d+) MB\), as"),
         ("docs/native.md", r", (\d+) MB, b"),
     ):
-        (messages,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
-        assert float(messages) == pytest.approx(size / 1e6, abs=0.7)
+        (figure,) = re.findall(sentence, (ROOT / page).read_text(encoding="utf-8"))
+        assert float(figure) == pytest.approx(size / 1e6, abs=0.7)
     done = _validated(small)
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -454,11 +454,11 @@ def test_in_a_bare_blender_every_module_imports_and_devices_open(
     bpy = pytest.importorskip("bpy")
     version = f"{sys.version_info[0]}.{sys.version_info[1]}"
     lock = addon_wheels.read_lock()
-    requested = IMPORTED(PACKAGE)
+    imported = IMPORTED(PACKAGE)
     folder = tmp_path / "wheels"
     folder.mkdir()
     try:
-        here = addon_wheels.select(lock, requested, build_addon.this_platform(), version)
+        here = addon_wheels.select(lock, imported, build_addon.this_platform(), version)
         for name in here.values():
             pack(name, folder)
     except (metadata.PackageNotFoundError, KeyError) as error:
@@ -583,15 +583,15 @@ def test_a_computed_name_of_a_module_stops_the_build(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
 def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
-    requested = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
-    requested |= {"python-osc", "websockets"}
-    assert IMPORTED(PACKAGE) == requested
+    packages = {"cffi", "fast-simplification", "pyserial", "scipy", "sounddevice", "trimesh"}
+    packages |= {"python-osc", "websockets"}
+    assert IMPORTED(PACKAGE) == packages
     lock = addon_wheels.read_lock()
     is_linux, is_arm = platform.startswith("linux"), platform == "windows-arm64"
     pythons = addon_wheels.PYTHONS if is_linux else addon_wheels.default_pythons(platform)
     for python in pythons:
-        actual = addon_wheels.select(lock, requested, platform, python)
-        assert requested - set(actual) == ({"fast-simplification"} if is_arm else set())
+        actual = addon_wheels.select(lock, packages, platform, python)
+        assert packages - set(actual) == ({"fast-simplification"} if is_arm else set())
         assert f"-cp{python.replace('.', '')}-" in actual["cffi"]
         brings_portaudio = "-any." not in actual["sounddevice"]
         assert brings_portaudio != is_linux, actual["sounddevice"]
@@ -601,15 +601,15 @@ def test_what_a_wheel_requires_is_in_the_zip_or_stops_the_build(
     wheels: Path, tmp_path: Path
 ) -> None:
     lines = ["cffi", "numpy>=1.26", "pandas; extra == 'x'", "PyCParser; implementation_name != 'y'"]
-    card, alternative = (
+    card, second_card = (
         tmp_path / "sounddevice-1-py3-none-any.whl",
         tmp_path / "cffi-1-py3-none-any.whl",
     )
-    for path, required in ((card, lines), (alternative, [])):
+    for path, required in ((card, lines), (second_card, [])):
         with zipfile.ZipFile(path, "w") as archive:
             text = "Metadata-Version: 2.4\n" + "".join(f"Requires-Dist: {r}\n" for r in required)
             archive.writestr(f"{path.stem[:-12]}.dist-info/METADATA", f"{text}\nnumpy")
-    addon_wheels.check_requirements([card, alternative])
+    addon_wheels.check_requirements([card, second_card])
     with pytest.raises(addon_wheels.WheelError, match=r"sounddevice-1\S+: requires 'cffi'"):
         addon_wheels.check_requirements([card])
 
@@ -670,10 +670,10 @@ def test_the_wheel_of_the_library_is_one(zig: Path, tmp_path: Path) -> None:
         (record,) = [name for name in names if name.endswith("/RECORD")]
         lines = [line.split(",") for line in archive.read(record).decode().splitlines()]
         assert [line[0] for line in lines] == names
-        for name, messages, size in lines[:-1]:
+        for name, state, size in lines[:-1]:
             data = archive.read(name)
             actual = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
-            assert (messages, size) == (f"sha256={actual}", str(len(data)))
+            assert (state, size) == (f"sha256={actual}", str(len(data)))
         assert f"hfx_native_{digest}/hfx_native.dll" in names
 
 

@@ -114,8 +114,8 @@ def test_a_few_bytes_that_last_for_days_are_refused(tmp_path, name, target):
     path = tmp_path / name
     path.write_text(json.dumps(LATE[name]))
     device = "back_pad" if target in ("csv", "tact") else None
-    created = tmp_path / "made"
-    refused(lambda: convert(path, created, to=target, device=device), r"allowed are 86,400 s")
+    pieces_folder = tmp_path / "made"
+    refused(lambda: convert(path, pieces_folder, to=target, device=device), r"allowed are 86,400 s")
     assert [path.name for path in tmp_path.iterdir()] == [name]
     actual, findings = files.validate(path)
     assert [finding.severity for finding in findings if finding.code.endswith("-LARGE")] == [
@@ -155,8 +155,8 @@ def long_track(folder, count, rate_hz):
     values = {**vars(header), "time": time}
     fields = header.__dataclass_fields__
     path = folder / "long.hfxtrack"
-    created = type(header)(**{name: values[name] for name in fields})
-    with TrackWriter(path, created, full_precision=True) as writer:
+    changed_header = type(header)(**{name: values[name] for name in fields})
+    with TrackWriter(path, changed_header, full_precision=True) as writer:
         writer.append([replace(run, times_s=time.times_s(run.indices)) for run in runs])
     return path
 
@@ -293,9 +293,9 @@ def test_strengths_every_20_ms_have_a_limit():
 @pytest.mark.parametrize("seconds", [0.0, 1e-7, 1e-4, 0.5, 1000.25])
 @pytest.mark.parametrize("target", ["ahap", "haptic", "he", "openxr", "hjif"])
 def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target):
-    created = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
+    ramp = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
     hertz, tolerance = FrequencyRange(50.0, 200.0), 0.01
-    (path,) = write_signals(FORMATS["haptic"], [created], hertz, tmp_path / "x", tolerance).files
+    (path,) = write_signals(FORMATS["haptic"], [ramp], hertz, tmp_path / "x", tolerance).files
     try:
         written = convert(path, tmp_path / "y", to=target)
     except InputError:
@@ -344,9 +344,9 @@ def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
     path.write_text(json.dumps(ahap(1.0)))
 
     def write_nonsense(signals, frequencies, stem, tolerance):
-        created = stem.with_name(stem.name + ".haptic")
-        created.write_text(json.dumps(haptic(-1.0)))
-        return conversion.Written((created,))
+        output = stem.with_name(stem.name + ".haptic")
+        output.write_text(json.dumps(haptic(-1.0)))
+        return conversion.Written((output,))
 
     monkeypatch.setattr("hfx_blender.formats.device_files.haptic.write_signals", write_nonsense)
     with pytest.raises(InputError, match=r"y.haptic, which would not be valid: .*HAPTIC-"):

@@ -120,14 +120,14 @@ def test_exactly_one_of_some_members_is_there(shape: Shape, wrong: Any, told: st
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
 def test_faults_that_a_parser_finds_are_told_with_their_place(mark: bytes) -> None:
     assert node_of(mark + b'{"a": [1, 2]}', "x")["a"].value == [1, 2]
-    for text, messages in (
+    for text, message in (
         (b'{"a": [1, NaN]}', "x: a[1]: the number NaN is not finite."),
         (b'{"a": {"b": 1, "b": 2}}', "x: a: the key 'b' is there twice in one object."),
         (b'{"a": 123456789012345678901}', "x: a: the number 12345678901234567890... is too long."),
     ):
         with pytest.raises(InputError) as caught:
             node_of(mark + text, "x")
-        assert str(caught.value) == messages
+        assert str(caught.value) == message
 
 
 def test_a_large_value_is_not_repeated_whole() -> None:

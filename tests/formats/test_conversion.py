@@ -48,9 +48,9 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
             assert findings == [], path
             assert actual.id == {"he1": "he"}.get(name, name)
     again = writing.write(name, raster, device, tmp_path / "other.back_pad")
-    for one, second in zip(written.files, again.files, strict=True):
+    for first, second in zip(written.files, again.files, strict=True):
         same = second.read_bytes().replace(b"other.back_pad", b"scene.back_pad")
-        assert one.read_bytes() == same
+        assert first.read_bytes() == same
 
 
 @pytest.mark.parametrize("name", ["ahap", "haptic", "he", "openxr"])
@@ -62,9 +62,9 @@ def test_what_a_device_plays_is_in_the_file(tmp_path, name):
     actual = [item for path in written.files for item in files.read_signals(path)[0]]
     assert [entry.name for entry in actual] == [item.name for item in dense]
     times = np.linspace(0.0, 1.99, 400)
-    for one, second in zip(actual, dense, strict=True):
+    for first, second in zip(actual, dense, strict=True):
         slack = 0.021 if name == "he" else 0.0101  # half a millisecond of 21 a second
-        assert np.abs(one.amplitude.at(times) - second.amplitude.at(times)).max() <= slack
+        assert np.abs(first.amplitude.at(times) - second.amplitude.at(times)).max() <= slack
 
 
 @pytest.mark.parametrize("name", [*ENVELOPES, "wav", "tact"])
@@ -126,11 +126,11 @@ def test_a_removed_format_names_its_replacement(tmp_path, capsys, name):
         ["convert", source, str(tmp_path / file), "--device", "back_pad"],
     ):
         assert cli.run(arguments) == 2
-        (messages,) = capsys.readouterr().err.splitlines()
+        (message,) = capsys.readouterr().err.splitlines()
         assert (
-            name in messages
-            and "no longer written" in messages
-            and f"{instead}" in messages.split("use ")[1]
+            name in message
+            and "no longer written" in message
+            and f"{instead}" in message.split("use ")[1]
         )
     assert [path.name for path in tmp_path.iterdir()] == [track.path.name]
 
@@ -210,9 +210,9 @@ def test_signals_go_to_the_actuators_of_their_names(tmp_path):
     raster = npz_raster.read(back.files[0])
     dense, _ = signals_of(raster_for(device, rows=60), device)
     scale = device.actuators[0].type.strength.highest
-    for item, signal_before in enumerate(dense):
+    for index, signal_before in enumerate(dense):
         expected = signal_before.amplitude.at(raster.times_s) * scale
-        assert np.abs(raster.values[:, 2 * item] - expected).max() <= 0.011 * scale
+        assert np.abs(raster.values[:, 2 * index] - expected).max() <= 0.011 * scale
     with pytest.raises(InputError, match="the vibration actuators of 'insoles' are"):
         convert(first, tmp_path / "z.csv", device="insoles")
     with pytest.raises(InputError, match="no vibration actuators"):
@@ -305,8 +305,8 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
     assert files.validate(path)[1] == []
     envelopes = list(to_signals.envelopes(read_hjif(path)))
     assert [envelope.modality for envelope in envelopes] == ["Wind", "Temperature"]
-    for item in envelopes:
-        strength = item.strength.at(np.arange(50) / 100.0) * item.full_scale
+    for curve in envelopes:
+        strength = curve.strength.at(np.arange(50) / 100.0) * curve.full_scale
         assert strength == pytest.approx((raster.values - raster.neutral)[:, 0], abs=0.06)
 
 
@@ -408,9 +408,9 @@ def test_hertz_without_a_range_follow_the_targets_documented_one(
     hertz = (100.0, 120.0, 190.0, 300.0)
     written = convert(_tones(tmp_path, hertz), tmp_path / f"x{suffix}")
     actual = {path.name: read(json.loads(path.read_text())) for path in written.files}
-    for item in hertz:
-        expected = min(max((item - lowest) / (highest - lowest), 0.0), 1.0)
-        assert actual[f"x.{item:g}{suffix}"] == pytest.approx(expected, abs=0.011)
+    for frequency_hz in hertz:
+        expected = min(max((frequency_hz - lowest) / (highest - lowest), 0.0), 1.0)
+        assert actual[f"x.{frequency_hz:g}{suffix}"] == pytest.approx(expected, abs=0.011)
     assert any(
         f"{lowest} to {highest} Hz" in messages and "300" in messages
         for messages in written.left_out

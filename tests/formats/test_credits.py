@@ -104,8 +104,8 @@ def converted(document, source, target, folder, **options):
 
 def test_haptic_keeps_all_of_its_own(tmp_path):
     actual, lost = converted(HAPTIC, "a.haptic", "b.haptic", tmp_path)
-    stored = {key: actual["metadata"][key] for key in ("author", "source", "project")}
-    assert stored == {"author": "Ada", "source": "boom.wav", "project": "Caves"} and not lost
+    metadata = {key: actual["metadata"][key] for key in ("author", "source", "project")}
+    assert metadata == {"author": "Ada", "source": "boom.wav", "project": "Caves"} and not lost
     assert actual["metadata"]["tags"] == ["rock", "large", "frequency-range-hz:50-200"]
 
 

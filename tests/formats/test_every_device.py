@@ -93,18 +93,18 @@ def _tact(folder, device):
     for path in folder.glob("*.tact"):
         for track in json.loads(path.read_text())["project"]["tracks"]:
             for effect in track["effects"]:
-                for position, mode in effect["modes"].items():
+                for group, mode in effect["modes"].items():
                     for feedback in mode["dotMode"]["feedback"]:
                         start = effect["startTime"] + feedback["startTime"]
                         end = effect["startTime"] + feedback["endTime"]
                         if start <= 1000 * AT_S < end:
                             for dot in feedback["pointList"]:
-                                levels.append((position, dot["index"], dot["intensity"]))
+                                levels.append((group, dot["index"], dot["intensity"]))
     dots = getattr(device.output.encoder, "dots", None) if device.output else None
     if dots:
-        by_dot = {(position, index): level for position, index, level in levels}
+        by_dot = {(group, index): level for group, index, level in levels}
         if device.is_mirrored:  # worn on the right, as configured for the left
-            dots = [(position.removesuffix("L") + "R", index) for position, index in dots]
+            dots = [(group.removesuffix("L") + "R", index) for group, index in dots]
         pairs = zip(device.actuators, dots, strict=True)
         return {actuator.id: by_dot.get(dot, 0.0) for actuator, dot in pairs}
     full = _wanted(device)
@@ -150,8 +150,8 @@ def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path
     with (tmp_path / "x.csv").open(newline="") as file:
         header, *rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
     for k, column in enumerate(raster.columns):
-        location = header.index(f"{column.actuator}.{column.parameter} [{column.unit}]")
-        assert float(rows[25][location]) == pytest.approx(raster.values[25, k], rel=1e-8)
+        column_index = header.index(f"{column.actuator}.{column.parameter} [{column.unit}]")
+        assert float(rows[25][column_index]) == pytest.approx(raster.values[25, k], rel=1e-8)
     for format_name, (suffix, read) in READERS.items():
         title = FORMATS[format_name].title
         named = (title, f"the format {format_name} ")

@@ -232,8 +232,8 @@ SEMANTIC = {
 
 @pytest.mark.parametrize("code", SEMANTIC)
 def test_each_semantic_rule_has_its_code(code):
-    position, value = SEMANTIC[code]
-    findings = hjif_rules.findings(with_change(position, value))
+    path, value = SEMANTIC[code]
+    findings = hjif_rules.findings(with_change(path, value))
     assert f"HJIF-{code}" in [entry.code for entry in findings]
     is_warning = code.startswith("REFERENCE")
     severities = {entry.severity for entry in findings if entry.code == f"HJIF-{code}"}
@@ -252,9 +252,9 @@ TAKEN = {
 
 @pytest.mark.parametrize("code", TAKEN)
 def test_what_the_reference_software_takes_is_valid_with_a_warning(code):
-    position, value = TAKEN[code]
+    path, value = TAKEN[code]
     document = sample()
-    at(document, position[:-1])[position[-1]] = value
+    at(document, path[:-1])[path[-1]] = value
     findings = hjif_rules.findings(document)
     assert [(entry.code, entry.severity) for entry in findings] == [(code, "warning")]
     _, notes = hjif_reader.decode(encoded(document), "x")
@@ -393,15 +393,15 @@ def test_the_standards_schemas_agree():
     assert judge.is_valid(sample())
     schema_codes = {"HJIF-MISSING", "HJIF-TYPE", "HJIF-RANGE", "HJIF-CHOICE", "HJIF-COUNT"}
     schema_codes |= {"HJIF-MODALITY", "HJIF-VERSION"}
-    for position in places(sample()):
-        if "composition" in position:  # the schema does not check compositions
+    for keys in places(sample()):
+        if "composition" in keys:  # the schema does not check compositions
             continue
         for wrong in (None, True, {"a": 1}, [[]], -1, 1.5, 20_000, "?", ...):
-            actual = with_change(position, None if wrong is ... else wrong)
+            actual = with_change(keys, None if wrong is ... else wrong)
             if wrong is ...:
-                del at(actual, position[:-1])[position[-1]]
+                del at(actual, keys[:-1])[keys[-1]]
             ours = not schema_codes & set(codes(actual))
-            assert judge.is_valid(actual) == ours, (position, wrong, codes(actual))
+            assert judge.is_valid(actual) == ours, (keys, wrong, codes(actual))
 
 
 # --- round trips ---------------------------------------------------------------------------
@@ -776,9 +776,9 @@ def test_every_vertex_has_a_part_and_left_mirrors_right(id):
     masks = vertex_masks(body)
     assert (masks > 0).all()
     left, right = masks[body.side == 1], masks[body.side == 2]
-    for bits, second in ((left, "right"), (right, "left")):
+    for bits, side in ((left, "right"), (right, "left")):
         names = {described(int(mask)) for mask in np.unique(bits)}
-        assert not [name for name in names if second in name]
+        assert not [name for name in names if side in name]
 
 
 def test_known_places_have_their_bits():

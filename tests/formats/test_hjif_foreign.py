@@ -370,18 +370,18 @@ def test_unknown_members_of_a_vector_are_only_unknown():
 def test_strict_findings_name_the_tool():
     document = channel_with()
     early(document)
-    messages = {finding.code: finding.message for finding in hjif_rules.findings(document)}
-    assert "from before the standard" in messages["HJIF-VERSION"]
+    message_by_code = {finding.code: finding.message for finding in hjif_rules.findings(document)}
+    assert "from before the standard" in message_by_code["HJIF-VERSION"]
     del document["version"]
     assert "MPEG's reference encoder" in str(
         hjif_rules.findings({**document, "version": "2023"})
-    ) or ("from before the standard" in messages["HJIF-MISSING"])
+    ) or ("from before the standard" in message_by_code["HJIF-MISSING"])
 
 
 def test_what_has_no_clear_meaning_is_refused():
-    for position, value in ((("perceptions",), "all"), (("perceptions", 0, "channels"), [])):
+    for path, value in ((("perceptions",), "all"), (("perceptions", 0, "channels"), [])):
         document = sample()
-        at(document, position[:-1])[position[-1]] = value
+        at(document, path[:-1])[path[-1]] = value
         with pytest.raises(InputError, match=r"HJIF-(TYPE|COUNT)"):
             hjif_reader.decode(json.dumps(document).encode(), "x")
 

@@ -152,17 +152,17 @@ def test_what_is_no_plain_file_is_refused_and_not_waited_for(tmp_path, capsys, n
     gone, link, pipe = tmp_path / "none" / name, tmp_path / f"of.{name}", tmp_path / name
     link.symlink_to(gone)
     os.mkfifo(pipe)
-    for path, messages in (
+    for path, message in (
         (gone, "there is no such file"),
         (link, "there is no such file"),
         (pipe, "it is no plain file"),
         (tmp_path, "it is a folder"),
     ):
         code, _, err = info(capsys, path)
-        assert code == 3 and err == f"hfx: {path}: {messages}.\n"
+        assert code == 3 and err == f"hfx: {path}: {message}.\n"
         if path != tmp_path:
             assert cli.run(["validate", str(path)]) == 3
-            assert capsys.readouterr().err == f"hfx: {path}: {messages}.\n"
+            assert capsys.readouterr().err == f"hfx: {path}: {message}.\n"
     if name != "x":
         assert cli.run(["validate", str(tmp_path)]) == 3  # the link: a pipe is no file
         assert str(link) in capsys.readouterr().err

@@ -65,11 +65,11 @@ def test_openxr_has_a_range_of_its_own(tmp_path):
 def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    (messages,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
-    assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in messages
+    (reasons,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
+    assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in reasons
     raster.values[:, 0], raster.values[:, 1] = 1e6, ITS_HZ
-    messages = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
-    assert ["above full scale" in finding for finding in messages] == [True] * (name != "hjif")
+    reasons = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
+    assert ["above full scale" in finding for finding in reasons] == [True] * (name != "hjif")
 
 
 @pytest.mark.parametrize("name", ["ahap", "haptic", "he", "he1", "openharmony", "openxr"])
@@ -86,8 +86,8 @@ def test_what_motors_share_or_are_too_coarse_for_is_told(tmp_path):
     signals = [signal(LOUD, name=name) for name in ("a", "b", "faint", *names)]
     signals[2] = signal([0.0, 0.004, 0.0], name="faint")
     motors = {"a": motor, "b": motor, "faint": Motor("Vest", "VestBack", 1)}
-    created = tact.write(signals, motors, tmp_path / "x")
-    (nowhere, shared), (_, weak) = created.left_out, created.notes
+    result = tact.write(signals, motors, tmp_path / "x")
+    (nowhere, shared), (_, weak) = result.left_out, result.notes
     assert nowhere.endswith("8 (no0, no1, no2, no3, no4, no5 and 2 more)")
     assert "strongest" in shared and shared.endswith("2 (a, b)")
     assert weak.endswith("1 (faint)")
@@ -102,8 +102,8 @@ def test_ticks_that_change_are_told(tmp_path):
     assert "1 ticks too weak" in silent and "r1c1" in silent
     loud = signal([1.0] * 5, [ITS_HZ] * 5)
     content = replace(loud, transients=(Transient(0.01, 0.2, ITS_HZ),))
-    _, messages, _ = signal_raster.raster_of([content], DEVICE, "x")
-    assert ["1 ticks weaker" in finding for finding in messages] == [True]
+    _, notes, _ = signal_raster.raster_of([content], DEVICE, "x")
+    assert ["1 ticks weaker" in finding for finding in notes] == [True]
 
 
 def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path):
@@ -125,8 +125,8 @@ def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path
 
 def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
     content = [signal(LOUD, [1500.0] * 5, name="high"), signal([0, 0.004, 0], name="weak")]
-    created = from_actuators.write_signals(content, RANGE, tmp_path / "x")
-    (high,), (_, weak) = created.left_out, created.notes
+    result = from_actuators.write_signals(content, RANGE, tmp_path / "x")
+    (high,), (_, weak) = result.left_out, result.notes
     assert "0 to 1000 Hz" in high and high.endswith("1 (high)")
     assert "too weak" in weak and weak.endswith("1 (weak)")
 
@@ -169,8 +169,8 @@ def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
 
 def test_an_option_that_says_nothing_is_told(tmp_path):
     source = tmp_path / "a.ahap"
-    (created,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
-    created.replace(source)
+    (path,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
+    path.replace(source)
     converted = conversion.convert(source, tmp_path / "b.haptic", body="Anna")
     assert any("--body says nothing" in note for note in converted.notes)
     assert not any("--body" in n for n in conversion.convert(source, tmp_path / "c.he").notes)
@@ -179,9 +179,9 @@ def test_an_option_that_says_nothing_is_told(tmp_path):
 def test_strict_refuses_what_is_left_out(tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
-    (created,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
+    (path,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
     with pytest.raises(InputError, match="above 1000 Hz"):
-        conversion.convert(created, tmp_path / "b.wav", device=DEVICE.id, strict=True)
+        conversion.convert(path, tmp_path / "b.wav", device=DEVICE.id, strict=True)
     assert not (tmp_path / "b.wav").exists()
 
 

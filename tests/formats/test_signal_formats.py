@@ -79,13 +79,13 @@ def test_ticks_survive(kind, content):
     transients = sorted(content.transients, key=lambda each: each.time_s)
     ticks = sorted(actual.transients, key=lambda each: each.time_s)
     assert [t.time_s for t in ticks] == pytest.approx([t.time_s for t in transients], abs=0.6e-3)
-    for one, second in zip(ticks, transients, strict=True):
+    for first, second in zip(ticks, transients, strict=True):
         # Emphasis is never weaker than the envelope at the same time.
         level = second.amplitude
         if kind == "haptic":
             level = max(level, float(few.amplitude.at(second.time_s)))
-        assert one.amplitude == pytest.approx(level, abs=0.006)
-        assert one.frequency_hz == pytest.approx(second.frequency_hz, abs=1.01)
+        assert first.amplitude == pytest.approx(level, abs=0.006)
+        assert first.frequency_hz == pytest.approx(second.frequency_hz, abs=1.01)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -158,11 +158,11 @@ def test_he_versions_keep_their_limits():
 def refused_at(document):
     """Return the first pattern refused by a player (Android's or RichTap's library), or None."""
     last_time = last_duration = library_end = 0
-    for number, item in enumerate(document["PatternList"]):
-        start = item["AbsoluteTime"]
+    for number, pattern in enumerate(document["PatternList"]):
+        start = pattern["AbsoluteTime"]
         if number and start < max(last_time + last_duration, library_end):
             return number
-        for event in (entry["Event"] for entry in item["Pattern"]):
+        for event in (entry["Event"] for entry in pattern["Pattern"]):
             last_time = event["RelativeTime"]
             if event["Type"] == "continuous":
                 last_duration = event["Duration"]

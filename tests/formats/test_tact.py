@@ -59,9 +59,9 @@ def test_the_back_pad_is_the_back_of_the_vest():
 
 
 def test_a_forearm_band_is_a_sleeve_on_its_side():
-    for side, position in (("left", "ForearmL"), ("right", "ForearmR")):
+    for side, group in (("left", "ForearmL"), ("right", "ForearmR")):
         motors = motors_of(load_device(f"forearm_band_{side}"))
-        assert {motor.position for motor in motors.values()} == {position}
+        assert {motor.position for motor in motors.values()} == {group}
         assert sorted(m.index for m in motors.values()) == list(range(len(motors)))
 
 
@@ -70,14 +70,14 @@ def _levels_at(document, time_ms):
     actual = {}
     for track in document["project"]["tracks"]:
         for effect in track["effects"]:
-            for position, mode in effect["modes"].items():
+            for group, mode in effect["modes"].items():
                 for feedback in mode["dotMode"]["feedback"]:
                     start, end = (
                         effect["startTime"] + feedback[k] for k in ("startTime", "endTime")
                     )
                     if start <= time_ms < end:
                         for dot in feedback["pointList"]:
-                            actual[position, dot["index"]] = dot["intensity"]
+                            actual[group, dot["index"]] = dot["intensity"]
     return actual
 
 
@@ -285,11 +285,11 @@ def test_a_file_of_a_suit_is_played_by_the_device_of_its_dots(tmp_path):
     lit = {"startTime": 0, "endTime": 400, "playbackType": "NONE"}
     actual = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
     (effect,) = actual["project"]["tracks"][0]["effects"]
-    for position, index, level in (("VestFront", 13, 0.75), ("VestBack", 2, 0.5)):
+    for group, index, level in (("VestFront", 13, 0.75), ("VestBack", 2, 0.5)):
         dots = [{"index": index, "intensity": level}]
         mode = {"mode": "DOT_MODE", "pathMode": {"feedback": []}}
         mode["dotMode"] = {"dotConnected": False, "feedback": [{**lit, "pointList": dots}]}
-        effect["modes"][position] = mode
+        effect["modes"][group] = mode
     (tmp_path / "x.tact").write_bytes(encoded(actual))
     convert(tmp_path / "x.tact", tmp_path / "x.raster.npz", device="bhaptics_tactsuit_x40")
     raster = npz_raster.read(tmp_path / "x.raster.npz")

@@ -63,11 +63,11 @@ def add_extension(project: Path) -> None:
 
 def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
     package = PLAYERS / "unity"
-    created = ("Tests~", "Plugins")  # not shown in Unity; compiled here
+    folders = ("Tests~", "Plugins")  # not shown in Unity; compiled here
     shown = [
         path
         for path in package.rglob("*")
-        if not any(item in str(path.relative_to(package)) for item in created)
+        if not any(item in str(path.relative_to(package)) for item in folders)
     ]
     assets = {path for path in shown if path.suffix != ".meta"}
     metas = {path.with_suffix("") for path in shown if path.suffix == ".meta"}

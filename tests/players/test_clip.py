@@ -226,8 +226,8 @@ def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
 
 def test_no_peak_is_lost_at_random_frame_rates(tmp_path: Path) -> None:
     counts, random = Counts(), np.random.default_rng(7)
-    requested = {"touch", "everything", "film"}
-    for case in [case_of(spec, tmp_path) for spec in SPECS if spec.name in requested]:
+    names = {"touch", "everything", "film"}
+    for case in [case_of(spec, tmp_path) for spec in SPECS if spec.name in names]:
         for _ in range(4):
             play(case, random, counts)
     assert counts.peaks > 1000

@@ -123,9 +123,9 @@ def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> No
     assert body.evaluate(0.02)[0] == 10.0  # the motor's limit
     assert body.trigger(1, 1.0) == -6
     fan = load_device("fan_heater")
-    position = replace(fan.actuators[0].place, at_m=(0.0, 1.0, 1.0))
+    beside_the_fan = replace(fan.actuators[0].place, at_m=(0.0, 1.0, 1.0))
     fan = replace(
-        fan, actuators=tuple(replace(actuator, place=position) for actuator in fan.actuators)
+        fan, actuators=tuple(replace(actuator, place=beside_the_fan) for actuator in fan.actuators)
     )
     coarse = SpatialRecorder(scene, 2)
     coarse.add(AnimationBlock(np.arange(2), (animated,), (still,)))

@@ -118,9 +118,9 @@ def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Install the package as pip does: a script importing the package."""
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
-    stored = {"base": str(folder), "platbase": str(folder)}
-    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=stored))
-    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=stored))
+    variables = {"base": str(folder), "platbase": str(folder)}
+    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=variables))
+    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=variables))
     present = [path for path in sys.path if Path(path).name == "site-packages"]
     (packages / "present.pth").write_text("\n".join([str(ROOT), *present]) + "\n")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

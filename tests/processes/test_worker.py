@@ -45,8 +45,8 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         return created[-1]
 
     yield make
-    for item in created:
-        item.close(0.0)
+    for worker in created:
+        worker.close(0.0)
 
 
 def do(worker: Worker, source: str) -> None:

@@ -61,8 +61,8 @@ def test_every_frame_is_played_after_its_offset_as_far_as_the_device_takes_them(
     played.run(1.3)
     for time_s, strength in played.port.strengths():
         if began_s + 1.0 < time_s < began_s + 3.0:
-            requests = 1.0 + 10.0 * (time_s - began_s - 1.0) / 2.0
-            assert requests - 0.4 < strength <= requests + 0.01  # at most a ramp and a tick late
+            due = 1.0 + 10.0 * (time_s - began_s - 1.0) / 2.0
+            assert due - 0.4 < strength <= due + 0.01  # at most a ramp and a tick late
 
 
 @pytest.mark.parametrize("rate", [24, 72, 240])
@@ -325,6 +325,6 @@ def test_a_wrong_number_of_values_is_a_fault_that_is_told(count: int) -> None:
 
 
 def test_clocks_of_lanes_are_their_own() -> None:
-    one, second = Played(), Played(FakeClock())
-    one.run(1.0)
-    assert second.clock.now() == 1000.0 and one.clock.now() == 1001.0
+    first, second = Played(), Played(FakeClock())
+    first.run(1.0)
+    assert second.clock.now() == 1000.0 and first.clock.now() == 1001.0

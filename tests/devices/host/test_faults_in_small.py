@@ -576,15 +576,15 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
-    requests = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
+    questions = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host.take_rendered(Message(kind, 1, encode_values(playing())), requests)
-        host.take_rendered(Message(kind, 2, encode_values(playing())), requests)
+        host.take_rendered(Message(kind, 1, encode_values(playing())), questions)
+        host.take_rendered(Message(kind, 2, encode_values(playing())), questions)
     assert [item.split(":")[0] for item in thread.told] == ["feed", "fault"]
     thread.told.clear()
     thread.is_armed = False
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
-        host.take_rendered(Message(kind, 1, encode_values(playing())), requests)
+        host.take_rendered(Message(kind, 1, encode_values(playing())), questions)
     host.fail_rendering("it has ended")
     assert not thread.told
     thread.is_armed = True

@@ -121,8 +121,8 @@ def test_an_actuator_changes_no_more_often_than_it_can():
 
 def test_a_contact_shorter_than_an_interval_is_given_when_its_turn_comes():
     pace = Pace(updating_every(50.0), TICK)
-    requests = [2.0, 2.0, 15.0, 2.0, 2.0, 2.0, 2.0, 2.0]
-    actual = [pace.paced(playing(s), k * TICK)[0] for k, s in enumerate(requests)]
+    strengths = [2.0, 2.0, 15.0, 2.0, 2.0, 2.0, 2.0, 2.0]
+    actual = [pace.paced(playing(s), k * TICK)[0] for k, s in enumerate(strengths)]
     assert actual == [2.0] * 5 + [15.0] * 3
 
 

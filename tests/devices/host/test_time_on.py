@@ -214,9 +214,9 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
 def test_two_connections_of_one_device_share_one_account(pieces):
     account = DutyBudget()
     one, alternative = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
-    for item in (one, alternative):
-        item.guard.record_rest(1000.0)
-        item.guard.reset()
+    for tally in (one, alternative):
+        tally.guard.record_rest(1000.0)
+        tally.guard.reset()
     on_s = off_s = 0.0
     for first, second, times in pieces:
         for _ in range(times):
@@ -231,14 +231,14 @@ def test_two_connections_of_one_device_share_one_account(pieces):
 
 def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
     """Return the budgets of a device after a given time on and a stop."""
-    stored, now_s = DutyBudgetStore(folder, clock), clock.now()
-    tally = Tally(limited(2.0, 1.0), (stored.budget("it"),))
+    store, now_s = DutyBudgetStore(folder, clock), clock.now()
+    tally = Tally(limited(2.0, 1.0), (store.budget("it"),))
     tally.guard.record_rest(now_s)
     tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
         tally.step(15.0)
     tally.guard.record_silence(0.0, now_s)
-    return stored
+    return store
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
@@ -311,9 +311,9 @@ def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
 
 def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
     (tmp_path / "file").write_text("")
-    stored = used(tmp_path / "file" / "folder", 1.5, clock)
-    stored.save()
-    stored.save()
+    store = used(tmp_path / "file" / "folder", 1.5, clock)
+    store.save()
+    store.save()
     assert len(caplog.records) <= 2  # one warning for reading, one for writing
 
 
@@ -453,15 +453,15 @@ def test_channels_of_sound_cards_are_hardware():
 
 def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
     actual = [Identity("udp this computer:9000", ("a",)), Identity("device x", ("0",), False)]
-    one, alternative = DutyBudgetStore(tmp_path, clock), DutyBudgetStore(tmp_path, clock)
-    with one.claimed(actual):
-        with pytest.raises(OutputLostError, match="another process"), alternative.claimed(actual):
+    first, second = DutyBudgetStore(tmp_path, clock), DutyBudgetStore(tmp_path, clock)
+    with first.claimed(actual):
+        with pytest.raises(OutputLostError, match="another process"), second.claimed(actual):
             pass
-        with one.claimed(actual):  # another device of the same process
+        with first.claimed(actual):  # another device of the same process
             pass
-        with pytest.raises(OutputLostError, match="another process"), alternative.claimed(actual):
+        with pytest.raises(OutputLostError, match="another process"), second.claimed(actual):
             pass
-    with alternative.claimed(actual):
+    with second.claimed(actual):
         pass
 
 
@@ -485,12 +485,12 @@ def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
 
 def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
     """Each device is on for 2 s and rests during the other device's turn."""
-    stored, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
+    store, device = DutyBudgetStore(tmp_path, clock), limited(2.0, 1.0)
     names = [tuple(f"{side}{number}" for number in range(8)) for side in "ab"]
     expected = np.tile([15.0, 100.0], 8)
     with (
-        stored.claimed([Identity("udp x", names[0])]) as a,
-        stored.claimed([Identity("udp x", names[1])]) as b,
+        store.claimed([Identity("udp x", names[0])]) as a,
+        store.claimed([Identity("udp x", names[1])]) as b,
     ):
         one, alternative = Guard(device), Guard(device)
         for guard, uses in ((one, a), (alternative, b)):

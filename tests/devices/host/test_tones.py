@@ -113,9 +113,9 @@ def test_whatever_the_tones_are_their_sum_keeps_the_limits(pairs, strength, shar
     sounding = Sounding(PAD)
     frame = frame_of(values(5.0), tones(*pairs))
     with np.errstate(all="ignore"):
-        requests = sounding.split(frame)
+        columns = sounding.split(frame)
         passed = values(min(max(np.nan_to_num(strength), 0.0), MOST))
-        actual = sounding.at(share, requests, passed)
+        actual = sounding.at(share, columns, passed)
     frequency = PAD.actuators[0].type.controls[1]
     assert np.isfinite(actual.amplitudes).all() and (actual.amplitudes >= 0.0).all()
     assert (actual.amplitudes.sum(axis=0) <= MOST * (1.0 + 1e-12)).all()

@@ -43,8 +43,8 @@ def serve() -> Iterator[Any]:
         return servers[-1]
 
     yield started
-    for item in servers:
-        item.close()
+    for server in servers:
+        server.close()
 
 
 @pytest.mark.parametrize(

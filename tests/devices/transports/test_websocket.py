@@ -71,8 +71,8 @@ def serve():
         return servers[-1]
 
     yield started
-    for item in servers:
-        item.close()
+    for server in servers:
+        server.close()
 
 
 @pytest.mark.parametrize("size", [0, 1, 125, 126, 65535, 65536, 200_000])
@@ -225,8 +225,8 @@ def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
     there = {"3": {**EDGE, "DeviceName": name}}
 
     def answer(messages):
-        for item in messages:
-            ((kind, content),) = item.items()
+        for message in messages:
+            ((kind, content),) = message.items()
             if kind == "RequestServerInfo":
                 yield [
                     {
@@ -318,19 +318,19 @@ def levels(server):
 
 def test_two_devices_of_one_name_are_each_driven_by_one_of_ours(serve):
     server = serve(intiface(devices=lushes("left", "right")))
-    one, alternative = lush(server, "one"), lush(server, "other")
-    assert (one.chosen_device, alternative.chosen_device) == ("Lush (left)", "Lush (right)")
-    one.send(np.array([5.0, 175.0]))
-    alternative.send(np.array([10.0, 175.0]))
+    first, second = lush(server, "one"), lush(server, "other")
+    assert (first.chosen_device, second.chosen_device) == ("Lush (left)", "Lush (right)")
+    first.send(np.array([5.0, 175.0]))
+    second.send(np.array([10.0, 175.0]))
     server.wait(lambda: len(levels(server)) == 2)
     assert levels(server) == {0: 10, 1: 20}
     assert len(server.connections) == 1, "many servers take one client only"
     with pytest.raises(OutputLostError, match=r"'Lush \(left\)' of the server is open already"):
         lush(server, "third")
-    one.close()
-    alternative.send(np.array([5.0, 175.0]))
+    first.close()
+    second.send(np.array([5.0, 175.0]))
     lush(server, "third").close()
-    alternative.close()
+    second.close()
 
 
 @pytest.mark.parametrize(
@@ -440,9 +440,9 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
     with pytest.raises(OutputLostError, match=expected):
         lovense(serve(answer))
     left = [thread for thread in threading.enumerate() if thread.name.startswith("ws://")]
-    for item in left:
-        item.join(10.0)
-    assert not any(item.is_alive() for item in left)
+    for message in left:
+        message.join(10.0)
+    assert not any(message.is_alive() for message in left)
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def test_cobs_has_no_zero_and_comes_back(content):
 @given(st.binary(max_size=300))
 def test_any_bytes_are_understood_or_dropped(content):
     wire.decode_cobs(content)
-    for item in wire.Receiver().take(content):
-        assert zlib.crc32(item.payload) >= 0
+    for frame in wire.Receiver().take(content):
+        assert zlib.crc32(frame.payload) >= 0
 
 
 @given(st.integers(0, 255), st.integers(0, 65535), st.binary(max_size=70), st.binary(max_size=40))

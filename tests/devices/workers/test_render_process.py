@@ -122,10 +122,10 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         assert after.stream == before.stream
         names = "levels parameters offsets vertices weights positions focus"
         for name in names.split():
-            one, second = getattr(before, name), getattr(after, name)
-            assert (one is None) == (second is None)
-            if one is not None:
-                assert second.tolist() == one.tolist(), name
+            first, second = getattr(before, name), getattr(after, name)
+            assert (first is None) == (second is None)
+            if first is not None:
+                assert second.tolist() == first.tolist(), name
     got = live_frame.runs[1].drive
     assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
     assert got.values.tolist() == [[0.5, 0.25]]
@@ -155,10 +155,10 @@ def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int,
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     actual = {}
-    for item in renderers.answers(encode_live_frame(shown, places())):
-        length = int.from_bytes(item[:4], "little")
-        actual[int.from_bytes(item[5:7], "little")] = item[7:]
-        assert len(item) == 7 + length
+    for answer in renderers.answers(encode_live_frame(shown, places())):
+        length = int.from_bytes(answer[:4], "little")
+        actual[int.from_bytes(answer[5:7], "little")] = answer[7:]
+        assert len(answer) == 7 + length
     return actual
 
 
@@ -166,15 +166,18 @@ def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_p
     devices = worn(BAND, 1), worn("mango_pad", 2)
     shown = moment(3.0, 2.0)
     actual = answered(devices, shown)
-    for item in devices:
-        device = load_device(item.configuration)
+    for device_config in devices:
+        device = load_device(device_config.configuration)
         renderer = MomentRenderer(HEADER, device)
         expected = renderer.values(shown.runs)
         width = sum(a.type.takes_waveform for a in device.actuators)
         tones = of_partials(renderer.tones(), {"low": 0, "high": 1}, width)
         assert expected.any()
         assert len(tones.numbers) == (2 if width else 0)
-        assert decode_values(actual[item.number]).tolist() == frame_of(expected, tones).tolist()
+        assert (
+            decode_values(actual[device_config.number]).tolist()
+            == frame_of(expected, tones).tolist()
+        )
 
 
 def test_gain_and_mute_are_of_one_device():
@@ -219,8 +222,8 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
         raise RuntimeError("of somebody's")
 
     monkeypatch.setattr(renderers.rendered[1].renderer, "ahead", broken)
-    one, second = renderers.answers(encode_live_frame(moment(), places()))
-    assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
+    first, second = renderers.answers(encode_live_frame(moment(), places()))
+    assert first[4] == MessageKind.FAULT and first[7:] == b"of somebody's"
     assert second[4] == MessageKind.ANSWER
 
 

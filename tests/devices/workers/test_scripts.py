@@ -347,10 +347,10 @@ def test_haptic_data_come_through_whole() -> None:
 
 
 def test_answers_are_columns_or_names_or_nothing() -> None:
-    messages = decode_haptics(haptics(), DEVICE)
-    assert as_values(None, messages).tolist() == [0.0, 100.0] * 8
-    assert as_values(tuple(playing(3.0)), messages).tolist() == [3.0, 100.0] * 8
-    by_name = as_values({"m1": 2, "m3": {"frequency_hz": 80}}, messages)
+    decoded = decode_haptics(haptics(), DEVICE)
+    assert as_values(None, decoded).tolist() == [0.0, 100.0] * 8
+    assert as_values(tuple(playing(3.0)), decoded).tolist() == [3.0, 100.0] * 8
+    by_name = as_values({"m1": 2, "m3": {"frequency_hz": 80}}, decoded)
     assert by_name[:6].tolist() == [2.0, 100.0, 0.0, 100.0, 0.0, 80.0]
 
 

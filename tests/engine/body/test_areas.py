@@ -48,8 +48,8 @@ def test_smoothing_keeps_what_is_even_and_softens_an_edge():
     hand = on_part(MODEL, "hand_palm")
     soft = areas.smooth(MODEL, hand, 4)
     assert soft.min() >= 0.0 and soft.max() <= 1.0
-    one, second = MODEL.triangles[:, 0], MODEL.triangles[:, 1]
-    assert np.abs(soft[one] - soft[second]).max() < np.abs(hand[one] - hand[second]).max()
+    first, second = MODEL.triangles[:, 0], MODEL.triangles[:, 1]
+    assert np.abs(soft[first] - soft[second]).max() < np.abs(hand[first] - hand[second]).max()
 
 
 def test_mirroring_twice_is_nothing_and_sides_change():
@@ -71,13 +71,13 @@ def test_symmetrising_copies_one_side_and_keeps_the_middle():
 
 
 def test_blends_by_hand():
-    one, second = np.array([0.0, 0.5, 0.9]), np.array([0.3, 0.5, 0.9])
-    assert areas.blended(one, second, "replace").tolist() == [0.3, 0.5, 0.9]
-    assert areas.blended(one, second, "add") == pytest.approx([0.3, 1.0, 1.0])
-    assert areas.blended(one, second, "subtract") == pytest.approx([0.0, 0.0, 0.0])
-    assert areas.blended(one, second, "multiply") == pytest.approx([0.0, 0.25, 0.81])
+    first, second = np.array([0.0, 0.5, 0.9]), np.array([0.3, 0.5, 0.9])
+    assert areas.blended(first, second, "replace").tolist() == [0.3, 0.5, 0.9]
+    assert areas.blended(first, second, "add") == pytest.approx([0.3, 1.0, 1.0])
+    assert areas.blended(first, second, "subtract") == pytest.approx([0.0, 0.0, 0.0])
+    assert areas.blended(first, second, "multiply") == pytest.approx([0.0, 0.25, 0.81])
     with pytest.raises(ValueError, match="replace, add"):
-        areas.blended(one, second, "xor")  # type: ignore[arg-type]
+        areas.blended(first, second, "xor")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("target", [MODEL, COARSE, FINE], ids=["same", "coarse", "fine"])

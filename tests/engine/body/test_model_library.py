@@ -74,8 +74,8 @@ def test_the_place_is_the_platforms_or_the_one_that_is_named(
 
 def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    created, shipped = (model.load_model(f"hfx-pressure-1{end}") for end in (SUFFIX, ""))
-    assert created.vertices == pytest.approx(1.1 * shipped.vertices)
+    user_model, shipped = (model.load_model(f"hfx-pressure-1{end}") for end in (SUFFIX, ""))
+    assert user_model.vertices == pytest.approx(1.1 * shipped.vertices)
     avatar = model.load_avatar(f"hfx-avatar-1{SUFFIX}")
     assert avatar.vertices == pytest.approx(1.1 * model.load_avatar().vertices)
     entries, faults = model_library.installed()
@@ -88,10 +88,10 @@ def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> N
 
 def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    created, coarse_of = at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
+    coarse, coarse_of = at_level(model.load_model(f"hfx-pressure-1{SUFFIX}"), 1)
     shipped, same = at_level(model.load_model("hfx-pressure-1"), 1)
     assert np.array_equal(coarse_of, same)
-    assert created.vertices == pytest.approx(1.1 * shipped.vertices)
+    assert coarse.vertices == pytest.approx(1.1 * shipped.vertices)
     fine, owner = temperature_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
     assert fine == f"hfx-pressure-1{SUFFIX}"
     assert len(owner) == len(model.load_model(fine))
@@ -101,10 +101,10 @@ def test_canonical_ids_stand_on_the_variant_exactly(own: Path, variant: Path) ->
     shutil.copytree(variant, own / "tall")
     fitted = variants.fitted_to(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))
     assert [model_id.model_id for model_id in fitted] == list(model.manifest()["models"])
-    for item in fitted:
-        shipped = model.load_model(item.model_id)
-        assert item.model_hash == shipped.content_hash
-        assert item.of(shipped).vertices == pytest.approx(1.1 * shipped.vertices)
+    for name in fitted:
+        shipped = model.load_model(name.model_id)
+        assert name.model_hash == shipped.content_hash
+        assert name.of(shipped).vertices == pytest.approx(1.1 * shipped.vertices)
 
 
 def test_the_same_set_twice_is_no_fault(own: Path, variant: Path) -> None:

@@ -53,19 +53,19 @@ def test_the_way_does_not_jump_from_finger_to_finger() -> None:
     fingers = np.flatnonzero((model.part == PARTS.index("fingers")) & (model.side == 1))
     tip = fingers[np.argmin(model.vertices[fingers, 2])]
     skin = SkinDistances(model.vertices, model.triangles)
-    position = model.vertices[tip].astype(np.float64)
-    vertices, distances = skin.around(skin.nearest(position), 0.04)
-    near = np.flatnonzero(np.linalg.norm(model.vertices - position, axis=1) <= 0.04)
+    tip_point = model.vertices[tip].astype(np.float64)
+    vertices, distances = skin.around(skin.nearest(tip_point), 0.04)
+    near = np.flatnonzero(np.linalg.norm(model.vertices - tip_point, axis=1) <= 0.04)
     assert set(vertices) < set(near) and len(near) > 1.2 * len(vertices)
-    assert (distances >= np.linalg.norm(model.vertices[vertices] - position, axis=1) - 1e-6).all()
+    assert (distances >= np.linalg.norm(model.vertices[vertices] - tip_point, axis=1) - 1e-6).all()
 
 
 def test_what_was_asked_before_does_not_matter() -> None:
     model = load_model("hfx-temperature-1")
     used = SkinDistances(model.vertices, model.triangles)
-    for position in ([0.0, 0.1, 1.2], [0.02, 0.1, 1.2], [0.1, 0.1, 1.3], [0.0, 0.1, 1.2]):
+    for point in ([0.0, 0.1, 1.2], [0.02, 0.1, 1.2], [0.1, 0.1, 1.3], [0.0, 0.1, 1.2]):
         fresh = SkinDistances(model.vertices, model.triangles)
-        places = [item.nearest(np.array(position)) for item in (used, fresh)]
+        places = [item.nearest(np.array(point)) for item in (used, fresh)]
         assert (places[0].corners == places[1].corners).all()
-        one, second = used.around(places[0], 0.1), fresh.around(places[1], 0.1)
-        assert (one[0] == second[0]).all() and one[1] == pytest.approx(second[1], abs=1e-12)
+        first, second = used.around(places[0], 0.1), fresh.around(places[1], 0.1)
+        assert (first[0] == second[0]).all() and first[1] == pytest.approx(second[1], abs=1e-12)

@@ -71,10 +71,10 @@ def test_a_path_through_several_places_visits_them() -> None:
 
 
 def test_one_place_is_a_path_that_does_not_move() -> None:
-    position = np.array([[0.01, 0.02, 0.0]])
-    for path in (FLAT.straight(position), FLAT.curve(position), FLAT.traced(position)[0]):
-        assert path == pytest.approx(position)
-    assert FLAT.traced(position)[1] == pytest.approx([0.0])
+    point = np.array([[0.01, 0.02, 0.0]])
+    for path in (FLAT.straight(point), FLAT.curve(point), FLAT.traced(point)[0]):
+        assert path == pytest.approx(point)
+    assert FLAT.traced(point)[1] == pytest.approx([0.0])
 
 
 def test_a_traced_path_knows_where_each_place_is() -> None:

@@ -65,11 +65,11 @@ def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, spe
     assert counted[0] == others[0] and actual.keys() == expected.keys()
     for name, rows in actual.items():
         for time in {row[0] for row in (*rows, *expected[name])}:
-            one, second = weights_at(time, rows), weights_at(time, expected[name])
+            first, second = weights_at(time, rows), weights_at(time, expected[name])
             # Vertices on either side of a boundary by rounding have a negligible weight.
-            vertices = one.keys() | second.keys()
+            vertices = first.keys() | second.keys()
             np.testing.assert_allclose(
-                [one.get(v, 0.0) for v in vertices],
+                [first.get(v, 0.0) for v in vertices],
                 [second.get(v, 0.0) for v in vertices],
                 *(0, 2e-7),
                 err_msg=f"{name} at {time}",
@@ -79,15 +79,15 @@ def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, spe
 def test_the_library_was_asked(monkeypatch):
     """Else the test above compares the reference with itself."""
     scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
-    requests = []
+    calls = []
     begin = compiled_contacts.begin
-    monkeypatch.setattr(compiled_contacts, "begin", lambda *a: requests.append(1) or begin(*a))
+    monkeypatch.setattr(compiled_contacts, "begin", lambda *a: calls.append(1) or begin(*a))
     samples_and_counts(scene, block, PAPER)
-    assert requests
-    requests.clear()
+    assert calls
+    calls.clear()
     with by_reference():
         samples_and_counts(scene, block, PAPER)
-    assert not requests
+    assert not calls
 
 
 numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1e-9, 1e9, 1e12, 1e13, np.nan, np.inf])

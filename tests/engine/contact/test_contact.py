@@ -155,9 +155,9 @@ def test_shapes_may_change_over_time() -> None:
     actual = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which))
     assert np.abs(actual - expected).max() < 1e-9
     rows = [1, 2, 5]
-    examples = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which, rows=rows))
-    assert np.abs(examples[rows] - expected[rows]).max() < 1e-9
-    assert not np.delete(examples, rows, axis=0).any()
+    subset = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which, rows=rows))
+    assert np.abs(subset[rows] - expected[rows]).max() < 1e-9
+    assert not np.delete(subset, rows, axis=0).any()
 
 
 def test_a_set_that_stays_is_held_once() -> None:

@@ -109,9 +109,9 @@ def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> 
     for cluster in range(len(skin.clusters)):
         patch = _Patch(skin, cluster)
         corners = model.vertices[patch.vertices].astype(np.float64)
-        one = corners[patch.around[:, 0]] - corners[patch.unit_of]
+        first = corners[patch.around[:, 0]] - corners[patch.unit_of]
         second = corners[patch.around[:, 1]] - corners[patch.unit_of]
-        doubled = np.linalg.norm(np.cross(one, second), axis=1)
+        doubled = np.linalg.norm(np.cross(first, second), axis=1)
         ring = np.stack([patch.unit_of, *patch.around.T], axis=1)
         edge, side, inner, inner_2 = _places(model, patch.vertices[ring])
         # A quad from the corner over both edge places: two triangles over the inner place.
@@ -143,7 +143,7 @@ def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tole
         patch = _Patch(skin, cluster)
         rings = np.stack([patch.unit_of, *patch.around.T], axis=1)
         corners = model.vertices[patch.vertices[rings]].astype(np.float64)
-        requested = sample_distance_m(tolerance, spacing)[patch.vertices[patch.unit_of]]
+        distance_m = sample_distance_m(tolerance, spacing)[patch.vertices[patch.unit_of]]
         for quad in range(0, len(rings), 3):
             along, across = corners[quad, 1:] - corners[quad, 0]
             steps = int(patch.steps[quad])
@@ -157,7 +157,7 @@ def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tole
                     (1 - s) * t * side + s * t * inner_2 - second[k]
                 )[..., None] * across
                 farthest = max(
-                    farthest, float(np.linalg.norm(ways, axis=2).max()) / requested[quad]
+                    farthest, float(np.linalg.norm(ways, axis=2).max()) / distance_m[quad]
                 )
     assert 0.8 < farthest <= 1.0 + 1e-6
 
@@ -256,8 +256,8 @@ def _frame(normal: np.ndarray) -> np.ndarray:
 def test_a_hot_coin_on_the_forearm_is_felt(model_id: str) -> None:
     """12 mm radius, 2 mm thick, lying on the skin; temperature vertices are 150 mm apart."""
     body = load_model(model_id)
-    position, normal = _on_the_forearm(model_id)
-    matrix = placed((0.012, 0.012, 0.002), position, _frame(normal))
+    point, normal = _on_the_forearm(model_id)
+    matrix = placed((0.012, 0.012, 0.002), point, _frame(normal))
     posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
     options = {"bones": body.bone_names, "models": load_model, "posed": posed}
     weights, _, _ = evaluated(body, Cylinder(), matrix[None], **options)
@@ -333,9 +333,9 @@ def test_strength_that_falls_off_is_within_the_accepted_error(
     rng = np.random.default_rng(seed)
     body, falloff = ball(0.1, 1 + seed % 2), Falloff(kind, share)
     size = size_m * rng.uniform(0.5, 1.0, 3)
-    position = placed(size, size_m * rng.normal(0.0, 0.6, 3), _rotation(seed))
-    actual, _, _ = evaluated(body, shape, position[None], tolerance=tolerance, falloff=falloff)
-    exact, _, _ = evaluated(body, shape, position[None], tolerance=EXACT, falloff=falloff)
+    matrix = placed(size, size_m * rng.normal(0.0, 0.6, 3), _rotation(seed))
+    actual, _, _ = evaluated(body, shape, matrix[None], tolerance=tolerance, falloff=falloff)
+    exact, _, _ = evaluated(body, shape, matrix[None], tolerance=EXACT, falloff=falloff)
     assert np.abs(actual - exact).max() <= tolerance.amplitude + 1e-9
 
 
@@ -359,10 +359,10 @@ def test_a_soft_mesh_is_sampled_by_its_own_depth() -> None:
     mesh = MeshVolume(np.array(small.vertices), np.array(small.faces, np.int32), "Pea")
     body, falloff = sheet(), Falloff(FalloffKind.LINEAR)
     at = body.vertices[np.linalg.norm(body.vertices, axis=1).argmin()]
-    position = np.array([0.004, 0.007, 0.0]) + at
-    actual, _, _ = evaluated(body, mesh, placed(1.0, position)[None], falloff=falloff)
+    centre = np.array([0.004, 0.007, 0.0]) + at
+    actual, _, _ = evaluated(body, mesh, placed(1.0, centre)[None], falloff=falloff)
     twin, _, _ = evaluated(
-        body, Sphere(), placed(0.03, position)[None], tolerance=EXACT, falloff=falloff
+        body, Sphere(), placed(0.03, centre)[None], tolerance=EXACT, falloff=falloff
     )
     assert twin.max() > 0.2
     assert np.abs(actual - twin).max() <= STANDARD.amplitude
@@ -403,11 +403,11 @@ def test_the_mirrored_volume_covers_the_mirrored_cells(model_id: str) -> None:
         "models": load_model,
         "levels": np.array([1.0, 0.0, 1.0, 0.0]),
     }
-    one, _, _ = evaluated(body, Cuboid(), matrices, **options)
+    first, _, _ = evaluated(body, Cuboid(), matrices, **options)
     second, _, _ = evaluated(body, Cuboid(), mirror @ matrices, **options)
-    assert np.count_nonzero(one) > 8
+    assert np.count_nonzero(first) > 8
     # Skin on the midline belongs to a temperature cell of one side.
-    assert np.abs(one - second[:, body.mirror]).max() < (
+    assert np.abs(first - second[:, body.mirror]).max() < (
         5e-3 if "temperature" in model_id else 1e-4
     )
 

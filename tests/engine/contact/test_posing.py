@@ -49,10 +49,10 @@ def test_skinned_points_are_those_of_the_formula() -> None:
         assert points.shape == (3, len(rows), len(ids))
         for i in range(len(rows)):
             assert np.abs(points[:, i].T - expected[i][ids]).max() < 1e-12
-    examples = np.array([3, 17, 400, 899], np.int32)
+    vertex_ids = np.array([3, 17, 400, 899], np.int32)
     for i, row in enumerate(rows):
-        points = bound.points(examples, posed, int(row), posed.to_world[row])
-        assert np.abs(points.T - expected[i][examples]).max() < 1e-12
+        points = bound.points(vertex_ids, posed, int(row), posed.to_world[row])
+        assert np.abs(points.T - expected[i][vertex_ids]).max() < 1e-12
 
 
 def test_bones_may_come_in_another_order_with_others_between() -> None:
@@ -162,13 +162,13 @@ def test_pairs_of_clusters_and_rows_are_posed_one_after_the_other() -> None:
     body, posed = model(), pose(TIMES)
     anchors, ridden = _surface()
     rows, clusters, at = np.array([3, 0, 2]), np.array([0, 2, 2, 5]), np.array([1, 0, 2, 1])
-    for bound, item in (
+    for bound, pose_block in (
         (SkinnedModel(body, SkinBinding(BONES)), posed),
         (SurfaceModel(body, anchors), ridden),
     ):
-        pair_points = bound.pair_points(clusters, at, item, rows, item.to_world[rows])
+        pair_points = bound.pair_points(clusters, at, pose_block, rows, pose_block.to_world[rows])
         expected = [
-            bound.points(bound.clusters[cluster], item, row, item.to_world[row])
+            bound.points(bound.clusters[cluster], pose_block, row, pose_block.to_world[row])
             for cluster, row in zip(clusters.tolist(), rows[at].tolist(), strict=True)
         ]
         assert pair_points == pytest.approx(np.concatenate(expected, axis=1), abs=1e-12)

@@ -74,9 +74,9 @@ class _Deforming(RandomContact):
 
     @cached_property
     def animated(self) -> EffectBlock:
-        block, created = super().animated, ball(1.0, 2)
-        dents = np.random.default_rng(self.seed).uniform(0.4, 1.2, len(created))[:, None]
-        many = MeshVolume(created.vertices.astype(float) * dents, created.triangles, "many")
+        block, model = super().animated, ball(1.0, 2)
+        dents = np.random.default_rng(self.seed).uniform(0.4, 1.2, len(model))[:, None]
+        many = MeshVolume(model.vertices.astype(float) * dents, model.triangles, "many")
         few = MeshVolume.box(np.array([[-0.6, -0.4, -0.9], [0.3, 0.5, 0.4]]), "few")
         which = (np.arange(len(block.levels)) % 2).astype(np.int32)
         return replace(block, shapes=(many, few), shape_index=which)
@@ -239,16 +239,14 @@ def test_curved_skin_is_on_the_ball_that_its_triangles_stand_for() -> None:
     sagitta."""
     shares = []
     for rounds in (1, 2):
-        created, radii = ball(0.02, rounds), []
-        total = np.zeros(len(created))
-        for samples in Cells(Skin.of(created), EXACT).samples():
-            points = samples.posed(created.vertices.astype(float).T, 1.0)
+        model, radii = ball(0.02, rounds), []
+        total = np.zeros(len(model))
+        for samples in Cells(Skin.of(model), EXACT).samples():
+            points = samples.posed(model.vertices.astype(float).T, 1.0)
             radii.append(np.linalg.norm(points, axis=0) / 0.02)
-            total += np.bincount(samples.cells, samples.areas, len(created))
-        assert total == pytest.approx(np.ones(len(created)))
-        sagitta = (
-            1.0 - np.linalg.norm(created.vertices[created.triangles].mean(axis=1), axis=1) / 0.02
-        )
+            total += np.bincount(samples.cells, samples.areas, len(model))
+        assert total == pytest.approx(np.ones(len(model)))
+        sagitta = 1.0 - np.linalg.norm(model.vertices[model.triangles].mean(axis=1), axis=1) / 0.02
         shares.append(np.abs(np.concatenate(radii) - 1.0).max() / sagitta.max())
     assert shares[0] < 0.3 and shares[1] < 0.3 * shares[0]
 
@@ -324,6 +322,6 @@ def test_a_cell_whose_vertex_is_outside_is_as_deep_as_its_deepest_skin() -> None
         tolerance.STANDARD.spacing_share, EXACT.least_m, tolerance.STANDARD.distance_m
     )
     placed = Body(Skin.of(model, finer), body.binding, pose, fineness, near)
-    strengths = contact(placed, Volume(effect, Falloff()), 0, None, with_details=True)
-    depths = Sphere().depth_m(strengths.details.places[:, sample.vertices], matrix)
+    contact_at_row = contact(placed, Volume(effect, Falloff()), 0, None, with_details=True)
+    depths = Sphere().depth_m(contact_at_row.details.places[:, sample.vertices], matrix)
     np.testing.assert_allclose(sample.depth_m, depths, rtol=0, atol=1e-6)

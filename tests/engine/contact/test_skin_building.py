@@ -108,9 +108,9 @@ def test_clusters_are_halves_of_halves(seed, count, digits, heaviest):
     rng = np.random.default_rng(seed)
     vertices = np.round(rng.normal(0.0, 1.0, (count, 3)), digits).astype(np.float32)
     vertices[rng.random((count, 3)) < 0.1] = -0.0
-    examples = np.arange(count) % 3 if count else np.zeros(0)
+    parts = np.arange(count) % 3 if count else np.zeros(0)
     model = replace(
-        sheet(2), vertices=vertices, part=examples.astype(np.uint8), side=np.zeros(count, np.uint8)
+        sheet(2), vertices=vertices, part=parts.astype(np.uint8), side=np.zeros(count, np.uint8)
     )
     load = None if heaviest is None else rng.integers(0, heaviest + 1, count)
     actual = clusters_of(model, load)
@@ -157,8 +157,8 @@ def _weights(bound, cluster):
     ids, bones, known = bound.clusters[cluster], bound.cluster_bones(cluster), bound._weights
     weights = np.zeros((len(ids), len(bones)))
     for k, vertex in enumerate(ids.tolist()):
-        examples = slice(known.offsets[vertex], known.offsets[vertex + 1])
-        weights[k, np.searchsorted(bones, known.bones[examples])] = known.values[examples]
+        entries = slice(known.offsets[vertex], known.offsets[vertex + 1])
+        weights[k, np.searchsorted(bones, known.bones[entries])] = known.values[entries]
     return weights, known.rest[ids, :3]
 
 
@@ -215,14 +215,14 @@ def test_what_bones_do_to_clusters(seed):
 @pytest.mark.parametrize("name", ["ball", "1"])
 def test_neighbours_learnt_later_have_arrays_of_their_own(name):
     skin = _skin(name)
-    bound, examples = (
+    bound, indices = (
         SkinnedModel(skin.surface, SkinBinding(BONES), skin.outlines),
         np.array([0, 1]),
     )
     units = int(skin.table.unit_counts[0])
-    before = _arrays(bound.native_clusters(examples).table[0], bound, 0, units)[6:]
-    skin.table.need(examples)
-    after = _arrays(bound.native_clusters(examples, skin.table).table[0], bound, 0, units)
+    before = _arrays(bound.native_clusters(indices).table[0], bound, 0, units)[6:]
+    skin.table.need(indices)
+    after = _arrays(bound.native_clusters(indices, skin.table).table[0], bound, 0, units)
     assert not any(array.any() for array in before)
     weights, rest = _weights(bound, 0)
     quads = skin.table.quad_starts[: units + 1]
@@ -262,8 +262,8 @@ def test_outlines_hold_the_corners_around_and_margins_what_bulges(name):
         others = np.setdiff1d(around, units)
         assert skin.outlines[cluster].tolist() == [*units.tolist(), *others.tolist()]
         samples = _samples(skin, cluster)
-        one, second, third = (mesh.vertices[corner].astype(float) for corner in samples.corners)
-        sizes = np.sqrt(np.linalg.norm(np.cross(second - one, third - one), axis=1))
+        first, second, third = (mesh.vertices[corner].astype(float) for corner in samples.corners)
+        sizes = np.sqrt(np.linalg.norm(np.cross(second - first, third - first), axis=1))
         assert np.abs(samples.heights * sizes).max() <= skin.margins_m[cluster] * (1.0 + 1e-5)
 
 
@@ -281,20 +281,20 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
         sizes = table.steps[quads] ** 2
         quad = np.repeat(quads, sizes)
         step = np.arange(len(quad)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        one, second, heights, areas = table.samples[:, table.sample_starts[quad] + step]
+        first, second, heights, areas = table.samples[:, table.sample_starts[quad] + step]
         places = np.stack([table.unit_of[quad], *table.around[quad].T])
         nothing = np.zeros(len(units))
         corners = np.concatenate([np.stack([units] * 3), places], axis=1)
         order = np.lexsort(table.vertices[corners][::-1])
-        for actual, requested in (
+        for actual, reference_value in (
             (table.cells[table.cell_of[corners[0]]], expected.cells),
             (table.vertices[corners], expected.corners),
-            (np.concatenate([nothing, one]), expected.shares[1]),
+            (np.concatenate([nothing, first]), expected.shares[1]),
             (np.concatenate([nothing, second]), expected.shares[2]),
             (np.concatenate([nothing, heights]), expected.heights),
             (np.concatenate([table.vertex_shares[units], areas]), expected.areas),
         ):
-            np.testing.assert_allclose(actual[..., order], requested, rtol=1e-6, atol=1e-8)
+            np.testing.assert_allclose(actual[..., order], reference_value, rtol=1e-6, atol=1e-8)
         assert (table.finest[quads] >= table.steps[quads]).all()
         wholes = np.bincount(np.repeat(np.arange(len(quads)), sizes), areas, len(quads))
         np.testing.assert_allclose(table.wholes[quads], wholes, rtol=1e-9, atol=1e-12)
@@ -304,10 +304,10 @@ def test_filling_leaves_what_others_look_at_where_it_is():
     table = _skin("hfx-pressure-1").table
     table.need(np.array([0, 1]))
     known, samples = table_structure(table), table.samples
-    stored = samples.copy()
+    samples_before = samples.copy()
     table.need(np.arange(60))
     assert table.samples is not samples and table_structure(table) is not known
-    np.testing.assert_array_equal(samples, stored)
+    np.testing.assert_array_equal(samples, samples_before)
     assert any(item is samples for item in known.kept) and known.samples == samples.ctypes.data
 
 
@@ -373,7 +373,7 @@ def test_a_triangle_of_no_vertex_is_refused_before_it_is_looked_at(corner):
 
 def test_several_skins_of_a_model_share_its_weights():
     model = ball(0.1, 1)
-    one, second = (BoundWeights.of(model, BONES) for _ in range(2))
-    assert one is second
-    assert BoundWeights.of(model, (*BONES, "more")) is not one
-    assert BoundWeights.of(replace(model), BONES) is not one
+    first, second = (BoundWeights.of(model, BONES) for _ in range(2))
+    assert first is second
+    assert BoundWeights.of(model, (*BONES, "more")) is not first
+    assert BoundWeights.of(replace(model), BONES) is not first

@@ -173,9 +173,9 @@ def played(runs: list[SampleRun]) -> list[np.ndarray]:
         renderer.add(runs)
         raster = renderer.raster()
         highest = {actuator.id: actuator.type.strength.highest for actuator in device.actuators}
-        stored = [k for k, c in enumerate(raster.columns) if c.parameter == "pressure_kpa"]
-        scales = np.array([highest[raster.columns[k].actuator] for k in stored])
-        shares.append(raster.values[0, stored] / scales)
+        columns = [k for k, c in enumerate(raster.columns) if c.parameter == "pressure_kpa"]
+        scales = np.array([highest[raster.columns[k].actuator] for k in columns])
+        shares.append(raster.values[0, columns] / scales)
     return shares
 
 
@@ -193,8 +193,8 @@ def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radiu
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
 
     def ball(time_s: float) -> tuple:
-        position = way * (0.6 - speed * time_s) + np.array([0.0, 0.0, height])
-        return placed("sphere", radius, 0.0, position)
+        centre = way * (0.6 - speed * time_s) + np.array([0.0, 0.0, height])
+        return placed("sphere", radius, 0.0, centre)
 
     def is_touched(time_s: float) -> bool:
         return any(len(run) for run in felt(EXACT, [[ball(time_s)]]))

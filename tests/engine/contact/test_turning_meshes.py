@@ -38,8 +38,8 @@ def test_all_that_a_blade_sweeps_is_felt(turn: float) -> None:
     assert not weights[0].any()
     nearest = np.full(len(skin), np.inf)
     for share in np.linspace(0.0, 1.0, 2001):
-        position = at + np.array([0.0, 0.0, 2 * THIN * (1 - share)])
-        local = (skin.vertices - position) @ _turned(share * angle)
+        centre = at + np.array([0.0, 0.0, 2 * THIN * (1 - share)])
+        local = (skin.vertices - centre) @ _turned(share * angle)
         outside = (np.abs(local) - (LONG, WIDE, THIN)).max(axis=1)
         nearest = np.minimum(nearest, outside)
     spacing = SIDE_M / STEPS

@@ -86,9 +86,9 @@ def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.5, 0.5, (60, 3))
     names, weights, _ = bones_of(5, points, rng)
-    stored = rng.random(60) >= silent
-    lists = [weights.bones.reshape(-1, 4)[k] if stored[k] else [] for k in range(60)]
-    values = [weights.values.reshape(-1, 4)[k] if stored[k] else [] for k in range(60)]
+    is_weighted = rng.random(60) >= silent
+    lists = [weights.bones.reshape(-1, 4)[k] if is_weighted[k] else [] for k in range(60)]
+    values = [weights.values.reshape(-1, 4)[k] if is_weighted[k] else [] for k in range(60)]
     offsets = np.concatenate([[0], np.cumsum([len(item) for item in lists])]).astype(np.int32)
     sparse = SkinWeights(
         offsets,
@@ -99,7 +99,7 @@ def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
     turn[:, :, 2, 3] = 0.25  # all bones lift by 0.25 m
     pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], turn)
     samples = feel(body_of(points, names, sparse), volume(ball(0.4)[None], SHAPES["sphere"]), pose)
-    lifted = points.astype(np.float32) + np.where(stored, 0.25, 0.0)[:, None] * (0, 0, 1)
+    lifted = points.astype(np.float32) + np.where(is_weighted, 0.25, 0.0)[:, None] * (0, 0, 1)
     way = np.linalg.norm(lifted, axis=1) - 0.4
     sure = np.abs(way) > 1e-6
     np.testing.assert_array_equal(samples.weights[0, 0, sure] > 0, way[sure] < 0.0)

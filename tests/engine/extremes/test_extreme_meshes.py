@@ -87,13 +87,13 @@ def test_doubled_overlapping_and_inside_out_meshes(rng):
     points = rng.uniform(-1.3, 2.3, (3, 20_000))
     ball = (BALL.vertices, BALL.faces)
     beside = (BALL.vertices + np.array([0.9, 0.0, 0.0]), BALL.faces)
-    one, second = (mesh(*part).contains(points) for part in (ball, beside))
+    first, second = (mesh(*part).contains(points) for part in (ball, beside))
     for parts, expected in (
-        ((ball, ball), one),
-        ((ball, ball, ball), one),
-        ((ball, beside), one | second),
-        ((ball, (BALL.vertices, BALL.faces[:, ::-1])), np.zeros_like(one)),
-        (((BALL.vertices, BALL.faces[:, ::-1]),), one),
+        ((ball, ball), first),
+        ((ball, ball, ball), first),
+        ((ball, beside), first | second),
+        ((ball, (BALL.vertices, BALL.faces[:, ::-1])), np.zeros_like(first)),
+        (((BALL.vertices, BALL.faces[:, ::-1]),), first),
         (((-BALL.vertices, BALL.faces),), mesh(-BALL.vertices, BALL.faces).contains(points)),
     ):
         np.testing.assert_array_equal(mesh(*joined(*parts)).contains(points), expected)

@@ -41,11 +41,11 @@ def assert_exact(name, matrix, to_world, model, least_judged=0.9):
     band = 64 * EPS * size / smallest + 1e-12
     sure = np.abs(ways) > band * (1 + np.abs(ways))
     assert np.mean(sure) >= least_judged
-    strengths = samples.weights[0, 0] > 0.0
-    np.testing.assert_array_equal(strengths[sure], ways[sure] < 0.0)
+    is_inside = samples.weights[0, 0] > 0.0
+    np.testing.assert_array_equal(is_inside[sure], ways[sure] < 0.0)
     is_point = not np.any(to_world[:3, :3])
     assert len(samples.warnings) == is_point, "a body of no size is told of, and nothing else"
-    return strengths
+    return is_inside
 
 
 @pytest.mark.parametrize("distance_m", [1e-6, 1e-3, 1.0, 1e3, 1e5, 1e6, 1e7])
@@ -76,8 +76,8 @@ def test_objects_of_any_scale(name, scale, rng):
 def test_volumes_of_any_scale_on_a_person(name, scale, rng):
     """A speck on a vertex touches only that vertex; a world-sized volume touches the whole body."""
     model = person(rng)
-    position = model.vertices[7].astype(np.float64) if scale < 1.0 else np.zeros(3)
-    samples = assert_exact(name, affine(turn(rng) * scale, position), np.eye(4), model)
+    centre = model.vertices[7].astype(np.float64) if scale < 1.0 else np.zeros(3)
+    samples = assert_exact(name, affine(turn(rng) * scale, centre), np.eye(4), model)
     expected = [7] if scale < 1.0 else list(range(len(model)))
     assert np.flatnonzero(samples).tolist() == expected
 
@@ -128,8 +128,8 @@ def test_a_flat_volume_is_silent_with_one_counted_warning(name, kind, rng):
     matrices = np.tile(affine(turn(rng) @ FLAT[kind], (0.0, 0.0, 0.9)), (5, 1, 1))
     matrices[3] = affine(np.eye(3) * 0.5, (0.0, 0.0, 0.9))
     samples = feel(model, volume(matrices, SHAPES[name]))
-    strengths = samples.weights[0].any(axis=1)
-    assert strengths.tolist() == [False, False, False, True, False]
+    is_touched = samples.weights[0].any(axis=1)
+    assert is_touched.tolist() == [False, False, False, True, False]
     assert list(samples.warnings.values()) == [4]
 
 

@@ -68,8 +68,8 @@ def test_boxes_of_skin_are_around_what_bones_move(modality, count):
     _, block = moving_scene(model, 5, 0.4, 1.0)
     rows = np.array([4, 0, 3, 1, 5, 2])[:count]
     actual, expected = _boxes(skin, block.poses[0], rows)
-    for one, second in zip(actual, expected, strict=True):
-        np.testing.assert_allclose(one, second, rtol=0, atol=1e-12)
+    for first, second in zip(actual, expected, strict=True):
+        np.testing.assert_allclose(first, second, rtol=0, atol=1e-12)
     low, high, of_rows, of_clusters = actual
     assert (of_rows[:, 0] == low.min(axis=1, initial=np.inf)).all()
     assert (of_rows[:, 1] == high.max(axis=1, initial=-np.inf)).all()
@@ -89,9 +89,9 @@ def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_where_it_is(va
     actual, expected = _boxes(skin, pose, np.arange(6))
     sure = np.isfinite(expected[0]) & (np.abs(expected[0]) < 1e100)
     assert sure.any() and not sure.all() and (sure == (np.abs(actual[0]) < 1e100)).all()
-    for one, second in zip(actual[:2], expected[:2], strict=True):
-        np.testing.assert_allclose(one[sure], second[sure], rtol=0, atol=1e-12)
-        assert (np.isnan(one) == np.isnan(second)).all()
+    for first, second in zip(actual[:2], expected[:2], strict=True):
+        np.testing.assert_allclose(first[sure], second[sure], rtol=0, atol=1e-12)
+        assert (np.isnan(first) == np.isnan(second)).all()
     if np.isnan(value):  # finite at the other rows
         assert np.isfinite(actual[3]).all()
         np.testing.assert_allclose(actual[3], expected[3], rtol=0, atol=1e-12)
@@ -180,10 +180,10 @@ def test_rows_without_boxes_or_a_pose_are_refused():
         *(scene.effects[0].area.falloff, 0.0, FARTHEST),
     )
     boxes, none = bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
-    for examples in (np.arange(5), np.zeros(0, np.int64)):
+    for row_subset in (np.arange(5), np.zeros(0, np.int64)):
         with pytest.raises(IndexError, match="row 5 has no boxes"):
             broad_phase.CompiledBroadPhase(
-                target, skin.surface.outline, examples, boxes, none, ~none, 0.0, True, False
+                target, skin.surface.outline, row_subset, boxes, none, ~none, 0.0, True, False
             )
     broad = broad_phase.CompiledBroadPhase(
         target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True, False

@@ -99,12 +99,12 @@ def test_text_folders_and_what_cannot_be_read_are_not_loaded(found: Any, tmp_pat
 
 
 def test_another_computers_library_is_not_loaded(zig: Path, found: Any, tmp_path: Path) -> None:
-    alternative = next(
+    foreign_target = next(
         target
         for target in native_build.TARGETS.values()
         if target.library == loading.NAME and target != TARGET
     )
-    native_build.build(alternative, tmp_path, zig, _small(tmp_path / "project"))
+    native_build.build(foreign_target, tmp_path, zig, _small(tmp_path / "project"))
     state, library = found()
     assert library is None and "numpy" in state
 

@@ -20,10 +20,10 @@ def test_weights_are_gathered_by_row_and_cleared_for_those_that_come_next(precis
     weights[0, 1] = weights[1, 1] = 0.5  # the same set twice
     weights[2] = 0.25, 0.0, 1.0
     weights[3] = 1.0  # only there to be followed from
-    reported = np.array([True, True, True, False, True])
+    is_reported = np.array([True, True, True, False, True])
     columns = np.array([7, 8, 9], np.int32)
     rows, sets, offsets, vertices, values = gathering.gathered(
-        table, weights, columns, reported, False
+        table, weights, columns, is_reported, False
     )
     assert rows.tolist() == [0, 1, 2] and sets.tolist() == [0, 0, 1]
     assert offsets.tolist() == [0, 1, 3]
@@ -34,14 +34,14 @@ def test_weights_are_gathered_by_row_and_cleared_for_those_that_come_next(precis
 
 
 def test_weights_in_use_and_of_other_kinds_are_not_given_twice():
-    table, alternative = Table(), Table()
+    table, other_table = Table(), Table()
     first = gathering.no_weights(table, 2, 2, np.float32)
     second = gathering.no_weights(table, 2, 2, np.float32)
     assert not np.shares_memory(first, second)
     gathering.gathered(table, first, np.zeros(2, np.int32), np.ones(2, np.bool_), False)
-    for requests in (
-        (alternative, 2, 2, np.float32),
+    for case in (
+        (other_table, 2, 2, np.float32),
         (table, 2, 2, np.float64),
         (table, 3, 2, np.float32),
     ):
-        assert not np.shares_memory(first, gathering.no_weights(*requests))
+        assert not np.shares_memory(first, gathering.no_weights(*case))

@@ -125,18 +125,22 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     points = probes(vertices, triangles)
     clear = compiled.compiled().clearances(points)
     np.testing.assert_array_equal(np.isnan(clear), np.isnan(points).any(axis=0))
-    examples = finite(points)
+    finite_points = finite(points)
     clear, exact = (
-        compiled.compiled().clearances(examples),
-        plain.surface_distance_m(examples, np.eye(3)),
+        compiled.compiled().clearances(finite_points),
+        plain.surface_distance_m(finite_points, np.eye(3)),
     )
     assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # the distance to a box is exact
-    inside = plain.contains(examples)
+    inside = plain.contains(finite_points)
     assert (clear[inside] <= 0.0).all() and (clear[~inside] >= 0.0).all()
     # Inside the box, the bound is useful.
     size = np.ptp(vertices, axis=0).max()
     low, high = vertices.min(axis=0)[:, None], vertices.max(axis=0)[:, None]
-    deep = (exact > 1e-3 * size) & (examples > low).all(axis=0) & (examples < high).all(axis=0)
+    deep = (
+        (exact > 1e-3 * size)
+        & (finite_points > low).all(axis=0)
+        & (finite_points < high).all(axis=0)
+    )
     assert (np.abs(clear[deep]) >= 0.39 * exact[deep]).all()
     assert deep.any() or name in ("a needle", "a sheet", "slivers")
 

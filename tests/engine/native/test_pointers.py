@@ -41,8 +41,8 @@ def _read(address: int, count: int) -> list[float]:
 
 def test_an_argument_is_where_the_array_is() -> None:
     array = np.arange(4.0)
-    for item in (array, array[1:], array[:0]):
-        assert _address(DOUBLES.from_param(item)) == item.ctypes.data
+    for part in (array, array[1:], array[:0]):
+        assert _address(DOUBLES.from_param(part)) == part.ctypes.data
     array.flags.writeable = False
     assert _read(_address(DOUBLES.from_param(array)), 4) == [0.0, 1.0, 2.0, 3.0]
     assert DOUBLES.from_param(None) is None
@@ -128,8 +128,8 @@ def test_declarations_are_read_as_they_stand_in_c(
     source = tmp_path / "x.c"
     source.write_text(text)
     monkeypatch.setattr(declarations, "structure", cache(declarations.structure.__wrapped__))
-    messages = interface([source]).encode()
-    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(messages))
+    content = interface([source]).encode()
+    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(content))
     declarations.declare(library)
     thing = declarations.structure("hfx_thing")
     assert library.hfx_ask.restype is ctypes.c_double
@@ -159,10 +159,10 @@ def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="'int64_t' cannot be declared"):
         interface([source])
     source.write_text("HFX_EXPORT long hfx_ask(int64_t n) {")
-    messages = interface([source]).encode()
+    content = interface([source]).encode()
     with pytest.raises(KeyError, match="long"):
         declarations.declare(
-            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(messages))
+            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(content))
         )
 
 

@@ -57,11 +57,11 @@ def test_what_is_driven_so_vibrates_as_asked(amplitude: float, hz: float) -> Non
 
 
 def test_sines_together_never_need_more_than_full_drive():
-    requests = np.array(
+    amplitudes = np.array(
         [[3.0, 3.0], [3.0, 3.0]]
     )  # two sines at two channels, the first is measured
-    total = np.broadcast_to(requests.sum(axis=0), requests.shape)
-    actual = driven([CURVES, ()], requests, np.full((2, 2), 80.0), 10.0, total)
+    total = np.broadcast_to(amplitudes.sum(axis=0), amplitudes.shape)
+    actual = driven([CURVES, ()], amplitudes, np.full((2, 2), 80.0), 10.0, total)
     assert actual[:, 0].tolist() == [0.5, 0.5]  # 6 m/s^2 together are full drive
     assert actual[:, 1].tolist() == [0.3, 0.3]
 
@@ -107,8 +107,10 @@ def test_channels_of_a_port_hold_the_drive():
     assert channels.fractions(channels.values(np.array([4.0, 80.0]))).tolist() == [0.75, 0.15]
     assert channels.fractions(channels.values(np.array([4.0, 160.0])))[0] == 0.25
     # A board without frequencies plays at the neutral 100 Hz, a quarter of the way to 160 Hz.
-    strengths = Channels(device(drive=CURVES), strengths_only=True)
-    assert strengths.fractions(strengths.values(np.array([4.0, 160.0]))).tolist() == [0.625]
+    strength_channels = Channels(device(drive=CURVES), strengths_only=True)
+    assert strength_channels.fractions(
+        strength_channels.values(np.array([4.0, 160.0]))
+    ).tolist() == [0.625]
     plain = Channels(device())
     assert plain.fractions(plain.values(np.array([4.0, 80.0]))).tolist() == [0.2, 0.15]
 

@@ -248,19 +248,19 @@ def test_blocks_must_follow_each_other():
 
 
 def test_only_models_of_what_is_felt_and_shown_are_loaded():
-    requests = []
+    loaded = []
 
     def loader(model_id):
-        requests.append(model_id)
+        loaded.append(model_id)
         return MODELS[model_id]
 
     header = make_header(ALL, 2)
     device = make_device({"v": ("vibration", at(0))})
     run = make_run(header, "push", {0: {0: 1.0}}, [4.0])
     render(header, [run], device, loader)
-    assert requests == []
+    assert loaded == []
     render(header, [make_run(header, "buzz", {0: {0: 1.0}}, [4.0, 90.0])], device, loader)
-    assert requests == ["dots-vibration"]
+    assert loaded == ["dots-vibration"]
 
 
 def test_the_wearer():
@@ -311,8 +311,8 @@ def test_a_track_that_was_written_and_read_renders_alike(tmp_path):
     blocks = []
     for low in range(0, 4000, 500):  # some streams pause for whole chunks
         runs = random_runs(header, random, low, low + 40)
-        stored = [run for run in runs if random.random() < 0.6]
-        blocks.append(sorted(stored, key=lambda run: order[run.stream.effect_id]))
+        subset = [run for run in runs if random.random() < 0.6]
+        blocks.append(sorted(subset, key=lambda run: order[run.stream.effect_id]))
     with TrackWriter(tmp_path / "t.hfxtrack", header, full_precision=True) as writer:
         renderer = Renderer(header, DEVICE, load)
         for block in blocks:

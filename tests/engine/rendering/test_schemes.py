@@ -82,10 +82,10 @@ def test_a_mirrored_device_pans_as_the_mirror_image():
     )
     for a, b in zip(left.rows, right.rows, strict=True):
         assert np.array_equal(np.sort(model.mirror[a]), b)
-    one = gains_of_single_vertices(with_scheme("forearm_band_left", "barycentric"))
+    first = gains_of_single_vertices(with_scheme("forearm_band_left", "barycentric"))
     second = gains_of_single_vertices(with_scheme("forearm_band_right", "barycentric"))
-    order = np.searchsorted(second[0], model.mirror[one[0]])
-    assert second[1][order] == pytest.approx(one[1])
+    order = np.searchsorted(second[0], model.mirror[first[0]])
+    assert second[1][order] == pytest.approx(first[1])
 
 
 def test_the_law_shapes_the_middle_between_actuators():

@@ -55,11 +55,11 @@ def test_a_square_has_the_odd_harmonics_of_fouriers_series():
 def test_a_square_is_band_limited():
     """At 997 Hz, aliases are imperceptible; plain steps leave a hundredth below 1000 Hz."""
     actual = spectrum(steady("square", 997.0))
-    strengths = np.delete(actual[:1001], 997).max() / actual[997]
-    assert strengths < 1e-4
+    alias = np.delete(actual[:1001], 997).max() / actual[997]
+    assert alias < 1e-4
     time = np.arange(RATE) / RATE
     plain = spectrum(np.where(997.0 * time % 1.0 < 0.5, 1.0, -1.0))
-    assert np.delete(plain[:1001], 997).max() / plain[997] > 30 * strengths
+    assert np.delete(plain[:1001], 997).max() / plain[997] > 30 * alias
 
 
 def test_noise_is_a_band_about_its_frequency():
@@ -117,12 +117,12 @@ def test_waves_are_alike_at_any_block_size(shapes, sizes):
     count, total = len(shapes), sum(sizes)
 
     def sound(parts: Sequence[int]) -> np.ndarray:
-        created, actual = SumOfTones(shapes, RATE), []
+        tones, actual = SumOfTones(shapes, RATE), []
         for hz in (TWO_HZ, (90.0, 400.0)):
             pairs = np.array([0.4, 0.3]), np.array(hz)
             amplitudes, frequencies = (np.repeat(pair[:, None], count, axis=1) for pair in pairs)
-            created.aim(Tones(np.arange(2), amplitudes, frequencies))
-            actual += [created.block(part) for part in parts]
+            tones.aim(Tones(np.arange(2), amplitudes, frequencies))
+            actual += [tones.block(part) for part in parts]
         return np.concatenate(actual)
 
     np.testing.assert_allclose(sound(sizes), sound([total]), atol=1e-8)
@@ -130,10 +130,10 @@ def test_waves_are_alike_at_any_block_size(shapes, sizes):
 
 @pytest.mark.parametrize("shape", ["sine", "noise"])
 def test_phase_goes_on_through_changes_of_frequency(shape):
-    created, parts = Oscillators([shape], RATE), []
+    oscillators, parts = Oscillators([shape], RATE), []
     for hz in (80.0, 250.0, 31.0, 400.0):
-        created.aim(np.ones(1), np.array([hz]))
-        parts.append(created.block(1000))
+        oscillators.aim(np.ones(1), np.array([hz]))
+        parts.append(oscillators.block(1000))
     wave = np.concatenate(parts)[240:, 0]
     # A fade between two sines adds at most the fade's slope, 3/2 a cycle, times the difference.
     steepest = (2.0 * np.pi + (3.0 if shape == "noise" else 0.0)) * 400.0 / RATE
@@ -141,10 +141,10 @@ def test_phase_goes_on_through_changes_of_frequency(shape):
 
 
 def test_a_squares_edges_stay_half_a_cycle_apart_through_changes_of_frequency():
-    created, parts = Oscillators(["square"], RATE), []
+    oscillators, parts = Oscillators(["square"], RATE), []
     for hz in (100.0, 200.0, 100.0):
-        created.aim(np.ones(1), np.array([hz]))
-        parts.append(created.block(4800))
+        oscillators.aim(np.ones(1), np.array([hz]))
+        parts.append(oscillators.block(4800))
     wave = np.concatenate(parts)[240:, 0]
     apart = np.diff(np.flatnonzero(np.diff(np.signbit(wave))))
     assert apart.min() >= 119 and apart.max() <= 241

@@ -305,7 +305,7 @@ def test_the_speed_is_that_at_the_beginning() -> None:
 
 def test_each_of_two_impacts_rings_where_it_was() -> None:
     apart_m = 3 * SPACING_M
-    alternative = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
+    far_vertex = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
 
     def twice(times: np.ndarray) -> np.ndarray:
         first, second = bounce(0.2, 0.01)(times), bounce(0.4, 0.02, at=apart_m)(times)
@@ -315,7 +315,7 @@ def test_each_of_two_impacts_rings_where_it_was() -> None:
         actual = felt(twice, rate, EXACT)[round(0.5 * rate)]
         first, second = oracle_ring(0.5 - 0.19), oracle_ring(0.5 - 0.38)
         assert actual[MIDDLE] == pytest.approx(first, rel=0.02)
-        assert actual[alternative] == pytest.approx(first + second, rel=0.02)  # both impacts
+        assert actual[far_vertex] == pytest.approx(first + second, rel=0.02)  # both impacts
 
 
 def test_vertices_keep_peaks_of_their_own() -> None:

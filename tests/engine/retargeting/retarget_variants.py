@@ -173,12 +173,12 @@ def rigged(shape: str, rig: str) -> Variant:
         )
         for name, bone in bones.items()
     )
-    stored = json.loads((folder() / "rigs" / weight_file).read_bytes())["weights"]
+    weights_by_bone = json.loads((folder() / "rigs" / weight_file).read_bytes())["weights"]
     used, faces = np.unique(data.faces, return_inverse=True)
     quads = faces.reshape(data.faces.shape)
     triangles = np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
     names = tuple(bone.name for bone in rig_bones)
-    weights = _weights(stored, names, used, len(data.vertices))
+    weights = _weights(weights_by_bone, names, used, len(data.vertices))
     target = TargetAvatar(
         vertices=data.vertices[used],
         triangles=triangles.astype(np.int64),

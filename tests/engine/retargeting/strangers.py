@@ -203,8 +203,8 @@ def _cut(person: Variant, below_m: float) -> Variant:
     """Half a body: no skin below a height of the shipped avatar, or of the legs."""
     rest, names = load_avatar().vertices.astype(np.float64), _part_names()
     arms = np.isin(names, ("upper_arm", "forearm", "hand_palm", "hand_dorsum", "fingers"))
-    stored = (rest[:, 2] > below_m) | arms
-    triangles = person.target.triangles[stored[person.target.triangles].all(axis=1)]
+    is_left = (rest[:, 2] > below_m) | arms
+    triangles = person.target.triangles[is_left[person.target.triangles].all(axis=1)]
     used, corners = np.unique(triangles, return_inverse=True)
     target = replace(
         person.target,
@@ -213,7 +213,7 @@ def _cut(person: Variant, below_m: float) -> Variant:
         weights=variants.rows_of(person.target.weights, used),
     )
     places = person.places.copy()
-    places[~stored] = np.nan
+    places[~is_left] = np.nan
     return Variant(target, places)
 
 

@@ -365,8 +365,8 @@ def test_the_skin_of_feet_tells_mirrored_names_of_a_rig_without_toes(ends_in: st
     for rig, forward, side in ((table, 1.0, "L"), (mirrored, 1.0, "L"), (mirrored, 0.1, "R")):
         mapping = bone_mapping.map_bones(rig_of(rig), skin=partial(skin_of, rig, forward))
         assert mapping.bones["upperarm01.L"] == rig[f"upperarm01.{side}"]
-        messages = any("mirrored" in sentence for sentence in mapping.report)
-        assert messages == (rig is mirrored and side == "L")
+        is_mirrored = any("mirrored" in sentence for sentence in mapping.report)
+        assert is_mirrored == (rig is mirrored and side == "L")
 
 
 def _moved(bones: list[RigBone], matrix: np.ndarray) -> list[RigBone]:
@@ -477,13 +477,13 @@ def test_json_round_trip_and_faults() -> None:
     text = bone_mapping.to_json(mapping)
     assert bone_mapping.from_json(text) == mapping
     assert bone_mapping.to_json(bone_mapping.from_json(text)) == text
-    stored = json.loads(text)
+    document = json.loads(text)
     for fault in (
         {"version": 2}, {"format": "other"}, {"bones": [1]}, {"bones": {"root": 3}},
         {"fallbacks": None}, {"report": 5}, {"bones": {"nose": "Nose"}}, {"version": "x"},
     ):  # fmt: skip
         with pytest.raises(InputError):
-            bone_mapping.from_json(json.dumps(stored | fault))
+            bone_mapping.from_json(json.dumps(document | fault))
     for text in ("", "[]", "3", "{}"):
         with pytest.raises(InputError, match="not a bone mapping"):
             bone_mapping.from_json(text)
@@ -510,7 +510,7 @@ def _installed_rigs() -> Path:
     ],
 )
 def test_makehumans_own_rigs(file: str, convention: str, mapped: int) -> None:
-    stored = json.loads((_installed_rigs() / file).read_text(encoding="utf-8"))
+    document = json.loads((_installed_rigs() / file).read_text(encoding="utf-8"))
     bones = [
         RigBone(
             name,
@@ -518,7 +518,7 @@ def test_makehumans_own_rigs(file: str, convention: str, mapped: int) -> None:
             tuple(bone["head"]["default_position"]),
             tuple(bone["tail"]["default_position"]),
         )
-        for name, bone in stored.get("bones", stored).items()
+        for name, bone in document.get("bones", document).items()
         if isinstance(bone, dict) and "head" in bone
     ]
     mapping = bone_mapping.map_bones(bones)

@@ -94,8 +94,8 @@ def test_limbs_that_are_named_after_the_other_side(stems: tuple[str, ...], count
     table = swapped(MIXAMO, *stems)
     mapping = map_bones(turned(rig_of(table)))
     assert mapping.bones == table
-    (messages,) = [sentence for sentence in mapping.report if "other side" in sentence]
-    assert f" {count}, '" in messages
+    (remark,) = [sentence for sentence in mapping.report if "other side" in sentence]
+    assert f" {count}, '" in remark
 
 
 def test_nothing_is_told_where_names_and_places_agree() -> None:
@@ -111,10 +111,10 @@ def test_a_helper_with_both_sides_is_no_hand() -> None:
 
 def test_crossed_limbs_keep_their_names() -> None:
     """Hands on the opposite thigh, and crossed ankles."""
-    position = {
+    head_by_bone = {
         "LeftHand": (-0.15, -0.1, 0.9), "RightHand": (0.15, -0.12, 0.9),
         "LeftFoot": (-0.05, 0.0, 0.08), "LeftToeBase": (-0.06, -0.12, 0.02),
         "RightFoot": (0.05, -0.1, 0.08), "RightToeBase": (0.06, -0.22, 0.02),
     }  # fmt: skip
-    bones = [replace(b, head=position.get(b.name, b.head)) for b in rig_of(MIXAMO)]
+    bones = [replace(b, head=head_by_bone.get(b.name, b.head)) for b in rig_of(MIXAMO)]
     assert map_bones(bones).bones == MIXAMO

@@ -98,8 +98,8 @@ def test_a_forearm_without_a_wrist_points_at_its_hand() -> None:
     bend = {"lowerarm01.L": variants.turn(1, 40), "lowerarm01.R": variants.turn(1, -40)}
     variant, avatar = variants.posed(variants.canonical(), bend, {}), load_avatar()
     stems = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01", "foot")
-    stored = {"root", "spine01", "head", *(f"{stem}.{side}" for stem in stems for side in "LR")}
-    mapping = BoneMapping("plain", {name: name for name in stored}, {}, ())
+    names = {"root", "spine01", "head", *(f"{stem}.{side}" for stem in stems for side in "LR")}
+    mapping = BoneMapping("plain", {name: name for name in names}, {}, ())
     bodies = skeletons_of(avatar, variant.target, mapping)
     moved = apply(bodies.to_target, posed(avatar, matrices(avatar, bodies)))
     hands = np.isin(avatar.part, [PARTS.index("hand_palm"), PARTS.index("fingers")])

@@ -35,9 +35,9 @@ def few_bones(variant: Variant) -> Any:
     """Return a mapping of only the joints common to all game rigs."""
     stems = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
     stems += ("toe3-1", *(f"finger{f}-{k}" for f in range(1, 6) for k in range(1, 4)))
-    stored = {f"{stem}.{side}" for stem in stems for side in "LR"}
-    stored |= {"root", "spine03", "spine01", "neck01", "head"}
-    return SimpleNamespace(bones={name: name for name in stored}, fallbacks={})
+    names = {f"{stem}.{side}" for stem in stems for side in "LR"}
+    names |= {"root", "spine03", "spine01", "neck01", "head"}
+    return SimpleNamespace(bones={name: name for name in names}, fallbacks={})
 
 
 def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
@@ -137,9 +137,9 @@ def test_centimetres_and_other_axes_change_nothing() -> None:
     matrix[:3, 3] = (12.0, -30.0, 7.0)
     turned = variants.moved(plain, matrix)
     turned = replace(turned, target=replace(turned.target, metres=0.01))
-    one, second = errors_mm(plain, warped), errors_mm(turned, warped_by_few_bones(turned))
+    first, second = errors_mm(plain, warped), errors_mm(turned, warped_by_few_bones(turned))
     for part in PARTS:
-        assert one[part] == pytest.approx(second[part], abs=0.05)
+        assert first[part] == pytest.approx(second[part], abs=0.05)
 
 
 def test_left_fingers_stay_left_and_no_finger_takes_its_neighbours_skin() -> None:
@@ -196,10 +196,10 @@ def test_skin_that_follows_no_bone_gets_the_canonical_weights() -> None:
     variant = variants.decimated(canonical())
     target = variant.target
     bare = target.vertices[:, 2] > 1.7  # the crown
-    stored = np.where(bare, 0, np.diff(target.weights.offsets))
+    counts = np.where(bare, 0, np.diff(target.weights.offsets))
     entries = ~np.repeat(bare, np.diff(target.weights.offsets))
     weights = SkinWeights(
-        np.append(0, np.cumsum(stored)).astype(np.int32),
+        np.append(0, np.cumsum(counts)).astype(np.int32),
         target.weights.bones[entries],
         target.weights.values[entries],
     )
@@ -218,9 +218,9 @@ def test_skin_that_follows_no_bone_gets_the_canonical_weights() -> None:
 def test_the_same_input_gives_the_same_bytes() -> None:
     model = load_model("hfx-temperature-1")
     both = decimated_and_warped("rest"), decimated_and_warped.__wrapped__("rest")
-    one, second = (retarget.fit(model, warped)[0] for _, warped in both)
-    assert one.vertices.tobytes() == second.vertices.tobytes()
-    assert one.weights.values.tobytes() == second.weights.values.tobytes()
+    first, second = (retarget.fit(model, warped)[0] for _, warped in both)
+    assert first.vertices.tobytes() == second.vertices.tobytes()
+    assert first.weights.values.tobytes() == second.weights.values.tobytes()
 
 
 # FitQuality: a poor fit names the part
@@ -277,10 +277,10 @@ def test_nearest_places_keep_to_their_region_and_their_side_of_the_skin() -> Non
     triangles = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])
     shares = np.repeat(np.eye(2), 4, axis=0)
     surface = TargetSurface(points, triangles, shares)
-    requests = np.array([[0.4, 0.5, 0.009]] * 3)
+    queries = np.array([[0.4, 0.5, 0.009]] * 3)
     up, down = [0.0, 0, 1], [0.0, 0, -1]
     places = surface.nearest(
-        requests, np.array([up, down, up]), np.array([[1.0, 0], [0, 1], [0, 1]]), 0.05
+        queries, np.array([up, down, up]), np.array([[1.0, 0], [0, 1], [0, 1]]), 0.05
     )
     assert places.found.tolist() == [True, True, False]
     np.testing.assert_allclose(places.points[:2], [[0.4, 0.5, 0], [0.4, 0.5, 0.01]], atol=1e-12)

@@ -109,11 +109,11 @@ def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
 def _part(target: TargetAvatar, wanted: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
     """Return triangles with all corners in the mask, moved outwards."""
     normals = vertex_normals(target.vertices, target.triangles)
-    stored = wanted[target.triangles].all(axis=1)
+    is_inside = wanted[target.triangles].all(axis=1)
     return replace(
         target,
         vertices=target.vertices + out_m * normals,
-        triangles=target.triangles[stored],
+        triangles=target.triangles[is_inside],
     )
 
 

@@ -54,16 +54,16 @@ def test_a_joint_beside_the_knee_that_is_seen(figure: Figure, beside_m: float) -
     truth = {bone.name: np.asarray(bone.head) for bone in made(figure).target.bones}
     bones = {"knee": "lowerleg01", "elbow": "lowerarm01"}
     moved = replace(figure, knees_m=beside_m, elbows_m=beside_m)
-    for name, position in _placed_m(moved).items():
+    for name, joint_m in _placed_m(moved).items():
         stem, side = name.split(".")
-        off = np.linalg.norm(position - truth[figure.rig[f"{bones[stem]}.{side}"]]) * unit
+        off = np.linalg.norm(joint_m - truth[figure.rig[f"{bones[stem]}.{side}"]]) * unit
         assert off < 0.025, name
 
 
 def test_a_rig_that_agrees_with_its_skin_keeps_its_joints() -> None:
-    for name, position in _placed_m(Figure("plain", lumps_m=0.0)).items():
+    for name, joint_m in _placed_m(Figure("plain", lumps_m=0.0)).items():
         bone = {"knee": "lowerleg01", "elbow": "lowerarm01"}[name[:-2]]
-        assert np.linalg.norm(position - canonical_heads()[f"{bone}{name[-2:]}"]) < 0.004, name
+        assert np.linalg.norm(joint_m - canonical_heads()[f"{bone}{name[-2:]}"]) < 0.004, name
 
 
 def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
@@ -76,8 +76,8 @@ def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
     for side in "LR":
         for bone in ("lowerleg01", "lowerarm01"):
             for ahead in (-0.06, 0.06):
-                position = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
-                mark = int(np.linalg.norm(points - position, axis=1).argmin())
+                joint_m = canonical_heads()[f"{bone}.{side}"] + (0.0, ahead, 0.0)
+                mark = int(np.linalg.norm(points - joint_m, axis=1).argmin())
                 assert np.linalg.norm(fitted.vertices[mark] - truth[mark]) < 0.025, (bone, side)
 
 

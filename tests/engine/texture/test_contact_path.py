@@ -244,8 +244,8 @@ def test_a_mesh_that_deforms_from_call_to_call_is_followed_too() -> None:
         bent[:, 2] = 0.5 * k * vertices[:, 0] ** 2
         rest = bent[triangles[17]].mean(axis=0)
         column = np.flatnonzero((vertices[:, 1] == vertices[40, 1]) & (vertices[:, 0] >= -0.06))
-        position = 0.01 * k - 0.025
-        moving = [np.interp(position, bent[column, 0], bent[column, c]) for c in range(3)]
+        x_m = 0.01 * k - 0.025
+        moving = [np.interp(x_m, bent[column, 0], bent[column, c]) for c in range(3)]
         paths = follower.follow(
             np.eye(4)[None],
             bent[None],

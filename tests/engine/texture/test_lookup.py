@@ -118,8 +118,8 @@ def test_a_way_without_texels_has_no_collisions() -> None:
 def test_the_most_salient_come_first() -> None:
     times = np.array([0.0, 0.02, 0.04, 0.1, 0.12])
     actual = Collisions(times, np.array([0.5, 0.9, 0.6, 0.2, 0.3]), np.zeros(5))
-    stored = most_salient(actual, 0.05)
-    np.testing.assert_array_equal(stored.times_s, [0.02, 0.12])
+    peaks = most_salient(actual, 0.05)
+    np.testing.assert_array_equal(peaks.times_s, [0.02, 0.12])
     assert len(most_salient(actual, 0.0)) == 5
 
 
@@ -129,8 +129,8 @@ def test_what_is_dropped_is_near_to_something_stronger(levels: list[float], gap:
     rng = np.random.default_rng(len(levels))
     times = np.sort(rng.uniform(0.0, 1.0, len(levels)))
     actual = Collisions(times, np.array(levels), np.zeros(len(levels)))
-    stored = most_salient(actual, gap)
-    assert (np.diff(stored.times_s) >= gap * (1.0 - 1e-6)).all()
+    peaks = most_salient(actual, gap)
+    assert (np.diff(peaks.times_s) >= gap * (1.0 - 1e-6)).all()
     for t, level in zip(times, levels, strict=True):
-        near = np.abs(stored.times_s - t) < gap
-        assert stored.intensity[near].max() >= level
+        near = np.abs(peaks.times_s - t) < gap
+        assert peaks.intensity[near].max() >= level

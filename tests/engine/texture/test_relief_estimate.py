@@ -98,9 +98,9 @@ def test_weights_keep_their_values_within_half_a_step_of_their_output() -> None:
     )
     kernel[2] = 0.0
     weights = {"a.weight": kernel.astype(np.float32), "a.bias": rng.random(4).astype(np.float32)}
-    stored = relief_network.packed(weights)
-    assert stored["a.weight"].dtype == np.int8
-    again = relief_network.unpacked(stored)
+    packed = relief_network.packed(weights)
+    assert packed["a.weight"].dtype == np.int8
+    again = relief_network.unpacked(packed)
     assert again.keys() == weights.keys() and np.array_equal(again["a.bias"], weights["a.bias"])
     error = np.abs(again["a.weight"] - kernel).max((1, 2, 3))
     assert (error <= 0.501 * np.abs(kernel).max((1, 2, 3)) / 127.0).all() and error[0] > 0.0

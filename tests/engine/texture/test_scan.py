@@ -20,11 +20,9 @@ def test_scattered_points_become_the_surface_that_they_were_taken_from(count: in
     field = from_points(np.column_stack([xy, _bump(xy)]))
     rows, columns = field.heights_m.shape
     assert rows * columns == pytest.approx(count, rel=0.05)
-    requests = np.random.default_rng(1).uniform(0.01, 0.09, (500, 2))
+    points = np.random.default_rng(1).uniform(0.01, 0.09, (500, 2))
     # The mean of the bump, pi 2e-4 / 0.1^2 mm, is subtracted; even points have no further slope.
-    np.testing.assert_allclose(
-        field.sample(requests), _bump(requests) - 1e-3 * np.pi * 2e-2, atol=3e-5
-    )
+    np.testing.assert_allclose(field.sample(points), _bump(points) - 1e-3 * np.pi * 2e-2, atol=3e-5)
 
 
 def test_a_tilted_scan_is_levelled() -> None:

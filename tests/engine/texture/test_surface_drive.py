@@ -134,8 +134,8 @@ def test_a_track_file_keeps_what_its_surfaces_were_sampled_with(model: Perceptua
     header = moment_header(_scene(model, _texture()))
     again, _ = from_json(to_json(header, {"name": "none"}))
     run = _run(model, 2.0)
-    for item in (header, again):
-        assert SurfaceDrives(item.settings, 20_000.0).on_device(run).parameters[0, 0] == 4.0
+    for track_header in (header, again):
+        assert SurfaceDrives(track_header.settings, 20_000.0).on_device(run).parameters[0, 0] == 4.0
     assert run.parameters[0, 0] == 2.0
     assert SETTING not in moment_header(_scene(model, _texture(SurfaceRenderer.MCHA))).settings
 

@@ -258,8 +258,8 @@ def test_contacts_and_places_that_do_not_count_are_told_by_name(hand: Perceptual
     surface = block.effects[0]
     assert surface.matrices is not None
     surface.matrices[4, 0, 3] = np.nan
-    for requests, crowded in ((scene, []), (few, [5])):
-        engine = Engine(requests, models=lambda _: hand, tolerance=PAPER)
+    for description, crowded in ((scene, []), (few, [5])):
+        engine = Engine(description, models=lambda _: hand, tolerance=PAPER)
         engine.evaluate(block)
         warnings = engine.counters.warnings
         assert [

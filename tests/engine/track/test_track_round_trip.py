@@ -130,11 +130,11 @@ def test_any_time_equals_the_sequence(tmp_path, runs, data):
         actual = rows(reader.runs(times[first], times[last]))
         assert actual == {k: v for k, v in everything.items() if first <= k[2] < last}
         for index in data.draw(st.lists(st.sampled_from([0, 5, 127, 128, *range(120, 136), 699]))):
-            requested = sorted((k[0], k[1]) for k in everything if k[2] == index)
+            keys = sorted((k[0], k[1]) for k in everything if k[2] == index)
             for time_s in (times[index], times[index] + 0.9 / 59.94):
                 samples = reader.samples_at(time_s)
                 streams = [(s.stream.effect_id, s.stream.body_id) for s in samples]
-                assert streams == requested
+                assert streams == keys
                 for sample in samples:
                     key = (sample.stream.effect_id, sample.stream.body_id, index)
                     assert sample.vertices.tobytes() == everything[key][3]
@@ -222,8 +222,8 @@ def test_header_comes_back(tmp_path):
         assert getattr(actual, name) == getattr(HEADER, name)
     assert [vars(s) for s in actual.streams] == [vars(s) for s in HEADER.streams]
     assert actual.bodies[1].name == "Bär\udc80"
-    again, remaining = from_json(to_json(HEADER, encoding))
-    assert remaining == encoding and again.time == HEADER.time
+    again, rest = from_json(to_json(HEADER, encoding))
+    assert rest == encoding and again.time == HEADER.time
 
 
 @pytest.mark.parametrize("weight", [1e-45, 1e-9, 0.5 / 255, 1.5 / 255, 0.3, 254.6 / 255, 1.0])

@@ -142,19 +142,19 @@ def test_header_of_a_scene():
         "p-1": Model(modality="pressure", content_hash="bb", size=9000),
         "v-1": Model(modality="vibration", content_hash="cc", size=45000),
     }
-    created = TrackHeader.of(scene, models, settings={"rate": 100}, tools={"hfx": "1"})
-    assert created.models == (
+    track_header = TrackHeader.of(scene, models, settings={"rate": 100}, tools={"hfx": "1"})
+    assert track_header.models == (
         TrackModel("t-1", "temperature", "aa", 700),
         TrackModel("p-1", "pressure", "bb", 9000),
     )
-    assert created.bodies == (TrackBody("anna", "Anna"), TrackBody("bert", "Bert"))
-    assert [(s.effect_id, s.body_id, s.modality, s.model_id) for s in created.streams] == [
+    assert track_header.bodies == (TrackBody("anna", "Anna"), TrackBody("bert", "Bert"))
+    assert [(s.effect_id, s.body_id, s.modality, s.model_id) for s in track_header.streams] == [
         ("f", "anna", "temperature", "t-1"),
         ("f", "bert", "temperature", "t-1"),
         ("k", "bert", "wind", "p-1"),
     ]
-    assert [(e.kind, e.painted_vertices, e.clips) for e in created.effects] == [
+    assert [(e.kind, e.painted_vertices, e.clips) for e in track_header.effects] == [
         ("volume", None, ()),
         ("painted", 2, (Clip("knock", 3.0, 5.0),)),
     ]
-    assert (created.source, created.warnings) == ({"name": "a.blend"}, ("careful",))
+    assert (track_header.source, track_header.warnings) == ({"name": "a.blend"}, ("careful",))

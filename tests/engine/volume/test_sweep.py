@@ -21,9 +21,9 @@ def _torus(around: int = 24, across: int = 12) -> MeshVolume:
     radius = 0.7 + 0.25 * np.cos(beta)
     places = np.stack([radius * np.cos(alpha), radius * np.sin(alpha), 0.25 * np.sin(beta)], -1)
     at = np.arange(around * across).reshape(around, across)
-    one, second = np.roll(at, -1, 0), np.roll(at, -1, 1)
-    both = np.roll(one, -1, 1)
-    quads = [np.stack([at, one, both], -1), np.stack([at, both, second], -1)]
+    first, second = np.roll(at, -1, 0), np.roll(at, -1, 1)
+    both = np.roll(first, -1, 1)
+    quads = [np.stack([at, first, both], -1), np.stack([at, both, second], -1)]
     triangles = np.concatenate([quad.reshape(-1, 3) for quad in quads]).astype(np.int32)
     return MeshVolume(places.reshape(-1, 3), triangles, "torus")
 

@@ -40,8 +40,10 @@ def test_depth_is_the_least_of_all_feet(semi_axes, rng):
     ellipsoid = Ellipsoid.of_map(np.diag(semi_axes))
     expected = []
     for point in ball.T:
-        position = semi_axes * point
-        expected.append(np.linalg.norm(all_feet(semi_axes, position) - position, axis=1).min())
+        surface_point = semi_axes * point
+        expected.append(
+            np.linalg.norm(all_feet(semi_axes, surface_point) - surface_point, axis=1).min()
+        )
     np.testing.assert_allclose(ellipsoid.depth(ball), expected, rtol=1e-6)
 
 
@@ -53,14 +55,10 @@ def test_local_feet_are_all_local_minima(semi_axes, rng):
     ball *= 1.3 * rng.random(200) / np.linalg.norm(ball, axis=0)  # some outside
     linear = rotation(rng) @ np.diag(semi_axes) @ rotation(rng)
     ellipsoid = Ellipsoid.of_map(linear)
-    (first, near), (second, alternative) = ellipsoid.local_feet(ball)
-    assert (
-        np.isfinite(near).all()
-        and np.isfinite(alternative).any()
-        and not np.isfinite(alternative).all()
-    )
-    assert np.all(near <= alternative * (1 + 1e-12))
-    for feet, distances in ((first, near), (second, alternative)):
+    (first, near), (second, far) = ellipsoid.local_feet(ball)
+    assert np.isfinite(near).all() and np.isfinite(far).any() and not np.isfinite(far).all()
+    assert np.all(near <= far * (1 + 1e-12))
+    for feet, distances in ((first, near), (second, far)):
         actual = np.isfinite(distances)
         reach = linear @ (feet - ball)
         np.testing.assert_allclose(np.linalg.norm(feet, axis=0)[actual], 1.0, rtol=1e-9)
@@ -86,8 +84,8 @@ def test_points_on_axes_and_planes_of_symmetry():
     surface = np.stack([np.sqrt(1 - u * u) * np.cos(v), np.sqrt(1 - u * u) * np.sin(v), u])
     surface = semi_axes[:, None] * surface.reshape(3, -1)
     places = semi_axes[:, None] * points
-    for position, depth in zip(places.T, depths, strict=True):
-        nearest = np.sqrt(np.min(np.sum((surface - position[:, None]) ** 2, axis=0)))
+    for point, depth in zip(places.T, depths, strict=True):
+        nearest = np.sqrt(np.min(np.sum((surface - point[:, None]) ** 2, axis=0)))
         assert nearest - 0.005 < depth <= nearest + 1e-12
 
 

@@ -339,9 +339,9 @@ def test_small_holes_are_closed_and_told(rng):
 def test_bent_holes_are_closed_too(rng):
     """Away from a hole nothing changes; a mesh with hundreds of holes has an inside again."""
     vertices, triangles = mesh("sphere, 5120", rng)
-    stored = rng.random(len(triangles)) < 0.97
-    volume = MeshVolume(vertices, triangles[stored], "Sieve")
-    assert 50 < int(volume.note.split("edges: ")[1].split()[0]) <= np.count_nonzero(~stored)
+    is_kept = rng.random(len(triangles)) < 0.97
+    volume = MeshVolume(vertices, triangles[is_kept], "Sieve")
+    assert 50 < int(volume.note.split("edges: ")[1].split()[0]) <= np.count_nonzero(~is_kept)
     points = rng.uniform(-1.1, 1.1, (3, 5000))
     far = np.abs(np.linalg.norm(points, axis=0) - 1.0) > 0.01
     expected = np.linalg.norm(points, axis=0) < 1.0
@@ -379,8 +379,8 @@ def test_turned_faces_are_counted(turned, note, rng):
 def test_what_was_mended_is_told_together():
     triangles = np.delete(CUBE[1], 5, axis=0)
     triangles[2] = triangles[2, ::-1]
-    messages = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
-    assert [finding.partition(":")[0] for finding in messages] == [
+    notes = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
+    assert [finding.partition(":")[0] for finding in notes] == [
         "'Box' has 1 face with a flipped normal",
         "'Box' is open at 3 edges",
     ]

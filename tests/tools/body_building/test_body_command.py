@@ -127,8 +127,8 @@ def test_levels_are_made_for_the_models_of_a_folder(own: Path, tmp_path: Path) -
         "vibration: 2 levels",
         "temperature: no levels",
     ]
-    stored, created = level_files.read_levels(tmp_path / "pressure-levels.npz")
-    assert stored[0] == "hfx-pressure-1" and len(created) == 2
+    owner, levels = level_files.read_levels(tmp_path / "pressure-levels.npz")
+    assert owner[0] == "hfx-pressure-1" and len(levels) == 2
     with pytest.raises(InputError, match=r"manifest\.json: there is no such file"):
         run("build", "--levels", "-o", tmp_path / "nowhere")
 

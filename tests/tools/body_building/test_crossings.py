@@ -57,22 +57,22 @@ def test_a_crossing_is_as_deep_as_the_least_that_would_end_it() -> None:
 def coarse_half() -> SimpleNamespace:
     """Return the left half of the temperature model, as at the end of remeshing."""
     shipped, fine = (model.load_model(f"hfx-{name}-1") for name in ("temperature", "pressure"))
-    stored, seen = (np.flatnonzero(item.side != RIGHT) for item in (shipped, fine))
+    left, fine_left = (np.flatnonzero(item.side != RIGHT) for item in (shipped, fine))
     inside = shipped.triangles[(shipped.side[shipped.triangles] != RIGHT).all(axis=1)]
     targets = shipped.provenance["targets_mm"]
     return SimpleNamespace(
-        points=shipped.vertices[stored].astype(float),
-        normals=shipped.normals[stored].astype(float),
-        triangles=np.searchsorted(stored, inside),
-        part=shipped.part[stored],
-        is_midline=shipped.side[stored] == 0,
+        points=shipped.vertices[left].astype(float),
+        normals=shipped.normals[left].astype(float),
+        triangles=np.searchsorted(left, inside),
+        part=shipped.part[left],
+        is_midline=shipped.side[left] == 0,
         spacing_m=np.array([targets[part] for part in PARTS]) / 1000.0,
         samples=Samples(
-            fine.vertices[seen].astype(float),
-            fine.normals[seen].astype(float),
-            fine.areas_m2[seen].astype(float),
-            fine.part[seen],
-            seen,
+            fine.vertices[fine_left].astype(float),
+            fine.normals[fine_left].astype(float),
+            fine.areas_m2[fine_left].astype(float),
+            fine.part[fine_left],
+            fine_left,
         ),
     )
 

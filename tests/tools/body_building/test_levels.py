@@ -44,19 +44,19 @@ def test_every_vertex_has_a_stand_in_which_is_one_of_those_it_stands_for(pair: P
     assert coarse_of.dtype == np.int32 and coarse_of.shape == (len(fine),)
     assert np.array_equal(np.unique(coarse_of), np.arange(len(coarse)))
     vertex_by_position = {point.tobytes(): vertex for vertex, point in enumerate(fine.vertices)}
-    stored = np.array([vertex_by_position[point.tobytes()] for point in coarse.vertices])
-    assert np.array_equal(coarse_of[stored], np.arange(len(coarse)))
-    assert (np.diff(stored) > 0).all()
+    fine_ids = np.array([vertex_by_position[point.tobytes()] for point in coarse.vertices])
+    assert np.array_equal(coarse_of[fine_ids], np.arange(len(coarse)))
+    assert (np.diff(fine_ids) > 0).all()
 
 
 def test_it_is_the_same_skin_with_its_whole_area(pair: Pair) -> None:
     fine, coarse, coarse_of, level = pair
-    examples = slice(None, None, 7)
-    places, points = fine.vertices[examples].astype(float), coarse.vertices.astype(float)
+    every_seventh = slice(None, None, 7)
+    places, points = fine.vertices[every_seventh].astype(float), coarse.vertices.astype(float)
     triangle, shares, _ = locate(places, points, coarse.triangles.astype(int))
     corners = points[coarse.triangles[triangle]]
     away = np.linalg.norm(np.einsum("ij,ijk->ik", shares, corners) - places, axis=1)
-    assert np.average(away, weights=fine.areas_m2[examples]) < (0.001 if level == 1 else 0.003)
+    assert np.average(away, weights=fine.areas_m2[every_seventh]) < (0.001 if level == 1 else 0.003)
     assert away.max() < (0.010 if level == 1 else 0.015)
     skin = [_surface_m2(item) for item in (fine, coarse)]
     assert skin[1] == pytest.approx(skin[0], rel=0.02)
@@ -147,9 +147,9 @@ def test_levels_are_made_the_same_twice_and_only_where_they_help(tmp_path: Path)
     first = path.read_bytes()
     making.save(fine, tmp_path)
     assert path.read_bytes() == first
-    owner, created = level_files.read_levels(path)
+    owner, levels = level_files.read_levels(path)
     assert owner == (fine.id, fine.content_hash)
-    assert [len(item.vertices) for item in created] == pytest.approx(
+    assert [len(item.vertices) for item in levels] == pytest.approx(
         [19210 / 4, 19210 / 16], rel=0.02
     )
     assert making.save(model.load_model("hfx-temperature-1"), tmp_path) == 0

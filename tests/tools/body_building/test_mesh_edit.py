@@ -65,13 +65,13 @@ def test_collapses_keep_a_disc_a_disc(seed: int, count: int) -> None:
         edges = mesh_edges.edges_of(triangles, count)
         on_border = np.zeros(count, bool)
         on_border[edges.ends[edges.is_border].ravel()] = True
-        one, second = edges.ends[~on_border[edges.ends[:, 0]]].T
-        good = mesh_edit.collapsible(points, up, triangles, edges, one, second, 0.2)
-        one, second = one[good], second[good]
-        rank = mesh_edit.scatter_ranks(len(one), turn)
-        chosen = mesh_edit.independent(edges, one, second, rank)
+        first, second = edges.ends[~on_border[edges.ends[:, 0]]].T
+        good = mesh_edit.collapsible(points, up, triangles, edges, first, second, 0.2)
+        first, second = first[good], second[good]
+        rank = mesh_edit.scatter_ranks(len(first), turn)
+        chosen = mesh_edit.independent(edges, first, second, rank)
         before = characteristic(triangles, count)
-        triangles = mesh_edit.collapse(triangles, one[chosen], second[chosen], count)
+        triangles = mesh_edit.collapse(triangles, first[chosen], second[chosen], count)
         assert_oriented_manifold(triangles)
         assert characteristic(triangles, count) == before
         assert (mesh_edges.triangle_normals(points, triangles)[:, 2] > 0.0).all()
@@ -111,12 +111,12 @@ def test_splits_keep_area_topology_and_orientation(seed: int, count: int) -> Non
 def test_the_nearest_place_is_found_as_by_trying_everything() -> None:
     points, triangles = cloud(3, 40)
     surface = points + np.random.default_rng(4).normal(scale=0.02, size=points.shape)
-    requests = np.random.default_rng(5).uniform(-0.8, 0.8, (200, 3)) * (1, 1, 0.05)
-    triangle, weights, _ = locate(requests, surface, triangles)
+    queries = np.random.default_rng(5).uniform(-0.8, 0.8, (200, 3)) * (1, 1, 0.05)
+    triangle, weights, _ = locate(queries, surface, triangles)
     products = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
     assert weights.min() >= 0.0 and weights.sum(axis=1) == pytest.approx(1.0)
     shares = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12.0
     everywhere = np.einsum("sk,tkd->tsd", shares, surface[triangles]).reshape(-1, 3)
-    for position, answer in zip(requests, products, strict=True):
-        best = np.linalg.norm(everywhere - position, axis=1).min()
-        assert np.linalg.norm(answer - position) <= best + 1e-9
+    for point, answer in zip(queries, products, strict=True):
+        best = np.linalg.norm(everywhere - point, axis=1).min()
+        assert np.linalg.norm(answer - point) <= best + 1e-9

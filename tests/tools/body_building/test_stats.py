@@ -52,8 +52,8 @@ def test_the_table_has_one_row_for_each_part_and_says_nothing_of_lone_vertices(
 def test_the_shipped_table_agrees_with_the_manifest() -> None:
     entries = model.manifest()["models"]
     for row in stats.table(model.load_model(identity) for identity in entries):
-        stored = entries[f"hfx-{row.modality}-1"]["statistics"][row.part]
-        assert (row.vertices, row.mean_mm) == (stored["vertices"], stored["mean_mm"])
+        statistics = entries[f"hfx-{row.modality}-1"]["statistics"][row.part]
+        assert (row.vertices, row.mean_mm) == (statistics["vertices"], statistics["mean_mm"])
 
 
 def test_a_model_corresponds_to_itself_and_to_a_coarser_one_within_its_cells() -> None:

@@ -178,12 +178,12 @@ def test_the_neutral_variant_is_the_canonical_body(
     avatar, canonical = people["neutral"].avatar, model.load_avatar()
     assert np.abs(avatar.vertices - canonical.vertices).max() < 1e-6
     assert np.abs(avatar.skeleton.rest - canonical.skeleton.rest).max() < 1e-6
-    created, shipped = models["neutral"], model.load_model("hfx-pressure-1")
-    assert np.linalg.norm(created.vertices - shipped.vertices, axis=1).max() < 1e-4
-    assert np.abs(created.normals - shipped.normals).max() < 2e-3
-    assert np.corrcoef(created.areas_m2, shipped.areas_m2)[0, 1] > 0.999
+    variant_model, shipped = models["neutral"], model.load_model("hfx-pressure-1")
+    assert np.linalg.norm(variant_model.vertices - shipped.vertices, axis=1).max() < 1e-4
+    assert np.abs(variant_model.normals - shipped.normals).max() < 2e-3
+    assert np.corrcoef(variant_model.areas_m2, shipped.areas_m2)[0, 1] > 0.999
     for part in PARTS:
-        here, there = (item.provenance["statistics"][part] for item in (created, shipped))
+        here, there = (item.provenance["statistics"][part] for item in (variant_model, shipped))
         assert here["mean_mm"] == pytest.approx(there["mean_mm"], abs=0.002)
         assert here["gap_mm"] == pytest.approx(there["gap_mm"], rel=0.01)
         assert here["error_mm"] == pytest.approx(there["error_mm"], rel=0.2)
@@ -191,15 +191,15 @@ def test_the_neutral_variant_is_the_canonical_body(
 
 @pytest.mark.parametrize("name", PEOPLE)
 def test_ids_mean_the_same_spot(name: str, models: dict[str, model.PerceptualModel]) -> None:
-    created, shipped = models[name], model.load_model("hfx-pressure-1")
+    variant_model, shipped = models[name], model.load_model("hfx-pressure-1")
     for field in ("triangles", "part", "side", "mirror"):
-        assert np.array_equal(getattr(created, field), getattr(shipped, field))
-    assert np.array_equal(created.weights.values, shipped.weights.values)
-    assert created.bone_names == shipped.bone_names
-    assert created.id == shipped.id + PEOPLE[name].suffix
-    assert created.content_hash != shipped.content_hash
-    assert created.provenance["canonical"] == {"id": shipped.id, "hash": shipped.content_hash}
-    assert created.provenance["variant"] == PEOPLE[name].values()
+        assert np.array_equal(getattr(variant_model, field), getattr(shipped, field))
+    assert np.array_equal(variant_model.weights.values, shipped.weights.values)
+    assert variant_model.bone_names == shipped.bone_names
+    assert variant_model.id == shipped.id + PEOPLE[name].suffix
+    assert variant_model.content_hash != shipped.content_hash
+    assert variant_model.provenance["canonical"] == {"id": shipped.id, "hash": shipped.content_hash}
+    assert variant_model.provenance["variant"] == PEOPLE[name].values()
     assert "canonical" not in shipped.provenance
 
 
@@ -207,12 +207,14 @@ def test_ids_mean_the_same_spot(name: str, models: dict[str, model.PerceptualMod
 def test_left_and_right_are_mirror_images_to_the_bit(
     name: str, people: dict[str, Person], models: dict[str, model.PerceptualModel]
 ) -> None:
-    created, avatar = models[name], people[name].avatar
-    assert np.array_equal(created.vertices[created.mirror] * FLIP, created.vertices)
-    assert np.array_equal(created.areas_m2[created.mirror], created.areas_m2)
-    assert np.array_equal(created.normals[created.mirror] * FLIP, created.normals)
-    assert (created.vertices[created.side == CENTRE, 0] == 0.0).all()
-    assert (created.vertices[created.side == RIGHT, 0] < 0.0).all()
+    variant_model, avatar = models[name], people[name].avatar
+    assert np.array_equal(
+        variant_model.vertices[variant_model.mirror] * FLIP, variant_model.vertices
+    )
+    assert np.array_equal(variant_model.areas_m2[variant_model.mirror], variant_model.areas_m2)
+    assert np.array_equal(variant_model.normals[variant_model.mirror] * FLIP, variant_model.normals)
+    assert (variant_model.vertices[variant_model.side == CENTRE, 0] == 0.0).all()
+    assert (variant_model.vertices[variant_model.side == RIGHT, 0] < 0.0).all()
     places = {point.tobytes() for point in avatar.vertices + np.float32(0.0)}
     assert places == {point.tobytes() for point in avatar.vertices * FLIP + np.float32(0.0)}
     # The source has four joints of neck and tongue a little off the middle.
@@ -229,19 +231,19 @@ def _off_middle_m(skeleton: model.Skeleton) -> np.ndarray:
 def test_the_model_lies_on_the_person(
     name: str, people: dict[str, Person], models: dict[str, model.PerceptualModel]
 ) -> None:
-    created, avatar = models[name], people[name].avatar
+    variant_model, avatar = models[name], people[name].avatar
     assert avatar.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-6)
-    corners = avatar.vertices[created.avatar_vertices]
-    bound = np.einsum("vc,vcd->vd", created.avatar_weights, corners)
-    bare = np.linalg.norm(created.vertices - bound, axis=1)
+    corners = avatar.vertices[variant_model.avatar_vertices]
+    bound = np.einsum("vc,vcd->vd", variant_model.avatar_weights, corners)
+    bare = np.linalg.norm(variant_model.vertices - bound, axis=1)
     assert bare.max() < 0.012
-    assert np.linalg.norm(created.normals, axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert np.linalg.norm(variant_model.normals, axis=1) == pytest.approx(1.0, abs=1e-5)
     skin_m2 = 2.0 * _area_m2(people[name].left)
-    assert created.areas_m2.sum() == pytest.approx(skin_m2, rel=1e-3)
-    assert (created.areas_m2 > 0.0).all()
+    assert variant_model.areas_m2.sum() == pytest.approx(skin_m2, rel=1e-3)
+    assert (variant_model.areas_m2 > 0.0).all()
     # Outward: the mesh holds about the volume of the avatar, with a positive sign.
     volumes = [
-        _volume_m3(created.vertices, created.triangles),
+        _volume_m3(variant_model.vertices, variant_model.triangles),
         _volume_m3(avatar.vertices, triangles_of(avatar.faces)),
     ]
     assert volumes[0] == pytest.approx(volumes[1], rel=0.02)
@@ -261,13 +263,13 @@ def _volume_m3(points: np.ndarray, triangles: np.ndarray) -> float:
 def _inside(places: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Inside a closed mesh, by solid angle (van Oosterom and Strackee 1983)."""
     inside = []
-    for position in places:
-        a, b, c = np.moveaxis(points[triangles].astype(np.float64) - position, 1, 0)
+    for point in places:
+        a, b, c = np.moveaxis(points[triangles].astype(np.float64) - point, 1, 0)
         la, lb, lc = (np.linalg.norm(item, axis=1) for item in (a, b, c))
         top = np.einsum("ij,ij->i", a, np.cross(b, c))
         below = la * lb * lc
-        for one, second, length in ((a, b, lc), (b, c, la), (c, a, lb)):
-            below = below + np.einsum("ij,ij->i", one, second) * length
+        for first, second, length in ((a, b, lc), (b, c, la), (c, a, lb)):
+            below = below + np.einsum("ij,ij->i", first, second) * length
         inside.append(np.arctan2(top, below).sum() > np.pi)  # half the angle: 2 pi inside
     return np.array(inside)
 
@@ -330,13 +332,15 @@ def test_height_only_scales(folder: Path) -> None:
 
 
 def test_a_variant_is_stored_and_tabled(people: dict[str, Person], tmp_path: Path) -> None:
-    created = variant_models.model(model.load_model("hfx-temperature-1"), people["child"])
-    model_file.save(created, tmp_path / "temperature.npz")
+    variant_model = variant_models.model(model.load_model("hfx-temperature-1"), people["child"])
+    model_file.save(variant_model, tmp_path / "temperature.npz")
     back = model.load(model.PerceptualModel, tmp_path / "temperature.npz")
-    assert (back.id, back.content_hash) == (created.id, created.content_hash)
-    assert back.provenance == created.provenance
+    assert (back.id, back.content_hash) == (variant_model.id, variant_model.content_hash)
+    assert back.provenance == variant_model.provenance
     rows = stats.table([back])
-    assert rows[0].mean_mm == pytest.approx(created.provenance["statistics"]["head"]["mean_mm"])
+    assert rows[0].mean_mm == pytest.approx(
+        variant_model.provenance["statistics"]["head"]["mean_mm"]
+    )
     avatar = people["child"].avatar
     model_file.save(avatar, tmp_path / "avatar.npz")
     assert model.load(model.Avatar, tmp_path / "avatar.npz").content_hash == avatar.content_hash

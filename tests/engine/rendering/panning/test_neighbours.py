@@ -38,10 +38,10 @@ def anchors_of(device: DeviceConfig) -> np.ndarray:
 
 
 def joined_on_skin(model, centres: np.ndarray, anchors: np.ndarray) -> np.ndarray:
-    one, second = np.triu_indices(len(centres), 1)
+    first, second = np.triu_indices(len(centres), 1)
     eye = np.eye(len(centres), dtype=np.bool_)
-    eye[one, second] = eye[second, one] = SkinNeighbours(model, centres, anchors).are_joined(
-        one, second
+    eye[first, second] = eye[second, first] = SkinNeighbours(model, centres, anchors).are_joined(
+        first, second
     )
     return eye
 
@@ -75,12 +75,12 @@ def test_two_thighs_that_nearly_touch_are_not_one_limb():
     thigh = MODEL.part == PARTS.index("upper_leg")
     left, right = (np.flatnonzero(thigh & (MODEL.side == side)) for side in (1, 2))
     away = np.linalg.norm(MODEL.vertices[left][:, None] - MODEL.vertices[right][None], axis=2)
-    one, second = np.unravel_index(away.argmin(), away.shape)
-    anchors = np.array([left[one], right[second]])
+    first, second = np.unravel_index(away.argmin(), away.shape)
+    anchors = np.array([left[first], right[second]])
     places = MODEL.vertices[anchors].astype(np.float64)
     assert np.linalg.norm(places[0] - places[1]) < 0.05
     assert not joined_on_skin(MODEL, places, anchors)[0, 1]
-    same = np.array([left[one], left[one]])
+    same = np.array([left[first], left[first]])
     assert joined_on_skin(MODEL, MODEL.vertices[same].astype(np.float64), same)[0, 1]
 
 

@@ -79,10 +79,10 @@ def test_log_gains_follow_the_formula_from_linear_ones(point):
 def test_shares_never_change_faster_than_the_place(a, b):
     """In an equilateral triangle of height h a share changes by at most 1 / h a metre."""
     scheme = PlanarPanning(PAD, "linear")
-    one, second = scheme.gains(np.array([a, b]))
+    first, second = scheme.gains(np.array([a, b]))
     steepest = 1.0 / (EDGE * np.sqrt(3) / 2)
     step = float(np.linalg.norm(np.subtract(a, b)))
-    assert np.abs(one - second).max() <= steepest * step * (1 + 1e-6) + 1e-9
+    assert np.abs(first - second).max() <= steepest * step * (1 + 1e-6) + 1e-9
 
 
 def test_beyond_the_hull_its_nearest_place_is_shown():
