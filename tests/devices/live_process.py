@@ -34,7 +34,7 @@ def is_loud(row: dict[str, Any]) -> bool:
 
 
 def wait(
-    client: LiveClient, until: Callable[[], object], each: Callable[[], None] | None = None
+    client: LiveClient, until: Callable[[], object], action: Callable[[], None] | None = None
 ) -> None:
     """Live on until something is true."""
     end = time.monotonic() + PATIENCE_S
@@ -42,8 +42,8 @@ def wait(
         assert time.monotonic() < end, f"never happened; devices: {client.devices}"
         client.events()
         client.heartbeat()
-        if each is not None:
-            each()
+        if action is not None:
+            action()
         time.sleep(0.005)
 
 

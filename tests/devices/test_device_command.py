@@ -60,7 +60,7 @@ def test_a_broken_device_of_the_users_own_does_not_hide_the_others(own, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         ("a.json", None, "there is no such file"),
         ("folder", "folder", "is a folder"),
@@ -71,7 +71,7 @@ def test_a_broken_device_of_the_users_own_does_not_hide_the_others(own, capsys):
     ],
 )
 def test_check_tells_file_field_found_and_allowed_and_exits_with_3(
-    own, tmp_path, capsys, name, content, told
+    own, tmp_path, capsys, name, content, message
 ):
     path = tmp_path / name
     if content == "folder":
@@ -80,7 +80,7 @@ def test_check_tells_file_field_found_and_allowed_and_exits_with_3(
         path.write_bytes(content)
     code, out, err = hfx(capsys, "device", "check", path)
     assert code == 3 and not out
-    assert err.count("\n") == 1 and str(path) in err and told in err
+    assert err.count("\n") == 1 and str(path) in err and message in err
 
 
 @pytest.mark.parametrize(("name", "is_noted"), [("test_sleeve", False), ("copy", True)])
@@ -94,7 +94,7 @@ def test_check_notes_an_id_that_is_not_the_files_name(own, tmp_path, capsys, nam
 
 
 @pytest.mark.parametrize(
-    ("content", "name", "told"),
+    ("content", "name", "message"),
     [
         (NODE_MAP, "Bad Name", "is no name for a device; allowed: 1 to 64"),
         (NODE_MAP, "taken", "exists already"),
@@ -104,13 +104,13 @@ def test_check_notes_an_id_that_is_not_the_files_name(own, tmp_path, capsys, nam
         ({"actuators": [], "views": []}, "mine", "actuators is [], allowed is a list of 1 to 1000"),
     ],
 )
-def test_import_refuses_what_is_no_map_in_one_line(own, tmp_path, capsys, content, name, told):
+def test_import_refuses_what_is_no_map_in_one_line(own, tmp_path, capsys, content, name, message):
     own.mkdir()
     (own / "taken.json").write_text("{}")
     (tmp_path / "map.json").write_text(json.dumps(content))
     code, out, err = hfx(capsys, "device", "import", tmp_path / "map.json", "--name", name)
     assert code == 3 and not out
-    assert err.count("\n") == 1 and told in err
+    assert err.count("\n") == 1 and message in err
     assert [path.name for path in own.iterdir()] == ["taken.json"]
 
 

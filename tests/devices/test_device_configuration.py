@@ -334,7 +334,7 @@ def test_an_element_that_is_always_hotter_than_allowed_is_refused(full, stored):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (b"", "not valid JSON"),
         (b"{", "not valid JSON"),
@@ -352,8 +352,8 @@ def test_an_element_that_is_always_hotter_than_allowed_is_refused(full, stored):
     ],
     ids=lambda value: value[:12] if isinstance(value, bytes) else None,
 )
-def test_files_that_are_not_configurations(stored, content, told):
-    with pytest.raises(InputError, match=told):
+def test_files_that_are_not_configurations(stored, content, message):
+    with pytest.raises(InputError, match=message):
         load_device(stored(content))
 
 

@@ -32,7 +32,7 @@ def test_schemes_and_their_options_are_read(full, stored, rendering, attribute, 
 
 
 @pytest.mark.parametrize(
-    ("rendering", "found"),
+    ("rendering", "message"),
     [
         ({"scheme": "magic"}, "rendering.scheme"),
         ({"scheme": "ring", "options": {"law": "log"}}, "law"),
@@ -41,9 +41,9 @@ def test_schemes_and_their_options_are_read(full, stored, rendering, attribute, 
         ({"scheme": "coverage", "options": {"statistic": "mode"}}, "statistic"),
     ],
 )
-def test_faults_of_a_scheme_name_their_place(full, stored, rendering, found):
+def test_faults_of_a_scheme_name_their_place(full, stored, rendering, message):
     full["rendering"] = rendering
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match=message):
         read(stored, full)
 
 
@@ -69,7 +69,7 @@ def test_axes_of_a_mount_become_orthogonal_and_of_unit_length(full, stored):
 
 
 @pytest.mark.parametrize(
-    ("change", "found"),
+    ("change", "message"),
     [
         ({"x_axis": [0, 0, 0]}, "mount.x_axis"),
         ({"y_axis": [1, 0, 0]}, "mount.y_axis"),
@@ -77,9 +77,9 @@ def test_axes_of_a_mount_become_orthogonal_and_of_unit_length(full, stored):
         ({"z_axis": [0, 1, 0]}, "z_axis"),
     ],
 )
-def test_faults_of_a_mount_name_their_place(full, stored, change, found):
+def test_faults_of_a_mount_name_their_place(full, stored, change, message):
     pad(full)["mount"].update(change)
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match=message):
         read(stored, full)
 
 

@@ -98,7 +98,7 @@ def test_the_eyes_of_the_model_are_where_the_scale_assumes_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         ([], "nodes"),
         ("x", "nodes"),
@@ -117,9 +117,9 @@ def test_the_eyes_of_the_model_are_where_the_scale_assumes_them() -> None:
     ],
 )
 def test_what_is_no_node_map_is_told_and_nothing_is_written(
-    written: Any, tmp_path: Path, wrong: Any, told: str
+    written: Any, tmp_path: Path, wrong: Any, message: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         import_layout(written(wrong), "x")
     assert not (tmp_path / "devices").exists()
 

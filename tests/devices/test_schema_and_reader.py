@@ -99,15 +99,15 @@ OF_ANY_TYPE = [None, True, 0.5, "?", [], {}]
 UNKNOWN = "unknown_field"
 
 
-def put(document: Any, place: Place, value: Any) -> Any:
-    *keys, last = place
+def put(document: Any, path: Place, value: Any) -> Any:
+    *keys, last = path
     for key in keys:
         document = document[key]
     document[last] = value
 
 
-def at(document: Any, place: Place) -> Any:
-    for key in place:
+def at(document: Any, path: Place) -> Any:
+    for key in path:
         document = document[key]
     return document
 
@@ -122,15 +122,15 @@ def refusal(document: Any) -> str | None:
     return None
 
 
-def check_refused(content: Any, place: Place, why: str) -> None:
+def check_refused(content: Any, path: Place, why: str) -> None:
     message = refusal(content)
-    assert message is not None, f"{place} {why} is accepted"
+    assert message is not None, f"{path} {why} is accepted"
     assert message.startswith("device.json: ") and message.endswith(".") and "\n" not in message, (
         message
     )
     assert len(message) < 1500, message
-    names = [item for item in place if isinstance(item, str)]
-    assert any(name in message for name in names[-2:]), f"{place} {why}: {message}"
+    names = [item for item in path if isinstance(item, str)]
+    assert any(name in message for name in names[-2:]), f"{path} {why}: {message}"
 
 
 def type_name(value: Any) -> str:
@@ -138,10 +138,10 @@ def type_name(value: Any) -> str:
     return "number" if is_number else type(value).__name__
 
 
-def with_raw(document: Any, place: Place, raw: str) -> bytes:
+def with_raw(document: Any, path: Place, raw: str) -> bytes:
     """Return a document's bytes with raw text at a place, for text outside JSON writers."""
     document = copy.deepcopy(document)
-    put(document, place, "@raw@")
+    put(document, path, "@raw@")
     return json.dumps(document).replace('"@raw@"', raw).encode()
 
 

@@ -108,7 +108,7 @@ def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
     )
 
 
-def run_of(made: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRun:
+def run_of(track_header: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRun:
     """Return samples on the forearms and a few other vertices; the strength differs by row."""
     model = load_model(stream.model_id)
     is_felt = model.part == PARTS.index("forearm")
@@ -125,7 +125,7 @@ def run_of(made: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRu
     return SampleRun(
         stream=stream,
         indices=indices,
-        times_s=made.time.times_s(indices),
+        times_s=track_header.time.times_s(indices),
         levels=np.full(len(indices), 0.75),
         parameters=parameters,
         offsets=np.array([0, len(vertices)]),
@@ -140,15 +140,15 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("track") / "x.hfxtrack", header())
 
 
-def written(path: Path, made: TrackHeader) -> Path:
-    with TrackWriter(path, made, full_precision=True) as writer:
+def written(path: Path, track_header: TrackHeader) -> Path:
+    with TrackWriter(path, track_header, full_precision=True) as writer:
         for first in range(0, ROWS, 128):
             block = []
-            for stream in made.streams:
+            for stream in track_header.streams:
                 low, high = BUZZ if stream.effect_id == "buzz" else WARM
                 rows = max(low, first), min(high, first + 128)
                 if rows[0] < rows[1]:
-                    block.append(run_of(made, stream, rows))
+                    block.append(run_of(track_header, stream, rows))
             if block:
                 writer.append(block)
     return path
@@ -262,7 +262,7 @@ def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path) -> None
             assert exported[row] == live[row], row
 
 
-def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
+def answers_live(device: DeviceConfig, moments: list[bytes]) -> np.ndarray:
     """Return a script's answers to consecutive moments, through the process of live playback."""
     assert device.script is not None
     script = approval.script_of(device.script.configuration)
@@ -273,7 +273,7 @@ def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
     process.start()
     actual = []
     try:
-        for moment in told:
+        for moment in moments:
             process.ask(moment, heard.put)
             actual.append(heard.get(timeout=60.0))
             assert isinstance(actual[-1], np.ndarray), actual[-1]

@@ -86,7 +86,7 @@ def test_one_actuator_or_all_at_one_place_are_in_the_middle(imported: Any) -> No
 
 
 @pytest.mark.parametrize(
-    ("change", "place"),
+    ("change", "path"),
     [
         (lambda d: d.update(extra=1), "'extra' is unknown"),
         (lambda d: d.update(actuators=[]), "actuators is"),
@@ -103,11 +103,11 @@ def test_one_actuator_or_all_at_one_place_are_in_the_middle(imported: Any) -> No
     ],
 )
 def test_faults_name_their_place_and_nothing_is_written(
-    imported: Any, tmp_path: Path, change: Any, place: str
+    imported: Any, tmp_path: Path, change: Any, path: str
 ) -> None:
     content = layout()
     change(content)
-    with pytest.raises(InputError, match=place) as caught:
+    with pytest.raises(InputError, match=path) as caught:
         imported(content)
     assert "layout.json" in str(caught.value)
     assert not (tmp_path / "devices").exists()

@@ -87,11 +87,11 @@ def test_a_pose_is_known_where_all_of_it_is_a_place(data, rows, which):
 
 
 @given(st.sets(st.integers(0, 5)), st.sets(st.integers(0, 5)))
-def test_rows_without_a_pose_are_told_of_and_left_out(wanted, posed):
+def test_rows_without_a_pose_are_told_of_and_left_out(expected_rows, posed):
     body, counters = BodyDescription("b", "B", SkinBinding(())), Counters()
-    rows, known = (np.array(sorted(item), np.int64) for item in (wanted, posed))
-    assert with_pose(rows, known, body, counters).tolist() == sorted(wanted & posed)
-    assert sum(counters.warnings.values()) == len(wanted - posed)
+    rows, known = (np.array(sorted(item), np.int64) for item in (expected_rows, posed))
+    assert with_pose(rows, known, body, counters).tolist() == sorted(expected_rows & posed)
+    assert sum(counters.warnings.values()) == len(expected_rows - posed)
 
 
 def test_a_row_of_its_own_follows_none():

@@ -140,10 +140,10 @@ def test_more_is_allowed_by_an_option_and_by_a_context(tmp_path, capsys):
         files.read_signals(path)
 
 
-@pytest.mark.parametrize("asked", [math.nan, math.inf, 86_401.0, 10**400])
-def test_what_is_not_a_number_is_too_much(asked):
+@pytest.mark.parametrize("limit", [math.nan, math.inf, 86_401.0, 10**400])
+def test_what_is_not_a_number_is_too_much(limit):
     with pytest.raises(TooLargeError, match=r"x: it lasts .* s, allowed are 86,400 s"):
-        limits.SECONDS.check(asked, "x", "it lasts")
+        limits.SECONDS.check(limit, "x", "it lasts")
     limits.SECONDS.check(86_400.0, "x", "it lasts")
 
 
@@ -311,9 +311,9 @@ def test_a_name_that_is_too_long_is_told_as_it_was_given(tmp_path, monkeypatch, 
     (tmp_path / "sub").mkdir()
     (tmp_path / "x.ahap").write_text(json.dumps(ahap(1.0)))
     name = f"{given.removeprefix('./')}{'n' * 300}"
-    with pytest.raises(OutputError, match=f"^{name}") as actual:
+    with pytest.raises(OutputError, match=f"^{name}") as caught:
         convert(Path("x.ahap"), Path(f"{given}{'n' * 300}.he"))
-    assert ".tmp" not in str(actual.value)
+    assert ".tmp" not in str(caught.value)
 
 
 def continuous(count, levels):

@@ -24,7 +24,7 @@ REPORT = {"scene": "Garage", "files": []}
 
 
 @pytest.mark.parametrize(
-    ("read", "content", "found", "wanted"),
+    ("read", "content", "given", "expected"),
     [
         (configuration.load_device, MAP, "a texture map", "a device configuration"),
         (configuration.load_device, REPORT, "the report of an export", "a device configuration"),
@@ -34,14 +34,14 @@ REPORT = {"scene": "Garage", "files": []}
     ],
 )
 def test_a_reader_names_both(
-    tmp_path: Path, read: Any, content: Any, found: str, wanted: str
+    tmp_path: Path, read: Any, content: Any, given: str, expected: str
 ) -> None:
     path = tmp_path / "x.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(InputError) as messages:
+    with pytest.raises(InputError) as caught:
         read(path)
-    assert f"x.json: is {found}" in str(messages.value) and f"expected {wanted}" in str(
-        messages.value
+    assert f"x.json: is {given}" in str(caught.value) and f"expected {expected}" in str(
+        caught.value
     )
 
 

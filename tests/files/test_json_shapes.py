@@ -86,12 +86,12 @@ FAULTS = [
 SEEN_BY_READERS_ONLY = ("ids[1]", "level[1]", "4.0")  # orders; 4.0 is whole in JSON Schema
 
 
-@pytest.mark.parametrize(("document", "told"), FAULTS)
-def test_a_fault_is_told_with_place_found_and_allowed(document: Any, told: str) -> None:
+@pytest.mark.parametrize(("document", "message"), FAULTS)
+def test_a_fault_is_told_with_place_found_and_allowed(document: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         node_of(json.dumps(document).encode(), "x.json").hold(SHAPE)
-    assert str(caught.value).startswith("x.json: ") and told in str(caught.value)
-    is_seen = not any(item in told for item in SEEN_BY_READERS_ONLY)
+    assert str(caught.value).startswith("x.json: ") and message in str(caught.value)
+    is_seen = not any(item in message for item in SEEN_BY_READERS_ONLY)
     assert jsonschema.Draft202012Validator(schema_of(SHAPE)).is_valid(document) != is_seen
 
 
@@ -104,14 +104,14 @@ def test_a_value_is_what_its_shape_makes_of_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "wrong", "told"),
+    ("shape", "wrong", "message"),
     [
         (Record({}, {"a": Text(), "b": Text()}, one_of=("a", "b")), {}, "exactly one of a, b"),
         (Record({}, {"a": Text(), "b": Text()}, one_of=("a", "b")), {"a": "", "b": ""}, "one of"),
     ],
 )
-def test_exactly_one_of_some_members_is_there(shape: Shape, wrong: Any, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_exactly_one_of_some_members_is_there(shape: Shape, wrong: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         node_of(json.dumps(wrong).encode(), "x").hold(shape)
     validator = jsonschema.Draft202012Validator(schema_of(shape))
     assert not validator.is_valid(wrong) and validator.is_valid({"b": ""})

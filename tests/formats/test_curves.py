@@ -15,11 +15,11 @@ from hfx_blender.formats.signals.curves import Curve, simplified
 SHARES = st.floats(0.0, 1.0, width=32)
 
 
-def deviation(original, other):
+def deviation(original, second):
     """Largest difference at any time: both are straight between keyframes."""
-    times = np.union1d(original.times_s, other.times_s)
-    after = np.abs(original.at(times) - other.at(times))
-    return max(after.max(), np.abs(original.before(times) - other.before(times)).max())
+    times = np.union1d(original.times_s, second.times_s)
+    after = np.abs(original.at(times) - second.at(times))
+    return max(after.max(), np.abs(original.before(times) - second.before(times)).max())
 
 
 def curve_of(values, rate_hz=100.0):

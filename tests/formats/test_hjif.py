@@ -155,15 +155,15 @@ D = (*P, "reference_devices", 0)
 E = (*P, "effect_library", 0)
 
 
-def at(document, place):
-    for key in place:
+def at(document, path):
+    for key in path:
         document = document[key]
     return document
 
 
-def with_change(place, value):
+def with_change(path, value):
     samples = sample()
-    at(samples, place[:-1])[place[-1]] = value
+    at(samples, path[:-1])[path[-1]] = value
     return samples
 
 
@@ -325,28 +325,28 @@ REQUIRED = {
 }
 
 
-@pytest.mark.parametrize("place", list(places(sample())), ids=lambda p: ".".join(map(str, p)))
-def test_each_member_is_checked(place):
+@pytest.mark.parametrize("path", list(places(sample())), ids=lambda p: ".".join(map(str, p)))
+def test_each_member_is_checked(path):
     """A member of a wrong type, a misspelt or a missing member is refused."""
     for wrong in (None, True, {"a": 1}, [[]], "\u0000?"):
-        actual = with_change(place, wrong)
-        original = at(sample(), place)
-        if type(wrong) is type(original) and place[-1] in ("description", "name", "wavelet_stream"):
+        actual = with_change(path, wrong)
+        original = at(sample(), path)
+        if type(wrong) is type(original) and path[-1] in ("description", "name", "wavelet_stream"):
             continue
         assert any(finding.severity == "error" for finding in hjif_rules.findings(actual)), wrong
     misspelt = sample()
-    parent = at(misspelt, place[:-1])
-    parent[f"{place[-1]}s"] = parent[place[-1]]
+    parent = at(misspelt, path[:-1])
+    parent[f"{path[-1]}s"] = parent[path[-1]]
     assert "HJIF-UNKNOWN" in codes(misspelt)
     without = sample()
-    del at(without, place[:-1])[place[-1]]
-    owner = next((key for key in reversed(place[:-1]) if isinstance(key, str)), "")
-    is_required = place[-1] in REQUIRED.get(owner, "").split()
+    del at(without, path[:-1])[path[-1]]
+    owner = next((key for key in reversed(path[:-1]) if isinstance(key, str)), "")
+    is_required = path[-1] in REQUIRED.get(owner, "").split()
     assert ("HJIF-MISSING" in codes(without)) == is_required
 
 
 @pytest.mark.parametrize(
-    ("place", "lowest", "highest"),
+    ("path", "lowest", "highest"),
     [
         (("avatars", 0, "id"), 1, None),
         (("avatars", 0, "lod"), 0, None),
@@ -367,12 +367,12 @@ def test_each_member_is_checked(place):
         (("timescale",), 1, None),
     ],
 )
-def test_numbers_keep_their_ranges(place, lowest, highest):
-    assert "HJIF-RANGE" not in codes(with_change(place, lowest))
-    assert "HJIF-RANGE" in codes(with_change(place, lowest - 1))
+def test_numbers_keep_their_ranges(path, lowest, highest):
+    assert "HJIF-RANGE" not in codes(with_change(path, lowest))
+    assert "HJIF-RANGE" in codes(with_change(path, lowest - 1))
     if highest is not None:
-        assert "HJIF-RANGE" not in codes(with_change(place, highest))
-        assert "HJIF-RANGE" in codes(with_change(place, highest + 1))
+        assert "HJIF-RANGE" not in codes(with_change(path, highest))
+        assert "HJIF-RANGE" in codes(with_change(path, highest + 1))
 
 
 @pytest.mark.skipif(

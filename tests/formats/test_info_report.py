@@ -51,7 +51,7 @@ def test_a_report_tells_what_was_written_and_whether_it_is_there(
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         ({}, "'scene' is missing"),
         ([], "allowed is an export's report"),
@@ -66,12 +66,12 @@ def test_a_report_tells_what_was_written_and_whether_it_is_there(
         (REPORT | {"warnings": [None]}, "warnings[0] is null"),
     ],
 )
-def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, told):
+def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, message):
     path = tmp_path / "x.report.json"
     path.write_text(json.dumps(content))
     code, out, err = info(capsys, path)
     assert code == 3 and not out
-    assert err.count("\n") == 1 and str(path) in err and told in err
+    assert err.count("\n") == 1 and str(path) in err and message in err
 
 
 def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):

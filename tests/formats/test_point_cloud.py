@@ -84,10 +84,10 @@ def test_a_broken_ply_is_refused(tmp_path: Path, content: bytes, message: str) -
 
 @given(st.binary(max_size=400), st.integers(0, 400))
 def test_any_bytes_are_points_or_a_sentence(
-    tmp_path_factory: pytest.TempPathFactory, noise: bytes, place: int
+    tmp_path_factory: pytest.TempPathFactory, noise: bytes, offset: int
 ) -> None:
     whole = ply("binary_little_endian")
-    for name, content in (("p.ply", whole[:place] + noise), ("p.xyz", noise)):
+    for name, content in (("p.ply", whole[:offset] + noise), ("p.xyz", noise)):
         path = tmp_path_factory.getbasetemp() / name
         path.write_bytes(content)
         try:

@@ -40,15 +40,15 @@ def made(values, names, felt):
     )
 
 
-def same(one, other):
+def same(one, second):
     for name, value in vars(one).items():
-        actual = getattr(other, name)
+        actual = getattr(second, name)
         if isinstance(value, np.ndarray):
             assert value.dtype == actual.dtype and value.tobytes() == actual.tobytes(), name
         elif name != "felt":
             assert value == actual, name
-    assert [stream.stream for stream in one.felt] == [stream.stream for stream in other.felt]
-    for a, b in zip(one.felt, other.felt, strict=True):
+    assert [stream.stream for stream in one.felt] == [stream.stream for stream in second.felt]
+    for a, b in zip(one.felt, second.felt, strict=True):
         assert all(
             (getattr(a, n) == getattr(b, n)).all() for n in ("indices", "strengths", "is_rendered")
         )

@@ -345,16 +345,16 @@ BROKEN = [
 ]
 
 
-def changed(document, place, value):
+def changed(document, path, value):
     """Return a copy with one member changed; None removes the member."""
     copy = json.loads(json.dumps(document))
     at = copy
-    for key in place[:-1]:
+    for key in path[:-1]:
         at = at[key]
     if value is None:
-        del at[place[-1]]
+        del at[path[-1]]
     else:
-        at[place[-1]] = value
+        at[path[-1]] = value
     return encoded(copy)
 
 
@@ -364,14 +364,14 @@ def check(document, data):
     return haptic.validate(data, "x") if document is HAPTIC else he_rules.validate(data, "x")
 
 
-@pytest.mark.parametrize(("document", "place", "value", "code"), BROKEN, ids=lambda x: None)
-def test_a_broken_rule_is_found_by_its_code(document, place, value, code):
+@pytest.mark.parametrize(("document", "path", "value", "code"), BROKEN, ids=lambda x: None)
+def test_a_broken_rule_is_found_by_its_code(document, path, value, code):
     assert check(document, encoded(document)) == []
-    actual = check(document, changed(document, place, value))
+    actual = check(document, changed(document, path, value))
     assert code in [entry.code for entry in actual], actual
     named = next(entry for entry in actual if entry.code == code)
-    last = next((str(k) for k in reversed(place) if isinstance(k, str)), "")
-    assert last.split("[")[0] in named.place + named.message or place[0] in named.place
+    last = next((str(k) for k in reversed(path) if isinstance(k, str)), "")
+    assert last.split("[")[0] in named.place + named.message or path[0] in named.place
 
 
 @pytest.mark.parametrize(

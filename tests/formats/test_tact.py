@@ -203,7 +203,7 @@ def test_files_in_the_manner_of_other_tools_are_read():
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "code"),
+    ("path", "value", "code"),
     [
         (("intervalMillis",), None, "TACT-MISSING"),
         (("size",), None, "TACT-MISSING"),
@@ -224,15 +224,15 @@ def test_files_in_the_manner_of_other_tools_are_read():
         (("project", "layout", "layouts", "VestBack"), [], "TACT-DOT"),
     ],
 )
-def test_a_broken_rule_is_found_by_its_code(place, value, code):
+def test_a_broken_rule_is_found_by_its_code(path, value, code):
     actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
     at = actual
-    for key in place[:-1]:
+    for key in path[:-1]:
         at = at[key]
     if value is None:
-        del at[place[-1]]
+        del at[path[-1]]
     else:
-        at[place[-1]] = value
+        at[path[-1]] = value
     assert code in [finding.code for finding in tact_rules.validate(encoded(actual), "x")]
 
 

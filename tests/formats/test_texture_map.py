@@ -149,9 +149,9 @@ def test_a_damaged_picture_is_refused_at_any_byte(tmp_path: Path) -> None:
 def test_a_wrong_description_is_told(tmp_path: Path, change: dict[str, object], words: str) -> None:
     path = texture_map.write(_map(), tmp_path / "m").files[0]
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(InputError, match=words) as messages:
+    with pytest.raises(InputError, match=words) as caught:
         texture_map.read(path)
-    assert str(tmp_path) in str(messages.value)
+    assert str(tmp_path) in str(caught.value)
 
 
 def test_layers_of_different_size_are_refused(tmp_path: Path) -> None:

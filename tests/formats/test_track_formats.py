@@ -270,12 +270,12 @@ def test_khronos_validator_is_asked(tmp_path):
     assert any("/indices" in gltf_fault for gltf_fault in gltf_faults(tmp_path / "x.glb"))
 
 
-@pytest.mark.parametrize("place", [4, 8, 12, 16])
-def test_a_broken_container_is_found(tmp_path, place):
+@pytest.mark.parametrize("member_path", [4, 8, 12, 16])
+def test_a_broken_container_is_found(tmp_path, member_path):
     path = tmp_path / "x.glb"
     glb.write_model(load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
-    struct.pack_into("<I", data, place, 77)
+    struct.pack_into("<I", data, member_path, 77)
     assert glb_reader.validate(bytes(data), "x")
 
 

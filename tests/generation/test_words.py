@@ -81,12 +81,12 @@ def test_comparatives_move_their_measure(row: int, monkeypatch: pytest.MonkeyPat
     assert actual["is_right"], actual
 
 
-def waves(made: generated.Generated) -> tuple[float, float]:
+def waves(texture: generated.Generated) -> tuple[float, float]:
     """Period in metres and direction in degrees of the strongest wave of a relief."""
-    heights = made.height.heights_m
+    heights = texture.height.heights_m
     power = np.abs(np.fft.rfft2(heights - heights.mean())) ** 2
     j, i = np.unravel_index(np.argmax(power), power.shape)
-    count, texel = len(heights), made.height.texel_m[0]
+    count, texel = len(heights), texture.height.texel_m[0]
     j = j - count if j > count // 2 else j
     return count * texel / np.hypot(i, j), float(np.degrees(np.arctan2(j, i)) % 180.0)
 

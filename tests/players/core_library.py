@@ -54,7 +54,7 @@ def compiler() -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
-def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path:
+def compiled(source: str, target: Path, *options: str, suffix: str = ".c") -> Path:
     """Compile a source with the core in the include path; warnings are errors.
 
     Raises
@@ -65,12 +65,12 @@ def compiled(source: str, made: Path, *options: str, suffix: str = ".c") -> Path
     with tempfile.TemporaryDirectory() as name:
         path = Path(name, "source" + suffix)
         path.write_text(source, encoding="utf-8")
-        command = [*compiler(), str(path), "-o", str(made), f"-I{CORE}", "-O2", *options, "-lm"]
+        command = [*compiler(), str(path), "-o", str(target), f"-I{CORE}", "-O2", *options, "-lm"]
         strict = ["-Wall", "-Wextra", "-Wno-unused-function", "-pedantic", "-Werror"]
         done = subprocess.run([*command, *strict], capture_output=True, text=True, timeout=300)
     if done.returncode:
         raise RuntimeError(done.stderr)
-    return made
+    return target
 
 
 @lru_cache(maxsize=1)

@@ -113,9 +113,9 @@ def test_callbacks_get_every_message_then_the_end(make: Any) -> None:
     messages: list[Any] = []
     ended = threading.Event()
 
-    def take(_worker: Worker, found: Message) -> str | None:
-        messages.append(found.device)
-        return "is wrong" if found.device == 3 else None
+    def take(_worker: Worker, kind: Message) -> str | None:
+        messages.append(kind.device)
+        return "is wrong" if kind.device == 3 else None
 
     def end(_worker: Worker, reason: str) -> None:
         messages.append(reason)

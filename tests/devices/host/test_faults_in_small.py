@@ -524,7 +524,7 @@ def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "reported"),
     [
         (b"\xff" * 7, "Blender sent a message of"),
         (message(MessageKind.PULSE, 1, encode_json({"actuator": "x"})), "ValueError"),
@@ -532,12 +532,12 @@ def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.Monkey
     ],
 )
 def test_messages_that_are_none_stop_every_lane(
-    monkeypatch: pytest.MonkeyPatch, content: bytes, told: str
+    monkeypatch: pytest.MonkeyPatch, content: bytes, reported: str
 ) -> None:
     host, thread = host_of(monkeypatch)
     host.read(io.BytesIO(content))
-    assert thread.told[-1].startswith(f"stop: {told}")
-    assert host.end_reason.startswith(told)
+    assert thread.told[-1].startswith(f"stop: {reported}")
+    assert host.end_reason.startswith(reported)
 
 
 def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,8 +43,8 @@ anything = st.one_of(
 
 @given(st.lists(anything, min_size=16, max_size=16), anything)
 @settings(deadline=None, max_examples=300)
-def test_whatever_is_asked_every_value_is_finite_and_in_range(wanted, step_s):
-    limited = Guard(DEVICE).limited(wanted, step_s)
+def test_whatever_is_asked_every_value_is_finite_and_in_range(requested, step_s):
+    limited = Guard(DEVICE).limited(requested, step_s)
     controls = [c for a in DEVICE.actuators for c in a.type.controls]
     assert np.isfinite(limited).all()
     assert (limited >= [c.lowest for c in controls]).all()
@@ -52,12 +52,12 @@ def test_whatever_is_asked_every_value_is_finite_and_in_range(wanted, step_s):
 
 
 @pytest.mark.parametrize(
-    "wanted", [None, "full", [1.0], [[1.0] * 16], {"a": 1}, [object()] * 16, np.zeros((16, 2))]
+    "requested", [None, "full", [1.0], [[1.0] * 16], {"a": 1}, [object()] * 16, np.zeros((16, 2))]
 )
-def test_what_is_not_one_number_for_each_column_is_silence(wanted: Any):
+def test_what_is_not_one_number_for_each_column_is_silence(requested: Any):
     guard = Guard(DEVICE)
     guard.limited(full(guard), STEP)
-    assert np.array_equal(guard.limited(wanted, STEP), guard.neutral)
+    assert np.array_equal(guard.limited(requested, STEP), guard.neutral)
 
 
 def test_not_a_number_silences_its_actuator_only():

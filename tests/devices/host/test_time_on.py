@@ -320,17 +320,17 @@ def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
 # Identity of a device.
 
 
-def names_of(found: Sequence[Identity]) -> list[str]:
-    return [entry.name for entry in found]
+def names_of(identities_found: Sequence[Identity]) -> list[str]:
+    return [entry.name for entry in identities_found]
 
 
 USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 
 
 def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
-    for each in (USB, replace(USB, name="/dev/ttyACM7")):
-        monkeypatch.setattr(duty_budget_store, "serial_ports", lambda each=each: [each])
-        actual = identities(BAND, {"kind": "serial", "port": each.name})
+    for values in (USB, replace(USB, name="/dev/ttyACM7")):
+        monkeypatch.setattr(duty_budget_store, "serial_ports", lambda values=values: [values])
+        actual = identities(BAND, {"kind": "serial", "port": values.name})
         assert names_of(actual) == ["usb 2341:0043 75"]
 
 

@@ -58,8 +58,8 @@ def played(sounding: Sounding, frame: np.ndarray) -> Tones:
     return sounding.at(1.0, columns, columns)
 
 
-def strength_of(found: Tones, hz: float) -> float:
-    return float(found.amplitudes[np.isclose(found.frequencies_hz[:, 0], hz), 0].sum())
+def strength_of(some_tones: Tones, hz: float) -> float:
+    return float(some_tones.amplitudes[np.isclose(some_tones.frequencies_hz[:, 0], hz), 0].sum())
 
 
 def test_a_frame_with_tones_is_played_as_their_sum():

@@ -163,7 +163,7 @@ def test_an_approval_whose_files_are_gone_is_withdrawn_by_its_hash(folder, capsy
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("approve", "nobody"), "unknown"),
         (("approve", BAND), "has no script"),
@@ -172,7 +172,9 @@ def test_an_approval_whose_files_are_gone_is_withdrawn_by_its_hash(folder, capsy
         (("approve", "one_left", "--hash", "0" * 64), "read it again"),
     ],
 )
-def test_what_cannot_be_approved_or_withdrawn_is_told_in_one_line(folder, capsys, arguments, told):
+def test_what_cannot_be_approved_or_withdrawn_is_told_in_one_line(
+    folder, capsys, arguments, message
+):
     code, _, err = hfx(capsys, *arguments)
-    assert code == 3 and told in err and err.count("\n") == 1
+    assert code == 3 and message in err and err.count("\n") == 1
     assert approval.approved() == {}

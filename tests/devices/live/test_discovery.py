@@ -52,12 +52,10 @@ def test_without_a_pattern_ids_alone_must_be_enough():
         port_of(device(), PORTS)
 
 
-@pytest.mark.parametrize(
-    "wanted", [device("HFX-99"), device(usb=()), replace(device(), brand=None)]
-)
-def test_what_is_not_there_is_told_with_what_is(wanted):
+@pytest.mark.parametrize("name", [device("HFX-99"), device(usb=()), replace(device(), brand=None)])
+def test_what_is_not_there_is_told_with_what_is(name):
     with pytest.raises(DeviceError, match=r"was not found; serial ports: /dev/ttyS0 \(built in\)"):
-        port_of(wanted, PORTS)
+        port_of(name, PORTS)
 
 
 def test_what_is_there_is_listed_with_the_port_to_connect_it_by():

@@ -284,10 +284,10 @@ steps = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(steps, st.integers(50, 800), st.integers(50, 800))
-def test_no_order_of_things_is_on_for_more_than_its_share(library, told, maximum_on_ms, rest_ms):
+def test_no_order_of_things_is_on_for_more_than_its_share(library, command, maximum_on_ms, rest_ms):
     board = Board(library)
     player = Player(board, maximum_on_ms=maximum_on_ms, rest_ms=rest_ms)
-    for levels, ms, then in told:
+    for levels, ms, then in command:
         player.play(levels, ms)
         if then == "stop":
             board.take(wire.encode_frame(FrameKind.STOP, 0))

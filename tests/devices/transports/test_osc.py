@@ -47,10 +47,10 @@ def read_string(content, at):
 
 @pytest.fixture
 def listener():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as actual:
-        actual.bind(("127.0.0.1", 0))
-        actual.settimeout(60.0)
-        yield actual
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(60.0)
+        yield receiver
 
 
 def opened(listener, how, *types, **facts):

@@ -355,15 +355,15 @@ def test_one_of_several_is_chosen_by_its_names_or_its_index(serve, displays, nam
 
 
 @pytest.mark.parametrize(
-    ("displays", "unit", "told"),
+    ("displays", "unit", "message"),
     [
         (("left", "right"), "Lush", "no single device 'Lush'"),  # two have this name
         (("left", "right"), "middle", r"it has: Lush \(left\) #0, Lush \(right\) #1"),
         (("", ""), "Lush #7", "no single device 'Lush #7'"),
     ],
 )
-def test_a_choice_that_means_no_device_or_several_is_refused(serve, displays, unit, told):
-    with pytest.raises(OutputLostError, match=told):
+def test_a_choice_that_means_no_device_or_several_is_refused(serve, displays, unit, message):
+    with pytest.raises(OutputLostError, match=message):
         lush(serve(intiface(devices=lushes(*displays))), unit=unit)
 
 

@@ -116,9 +116,9 @@ def test_arrays_keep_their_names_types_and_shapes():
 
 
 @given(st.binary(max_size=120), st.integers(0, 60))
-def test_damaged_arrays_are_refused(noise, place):
+def test_damaged_arrays_are_refused(noise, offset):
     whole = bytearray(encode_arrays({"a": 1}, {"x": np.arange(3.0)}))
-    whole[place : place + len(noise)] = noise
+    whole[offset : offset + len(noise)] = noise
     try:
         decode_arrays(bytes(whole))
     except MessageError:

@@ -16,9 +16,9 @@ from hfx_blender.errors import InputError, OutputError
 from hfx_tools.body_building import model_file
 
 
-def assert_equal(one: Any, other: Any) -> None:
+def assert_equal(one: Any, second: Any) -> None:
     for field in fields(one):
-        a, b = getattr(one, field.name), getattr(other, field.name)
+        a, b = getattr(one, field.name), getattr(second, field.name)
         if isinstance(a, np.ndarray):
             assert a.dtype == b.dtype and np.array_equal(a, b), field.name
         elif isinstance(a, model.SkinWeights | model.Skeleton):

@@ -168,9 +168,9 @@ def test_a_broken_set_is_told_and_hides_no_other(
     assert model.load_model(f"hfx-pressure-1{SUFFIX}") is not None
     with pytest.raises(
         InputError, match=r"'nobody' is unknown\. Available: hfx-pressure-1"
-    ) as messages:
+    ) as caught:
         model.load_model("nobody")
-    assert message in str(messages.value) and f"hfx-pressure-1{SUFFIX}" in str(messages.value)
+    assert message in str(caught.value) and f"hfx-pressure-1{SUFFIX}" in str(caught.value)
 
 
 def test_a_variant_of_another_edition_is_refused(own: Path, variant: Path) -> None:

@@ -88,19 +88,19 @@ def _find(
     return contacts.begin(query)()
 
 
-def _dense(found: Contacts) -> np.ndarray:
+def _dense(samples: Contacts) -> np.ndarray:
     """Weights by time and vertex, (T, V), after checking the sets' form."""
     weights = np.zeros((TIMES, len(BODY)))
-    assert (np.diff(found.rows) > 0).all()
-    assert set(np.diff(found.sets, prepend=-1 if len(found.sets) else 0).tolist()) <= {0, 1}
-    assert found.offsets[0] == 0 and found.offsets[-1] == len(found.vertices)
-    assert len(found.offsets) == (found.sets[-1] + 2 if len(found.sets) else 1)
-    for row, j in zip(found.rows, found.sets, strict=True):
-        part = slice(found.offsets[j], found.offsets[j + 1])
+    assert (np.diff(samples.rows) > 0).all()
+    assert set(np.diff(samples.sets, prepend=-1 if len(samples.sets) else 0).tolist()) <= {0, 1}
+    assert samples.offsets[0] == 0 and samples.offsets[-1] == len(samples.vertices)
+    assert len(samples.offsets) == (samples.sets[-1] + 2 if len(samples.sets) else 1)
+    for row, j in zip(samples.rows, samples.sets, strict=True):
+        part = slice(samples.offsets[j], samples.offsets[j + 1])
         assert part.stop > part.start
-        assert (np.diff(found.vertices[part]) > 0).all()
-        weights[row, found.vertices[part]] = found.weights[part]
-    assert (found.weights > 0).all()
+        assert (np.diff(samples.vertices[part]) > 0).all()
+        weights[row, samples.vertices[part]] = samples.weights[part]
+    assert (samples.weights > 0).all()
     return weights
 
 

@@ -96,7 +96,7 @@ def weights_of(runs: list[SampleRun]) -> np.ndarray:
     return weights
 
 
-def placed(kind: str, size_m: float, grown_m: float, place: np.ndarray) -> Placed:
+def placed(kind: str, size_m: float, grown_m: float, centre: np.ndarray) -> Placed:
     """Return a shape of a size, with the surface offset outwards by ``grown_m``; tiny if shrunk
     away.
     """
@@ -108,7 +108,7 @@ def placed(kind: str, size_m: float, grown_m: float, place: np.ndarray) -> Place
         shape, matrix = Cuboid(), np.diag([*edges, 1.0])
     elif kind == "capsule":
         shape = Capsule(2.0 * size_m / radius)
-    matrix[:3, 3] = place
+    matrix[:3, 3] = centre
     return shape, matrix
 
 

@@ -15,9 +15,9 @@ from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
 
 
-def ball(radius_m: float, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+def ball(radius_m: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     matrix = np.diag([radius_m, radius_m, radius_m, 1.0])
-    matrix[:3, 3] = place
+    matrix[:3, 3] = centre
     return matrix
 
 

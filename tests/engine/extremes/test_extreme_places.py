@@ -19,10 +19,10 @@ def turn(rng: np.random.Generator) -> np.ndarray:
     return q * np.sign(np.linalg.det(q))
 
 
-def affine(linear: np.ndarray, place: np.ndarray | tuple[float, ...] = (0.0, 0.0, 0.0)):
+def affine(linear: np.ndarray, centre: np.ndarray | tuple[float, ...] = (0.0, 0.0, 0.0)):
     matrix = np.eye(4)
     matrix[:3, :3] = linear
-    matrix[:3, 3] = place
+    matrix[:3, 3] = centre
     return matrix
 
 

@@ -59,17 +59,17 @@ ALL = ("positions", "velocities", "depth")
 @given(
     value=st.sampled_from(BAD),
     row=st.integers(0, TIMES - 1),
-    place=st.integers(0, 10**6),
+    position=st.integers(0, 10**6),
     falloff=st.sampled_from(FALLOFFS),
 )
-def test_one_value_that_is_no_number(where, record, value, row, place, falloff):
+def test_one_value_that_is_no_number(where, record, value, row, position, falloff):
     """Affects only the sample's own time: no NaN in the result, and one warning at most."""
     sound = feel(MODEL, *animated(where)[:2], falloff=falloff, record=record)
     effect, pose, array = animated(where)
     entries = array[row].size
     if where in ("matrices", "to_world"):
         entries = 12  # the last row is 0, 0, 0, 1 by definition
-    array.reshape(TIMES, -1)[row, place % entries] = value
+    array.reshape(TIMES, -1)[row, position % entries] = value
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         samples = feel(MODEL, effect, pose, falloff=falloff, record=record)

@@ -82,11 +82,11 @@ def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> No
     assert (actual[near] >= 0.4 * exact[near] - 1e-8).all()
 
 
-def _crossed(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def _crossed(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Check times of first and last crossings, (2, N); return the mask of crossings, (N,)."""
     met = np.isfinite(expected)
-    np.testing.assert_array_equal(np.isfinite(found), met)
-    np.testing.assert_allclose(found[met], expected[met], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(np.isfinite(actual), met)
+    np.testing.assert_allclose(actual[met], expected[met], rtol=1e-9, atol=1e-12)
     assert 20 < np.count_nonzero(met[0]) < len(met[0]) - 3
     return met[0]
 

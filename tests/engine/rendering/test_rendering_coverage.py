@@ -82,7 +82,7 @@ def test_places(place, expected):
 
 
 @pytest.mark.parametrize(
-    ("place", "told"),
+    ("place", "message"),
     [
         (BodyPlace(("head",), (0.0, 0.0, 0.0), 0.1), "no vertex on head"),
         (BodyPlace(("torso",), (0.0, 0.0, 0.0), 0.1, "centre"), r"no vertex on torso \(centre\)"),
@@ -91,9 +91,9 @@ def test_places(place, expected):
         (VertexPlace((VertexSet(MODEL.id, MODEL.content_hash, (1, 10)),)), "vertex 10 is not on"),
     ],
 )
-def test_places_that_do_not_fit_name_device_and_actuator(place, told):
+def test_places_that_do_not_fit_name_device_and_actuator(place, message):
     device = make_device({"a": ("pressure", place)})
-    with pytest.raises(InputError, match=f"^Device 'device', actuator 'a': .*{told}"):
+    with pytest.raises(InputError, match=f"^Device 'device', actuator 'a': .*{message}"):
         cells_of(device, device.actuators, MODEL)
 
 

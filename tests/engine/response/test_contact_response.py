@@ -358,8 +358,8 @@ def test_what_a_track_can_hold_on_demand_is_there_for_responses_too() -> None:
     assert touched[0] == pytest.approx(RADIUS_M - _there_and_back()[CONTACT[0]], abs=1e-6)
 
 
-def _outside(shape: Any, points: np.ndarray, place: np.ndarray) -> np.ndarray:
-    return distances_m(shape, points[:, None], place[None])[0]
+def _outside(shape: Any, points: np.ndarray, position: np.ndarray) -> np.ndarray:
+    return distances_m(shape, points[:, None], position[None])[0]
 
 
 def test_the_distance_to_a_volume_from_outside() -> None:

@@ -416,7 +416,7 @@ def test_live_only_the_beginning_is_found_between_updates() -> None:
 
 
 @pytest.mark.parametrize(
-    "place",
+    "path",
     [
         lambda t: 0.01 * np.abs(t - 0.5),  # a bounce at even speed
         lambda t: 0.01 * np.abs(t - 0.03),
@@ -429,12 +429,12 @@ def test_live_only_the_beginning_is_found_between_updates() -> None:
         lambda t: np.where(t < 0.3, 0.01 * (0.3 - t), 0.002 * (t - 0.3)),
     ],
 )
-def test_a_path_between_two_samples(place: Callable[[np.ndarray], np.ndarray]) -> None:
+def test_a_path_between_two_samples(path: Callable[[np.ndarray], np.ndarray]) -> None:
     shares = np.linspace(0.0, 1.0, 21)
-    before = [place(np.array([[item]], float)) for item in (0.0, -1.0, -2.0)]
-    after = [place(np.array([[value]], float)) for value in (1.0, 2.0, 3.0)]
+    before = [path(np.array([[item]], float)) for item in (0.0, -1.0, -2.0)]
+    after = [path(np.array([[value]], float)) for value in (1.0, 2.0, 3.0)]
     actual = MotionEstimate(before, after).at(shares)[:, 0, 0]
-    np.testing.assert_allclose(actual, place(shares), atol=1e-9)
+    np.testing.assert_allclose(actual, path(shares), atol=1e-9)
 
 
 def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:

@@ -106,10 +106,10 @@ def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
     return target, BoneMapping("plain", own, {}, ())
 
 
-def _part(target: TargetAvatar, wanted: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
+def _part(target: TargetAvatar, is_chosen: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
     """Return triangles with all corners in the mask, moved outwards."""
     normals = vertex_normals(target.vertices, target.triangles)
-    is_inside = wanted[target.triangles].all(axis=1)
+    is_inside = is_chosen[target.triangles].all(axis=1)
     return replace(
         target,
         vertices=target.vertices + out_m * normals,

@@ -98,22 +98,22 @@ UNCERTAIN = {
 }
 
 
-@pytest.mark.parametrize("place", UNCERTAIN)
-def test_a_place_that_is_far_off_is_named_with_how_far(place: str) -> None:
-    figure, (bone, offset) = UNCERTAIN[place]
+@pytest.mark.parametrize("landmark", UNCERTAIN)
+def test_a_place_that_is_far_off_is_named_with_how_far(landmark: str) -> None:
+    figure, (bone, offset) = UNCERTAIN[landmark]
     person, avatar = made(figure), load_avatar()
     mapping = map_bones(person.target.bones)  # type: ignore[arg-type]
     warped = variants.warp(avatar, person.target, mapping)
     off_mm = {}
-    for side in "LR" if place != "belly" else ("",):
+    for side in "LR" if landmark != "belly" else ("",):
         name = f"{bone}.{side}".rstrip(".")
         near = canonical_heads()[name] + offset
         mark = int(np.linalg.norm(avatar.vertices - near, axis=1).argmin())
         truth = apply(np.linalg.inv(warped.bodies.to_target), person.places[mark])
-        off_mm[f"{place}.{side}".rstrip(".")] = 1000.0 * np.linalg.norm(
+        off_mm[f"{landmark}.{side}".rstrip(".")] = 1000.0 * np.linalg.norm(
             warped.vertices[mark] - truth
         )
-    limit = uncertainty.HINGE_MM if place == "knee" else uncertainty.PLACE_MM
+    limit = uncertainty.HINGE_MM if landmark == "knee" else uncertainty.PLACE_MM
     assert max(off_mm.values()) > limit  # else this figure shows nothing
     _, quality = retarget.fit(load_model("hfx-temperature-1"), warped)
     (messages,) = [fault for fault in quality.whole_faults if "uncertain" in fault]
@@ -121,7 +121,7 @@ def test_a_place_that_is_far_off_is_named_with_how_far(place: str) -> None:
         if off > limit:
             assert quality.uncertain_mm[name] >= off, (name, off)
             words = {"L": "left ", "R": "right "}.get(name[-1], "") if "." in name else ""
-            assert f"{words}{place} {quality.uncertain_mm[name]:.0f} mm" in messages
+            assert f"{words}{landmark} {quality.uncertain_mm[name]:.0f} mm" in messages
 
 
 def test_a_plain_figure_has_no_uncertain_place() -> None:

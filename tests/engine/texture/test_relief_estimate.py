@@ -24,8 +24,8 @@ def picture() -> np.ndarray:
     return np.stack([light * red, light, light], -1)
 
 
-def layers(found: EstimatedRelief) -> np.ndarray:
-    return np.stack([found.field.heights_m, found.slope, found.roughness])
+def layers(layers_found: EstimatedRelief) -> np.ndarray:
+    return np.stack([layers_found.field.heights_m, layers_found.slope, layers_found.roughness])
 
 
 @pytest.mark.parametrize("tiles", [True, False])

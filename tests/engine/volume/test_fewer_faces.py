@@ -41,14 +41,14 @@ def few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh, "MANY_FACES", 2000)
 
 
-def arrays(ball: trimesh.Trimesh, place: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    return np.array(ball.vertices) + place, np.array(ball.faces, np.int32)
+def arrays(ball: trimesh.Trimesh, centre: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(ball.vertices) + centre, np.array(ball.faces, np.int32)
 
 
-def dented(scale: float = 1.0, place: float = 0.0) -> MeshVolume:
+def dented(scale: float = 1.0, centre: float = 0.0) -> MeshVolume:
     vertices, faces = arrays(trimesh.creation.icosphere(5))
     vertices *= 1.0 + 0.1 * np.sin(4.0 * vertices[:, :1]) * np.sin(3.0 * vertices[:, 1:2])
-    return MeshVolume(scale * vertices + place, faces, "Ball")
+    return MeshVolume(scale * vertices + centre, faces, "Ball")
 
 
 def surface_of(volume: MeshVolume) -> trimesh.Trimesh:
@@ -57,9 +57,9 @@ def surface_of(volume: MeshVolume) -> trimesh.Trimesh:
     return trimesh.Trimesh(volume.corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
 
 
-def farthest(one: MeshVolume, other: MeshVolume) -> float:
+def farthest(one: MeshVolume, target_volume: MeshVolume) -> float:
     """Return the largest distance from points on one surface to the other surface."""
-    surface, target = surface_of(one), surface_of(other)
+    surface, target = surface_of(one), surface_of(target_volume)
     places = np.concatenate(
         [surface.vertices, trimesh.sample.sample_surface(surface, 20_000, seed=1)[0]]
     )
@@ -67,9 +67,9 @@ def farthest(one: MeshVolume, other: MeshVolume) -> float:
     return float(np.sqrt(squared.max()))
 
 
-@pytest.mark.parametrize(("scale", "place"), [(1.0, 0.0), (1e-4, 0.0), (1e5, 0.0), (1.0, 1e4)])
-def test_surfaces_are_within_the_bound_both_ways(scale: float, place: float) -> None:
-    fine = dented(scale, place)
+@pytest.mark.parametrize(("scale", "centre"), [(1.0, 0.0), (1e-4, 0.0), (1e5, 0.0), (1.0, 1e4)])
+def test_surfaces_are_within_the_bound_both_ways(scale: float, centre: float) -> None:
+    fine = dented(scale, centre)
     samples = fine.within(0.01 * scale)
     assert len(samples.corners) <= len(fine.corners) / 4
     assert surface_of(samples).is_watertight

@@ -28,18 +28,18 @@ def test_parts_of_a_size_are_whole_chunks_that_cover_all(count: int, size: int) 
 
 @given(
     count=st.integers(1, 20_000),
-    wanted=st.integers(1, 9),
+    expected=st.integers(1, 9),
     active=st.floats(0.0, 1.0),
     begin=st.floats(0.0, 1.0),
 )
 def test_even_parts_share_the_samples_that_are_work(
-    count: int, wanted: int, active: float, begin: float
+    count: int, expected: int, active: float, begin: float
 ) -> None:
     first = int(begin * (1.0 - active) * count)
     samples = np.arange(first, first + int(active * count))
-    parts = even_parts(samples, count, wanted, shortest=8 * CHUNK)
+    parts = even_parts(samples, count, expected, shortest=8 * CHUNK)
     _check(parts, count)
-    assert len(parts) <= max(min(wanted, len(samples) // (8 * CHUNK)), 1)
+    assert len(parts) <= max(min(expected, len(samples) // (8 * CHUNK)), 1)
     work = [int(((samples >= low) & (samples < high)).sum()) for low, high in parts]
     assert max(work) - min(work) <= 2 * CHUNK + 2  # each cut is rounded
 

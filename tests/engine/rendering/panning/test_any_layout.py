@@ -119,12 +119,12 @@ def shown(layout: PannedLayout, triangle: int) -> Callable[[np.ndarray], np.ndar
     return lambda weights: layout.at(weights @ points) * (weights @ fade[corners])[:, None]
 
 
-def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, other: np.ndarray):
+def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, end: np.ndarray):
     """Remaining largest change on a path under ever finer sampling."""
     low, high = 0.0, 1.0
     for _ in range(6):
         way = np.linspace(low, high, 33)
-        actual = gains(one + way[:, None] * (other - one))
+        actual = gains(one + way[:, None] * (end - one))
         change = np.abs(np.diff(actual, axis=0)).max(axis=1)
         k = int(np.argmax(change))
         low, high = way[k], way[k + 1]
@@ -161,11 +161,11 @@ def test_each_scheme_names_its_paper_on_the_page_and_where_it_is_written():
 
 @pytest.mark.parametrize(("scheme", "law"), EVERY)
 @example([0, 152, 172, 253], 488, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
-@given(chosen=layouts, triangle=triangles, one=shares, other=shares)
+@given(chosen=layouts, triangle=triangles, one=shares, end=shares)
 @settings(max_examples=10)
-def test_what_glides_on_the_skin_glides_at_the_actuators(scheme, law, chosen, triangle, one, other):
+def test_what_glides_on_the_skin_glides_at_the_actuators(scheme, law, chosen, triangle, one, end):
     layout = layout_of(scheme, law, SKIN.vertices[chosen].astype(np.float64))
-    jump = largest_jump(shown(layout, triangle), one, other)
+    jump = largest_jump(shown(layout, triangle), one, end)
     assert jump < 1e-3 or scheme in JUMPS
 
 

@@ -43,17 +43,17 @@ def test_the_ring_closes_over_its_seam():
 
 @given(layouts, angle)
 @settings(deadline=None)
-def test_power_round_a_ring_is_constant(angles, place):
-    gains = RingPanning(np.array(angles)).gains(np.array([[place]]))
+def test_power_round_a_ring_is_constant(angles, source_angle):
+    gains = RingPanning(np.array(angles)).gains(np.array([[source_angle]]))
     assert np.sum(gains**2) == pytest.approx(1.0)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=6), st.floats(-3, 3))
 @settings(deadline=None)
-def test_power_along_a_line_is_constant_and_ends_hold(positions, place):
-    gains = LinePanning(np.array(positions)).gains(np.array([[place]]))[0]
+def test_power_along_a_line_is_constant_and_ends_hold(positions, position):
+    gains = LinePanning(np.array(positions)).gains(np.array([[position]]))[0]
     assert np.sum(gains**2) == pytest.approx(1.0)
-    if place >= max(positions):
+    if position >= max(positions):
         assert gains[np.array(positions) < max(positions) - 1e-6].max(initial=0.0) == 0.0
 
 
@@ -67,21 +67,21 @@ def test_vector_base_panning_follows_the_tangent_law():
 
 
 @pytest.mark.parametrize("layout", [CUBE, DOME], ids=["cube", "dome"])
-@given(place=direction)
+@given(position=direction)
 @settings(max_examples=100, deadline=None)
-def test_power_in_space_is_constant(layout, place):
-    gains = VectorBasePanning(layout).gains(place[None])[0]
+def test_power_in_space_is_constant(layout, position):
+    gains = VectorBasePanning(layout).gains(position[None])[0]
     assert np.sum(gains**2) == pytest.approx(1.0)
     assert gains.min() >= 0.0
     assert np.count_nonzero(gains > 1e-9) <= 3
 
 
-@given(place=direction)
+@given(position=direction)
 @settings(deadline=None)
-def test_inside_the_hull_gains_point_where_the_source_is(place):
-    gains = VectorBasePanning(CUBE).gains(place[None])[0]
+def test_inside_the_hull_gains_point_where_the_source_is(position):
+    gains = VectorBasePanning(CUBE).gains(position[None])[0]
     samples = gains @ (CUBE / np.sqrt(3.0))
-    assert samples / np.linalg.norm(samples) == pytest.approx(place, abs=1e-6)
+    assert samples / np.linalg.norm(samples) == pytest.approx(position, abs=1e-6)
 
 
 @pytest.mark.parametrize("layout", [CUBE, DOME], ids=["cube", "dome"])
@@ -101,9 +101,9 @@ def test_a_path_over_the_sphere_never_jumps(layout):
 
 @given(layouts, angle)
 @settings(max_examples=200, deadline=None)
-def test_any_layout_in_the_plane_has_constant_power(angles, place):
+def test_any_layout_in_the_plane_has_constant_power(angles, position):
     layout = np.column_stack((np.cos(angles), np.sin(angles)))
-    gains = VectorBasePanning(layout).gains(np.array([[np.cos(place), np.sin(place)]]))
+    gains = VectorBasePanning(layout).gains(np.array([[np.cos(position), np.sin(position)]]))
     assert np.sum(gains**2) == pytest.approx(1.0)
 
 

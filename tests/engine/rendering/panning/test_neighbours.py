@@ -144,12 +144,12 @@ gain_rows = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)
 
 @given(gain_rows, gain_rows, st.integers(0, 63))
 @settings(deadline=None)
-def test_no_two_that_are_apart_play_together_and_nothing_jumps(one, other, pairs):
+def test_no_two_that_are_apart_play_together_and_nothing_jumps(one, second, pairs):
     is_joined = np.eye(4, dtype=np.bool_)
     for k, (a, b) in enumerate([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]):
         is_joined[a, b] = is_joined[b, a] = bool(pairs >> k & 1)
     way = np.linspace(0.0, 1.0, 4001)[:, None]
-    gains = np.array(one) * (1.0 - way) + np.array(other) * way
+    gains = np.array(one) * (1.0 - way) + np.array(second) * way
     actual = parted(gains, lambda a, b: is_joined[a, b])
     assert (actual <= gains).all() and (actual >= 0.0).all()
     for a, b in zip(*np.nonzero(~is_joined), strict=True):
