@@ -79,7 +79,7 @@ def test_json_is_all_there_is() -> None:
     assert err.getvalue() == ""
 
 
-def test_progress_is_quiet_where_nobody_watches(clock: Clock) -> None:
+def test_progress_is_quiet_without_a_terminal(clock: Clock) -> None:
     out, err = io.StringIO(), io.StringIO()
     progress = Console(out=out, err=err).progress("Exporting")
     for k in range(11):
@@ -88,7 +88,7 @@ def test_progress_is_quiet_where_nobody_watches(clock: Clock) -> None:
     assert out.getvalue() == err.getvalue() == ""
 
 
-def test_progress_tells_the_time_left(clock: Clock) -> None:
+def test_progress_shows_the_time_left(clock: Clock) -> None:
     err = Terminal()
     progress = Console(out=io.StringIO(), err=err).progress("Track")
     clock.now += 30.0
@@ -99,7 +99,9 @@ def test_progress_tells_the_time_left(clock: Clock) -> None:
     assert "50%" in err.screen(50)[0] and "1 min 00 s" in err.screen(50)[0]
 
 
-def test_a_wide_terminal_shows_it_all(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wide_terminal_shows_the_whole_line(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     size = os.terminal_size((100, 24))
     monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_: size)
     err = Terminal()
@@ -162,7 +164,7 @@ class Lost(io.StringIO):
         raise OSError(self.number, os.strerror(self.number))
 
 
-def test_where_nobody_reads_the_work_goes_on() -> None:
+def test_a_closed_output_does_not_stop_the_work() -> None:
     console = Console(out=Lost(errno.EPIPE), err=Lost(errno.EPIPE))
     console.say("felt")
     console.warn("hot")
@@ -179,7 +181,7 @@ def test_results_that_are_lost_are_known() -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a folder in use cannot be removed")
-def test_a_current_folder_that_is_gone_is_told(
+def test_a_missing_current_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = tmp_path / "gone"
@@ -190,7 +192,7 @@ def test_a_current_folder_that_is_gone_is_told(
     assert capsys.readouterr().err.startswith("hfx: the current folder cannot be used (")
 
 
-def test_all_names_that_would_collide_are_told(capsys):
+def test_all_colliding_names_are_reported(capsys):
     names = ["x/a.blend", "y/a.blend", "x/B.blend", "y/b.blend", "z/c.blend"]
     assert cli.run(["export", *names]) == 2
     message = capsys.readouterr().err
@@ -198,6 +200,6 @@ def test_all_names_that_would_collide_are_told(capsys):
     assert "'c'" not in message
 
 
-def test_several_scenes_that_all_fail_alike_end_with_their_code(tmp_path, capsys):
+def test_scenes_with_equal_failures_end_with_the_common_code(tmp_path, capsys):
     names = [str(tmp_path / name) for name in ("a.blend", "b.blend")]
     assert cli.run(["export", *names, "-o", str(tmp_path / "out")]) == 3

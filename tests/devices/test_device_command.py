@@ -70,7 +70,7 @@ def test_a_broken_device_of_the_users_own_does_not_hide_the_others(own, capsys):
         ("a.json", json.dumps(FULL).encode(), "actuators[1].place: its vertices were chosen on"),
     ],
 )
-def test_check_tells_file_field_found_and_allowed_and_exits_with_3(
+def test_check_names_file_field_found_and_allowed_and_exits_with_3(
     own, tmp_path, capsys, name, content, message
 ):
     path = tmp_path / name
@@ -104,7 +104,7 @@ def test_check_notes_an_id_that_is_not_the_files_name(own, tmp_path, capsys, nam
         ({"actuators": [], "views": []}, "mine", "actuators is [], allowed is a list of 1 to 1000"),
     ],
 )
-def test_import_refuses_what_is_no_map_in_one_line(own, tmp_path, capsys, content, name, message):
+def test_import_refuses_an_invalid_map_in_one_line(own, tmp_path, capsys, content, name, message):
     own.mkdir()
     (own / "taken.json").write_text("{}")
     (tmp_path / "map.json").write_text(json.dumps(content))

@@ -71,7 +71,7 @@ def test_every_field_is_understood(full, stored):
     VALIDATOR.validate(full)
 
 
-def test_what_may_be_left_out_has_defaults(full, stored):
+def test_optional_fields_have_defaults(full, stored):
     for key in "description brand size_m side rendering substitutions defaults".split():
         del full[key]
     device = load_device(stored(full))

@@ -116,7 +116,7 @@ def test_the_eyes_of_the_model_are_where_the_scale_assumes_them() -> None:
         ([NODES[2]] * 1001, "1000"),
     ],
 )
-def test_what_is_no_node_map_is_told_and_nothing_is_written(
+def test_an_invalid_node_map_is_refused_without_output(
     written: Any, tmp_path: Path, wrong: Any, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):

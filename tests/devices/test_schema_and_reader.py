@@ -202,7 +202,7 @@ def test_every_field_wrong_in_turn(path):
 
 
 @pytest.mark.parametrize("path", sorted(ALLOWED))
-def test_what_may_be_missing_may_be_missing_for_both(path):
+def test_schema_and_reader_agree_on_optional_fields(path):
     name, path_in_document = FIRST[path]
     document = copy.deepcopy(DOCUMENTS[name])
     del at(document, path_in_document[:-1])[path_in_document[-1]]

@@ -194,7 +194,7 @@ def at_zero(runs: list[SampleRun]) -> list[SampleRun]:
     return [replace(run, indices=np.zeros(1, np.int64)) for run in runs]
 
 
-def test_what_a_script_says_is_what_the_device_plays(folder: Path, path: Path) -> None:
+def test_the_device_plays_the_script_output(folder: Path, path: Path) -> None:
     raster = played(path, scripted(folder, COUNTER))
     counts = np.arange(1, ROWS + 1)
     motors = np.column_stack((counts % 7 * 0.5, np.minimum(100.0 + counts, 250.0)))
@@ -217,7 +217,7 @@ def test_limits_come_after_the_script(folder: Path, path: Path) -> None:
 
 
 @pytest.mark.parametrize(("latency_ms", "interval_ms"), [(0, 20), (400, 100)])
-def test_a_script_that_changes_nothing_gives_what_is_played_without_it(
+def test_a_script_without_changes_has_no_effect(
     folder: Path, path: Path, latency_ms: float, interval_ms: float
 ) -> None:
     kind = {"latency_ms": latency_ms, "update_interval_ms": interval_ms}
@@ -231,7 +231,7 @@ def test_a_script_that_changes_nothing_gives_what_is_played_without_it(
         assert mine.is_rendered.tolist() == scriptless.is_rendered.tolist()
 
 
-def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path) -> None:
+def test_a_script_has_the_same_input_as_live(folder: Path, path: Path) -> None:
     latency_ms = 125
     own_device(folder, "forearm_band", "my_band", latency_ms=latency_ms)
     log = folder / "told"
@@ -418,7 +418,7 @@ def test_each_wearer_has_a_script_of_its_own(folder: Path, tmp_path: Path) -> No
     assert first.any() and first.tobytes() == second.tobytes()
 
 
-def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) -> None:
+def test_substitution_by_a_script_counts_as_played(folder: Path, path: Path) -> None:
     """For a band of motors without temperature, the script plays warmth as vibration."""
     source = (
         "def render(h):\n"

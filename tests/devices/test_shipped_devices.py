@@ -80,7 +80,7 @@ def test_actuators_lie_on_their_part(name, model_id):
 
 
 @pytest.mark.parametrize("name", sorted(set(EXPECTED) - IN_THE_ROOM - ALL_ROUND))
-def test_actuators_are_centred_on_the_skin_and_tile_it(name):
+def test_actuators_are_centred_on_the_skin_and_tile_the_skin(name):
     device, model, actual = cells(name, "hfx-pressure-1")
     mirror = np.array([-1.0, 1.0, 1.0]) if device.is_mirrored else np.ones(3)
     for actuator, row in zip(device.actuators, actual.rows, strict=True):
@@ -197,7 +197,7 @@ def test_phones_and_known_figures_are_as_published():
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_each_device_says_on_its_page_what_drives_it(name):
+def test_each_device_page_names_the_driver(name):
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
     device = load_device(name)
     stem = name.removesuffix(f"_{device.side}")

@@ -66,7 +66,7 @@ def test_every_actuator_is_on_the_skin_where_the_picture_shows_it(imported: Any)
     assert all(a.type.takes_waveform for a in device.actuators)
 
 
-def test_views_say_what_is_at_the_back_whatever_its_depth(imported: Any) -> None:
+def test_views_decide_front_and_back_independent_of_depth(imported: Any) -> None:
     views = [{"name": "Back", "Indexes": [0]}, {"name": "Left", "Indexes": [1]}]
     device = imported(layout(views=views))
     back, front = (device.actuators[k].place.centre_m[1] for k in (0, 1))

@@ -55,7 +55,7 @@ def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> No
     assert sorted(load()) == sorted(f"{name}{k}" for name in ("one", "other") for k in range(COUNT))
 
 
-def test_what_raises_while_it_amends_leaves_the_file_and_no_lock(folder: Path) -> None:
+def test_a_failed_change_keeps_the_file_and_removes_the_lock(folder: Path) -> None:
     path = folder / "a.json"
     amend_json(path, lambda: {"a": 1})
     with pytest.raises(ZeroDivisionError):

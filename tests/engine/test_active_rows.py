@@ -38,9 +38,7 @@ def _drawn(data: st.DataObject, *shape: int) -> np.ndarray:
 
 
 @given(st.data(), st.integers(1, 3), st.integers(0, 3), st.integers(0, 1), st.booleans())
-def test_an_effect_is_active_where_it_is_on_and_its_values_are_numbers(
-    data, rows, effects, history, is_tame
-):
+def test_an_effect_is_active_while_on_with_finite_values(data, rows, effects, history, is_tame):
     blocks = []
     for k in range(effects):
         levels, parameters = _drawn(data, rows), _drawn(data, rows, k)
@@ -66,7 +64,7 @@ def test_an_effect_is_active_where_it_is_on_and_its_values_are_numbers(
 
 
 @given(st.data(), st.integers(0, 3), st.sampled_from(["to_world", "bones", "surface"]))
-def test_a_pose_is_known_where_all_of_it_is_a_place(data, rows, which):
+def test_a_pose_counts_only_if_all_values_are_finite(data, rows, which):
     arrays = {
         "to_world": np.tile(np.eye(4), (rows, 1, 1)),
         "bones": np.zeros((rows, 2, 3, 4)),
@@ -87,7 +85,7 @@ def test_a_pose_is_known_where_all_of_it_is_a_place(data, rows, which):
 
 
 @given(st.sets(st.integers(0, 5)), st.sets(st.integers(0, 5)))
-def test_rows_without_a_pose_are_told_of_and_left_out(expected_rows, posed):
+def test_rows_without_a_pose_are_reported_and_left_out(expected_rows, posed):
     body, counters = BodyDescription("b", "B", SkinBinding(())), Counters()
     rows, known = (np.array(sorted(item), np.int64) for item in (expected_rows, posed))
     assert with_pose(rows, known, body, counters).tolist() == sorted(expected_rows & posed)
@@ -102,7 +100,7 @@ def test_a_row_of_its_own_follows_none():
     assert (rows.tolist(), is_on.tolist(), follows.tolist()) == ([0], [True], [False])
 
 
-def test_a_wind_without_a_direction_blows_up_and_is_told():
+def test_wind_without_a_direction_blows_up_and_is_reported():
     levels, still = np.array([1.0, 1.0, 0.0, 1.0]), np.zeros(3)
     along = np.array([still, [1.0, 0.0, 0.0], still, still])
     parameters = np.column_stack([np.full(4, 5.0), along])
@@ -120,7 +118,7 @@ def test_a_wind_without_a_direction_blows_up_and_is_told():
     assert with_directions([effect], same, counters) is same
 
 
-def test_controls_of_a_response_that_are_no_numbers_are_told():
+def test_nan_controls_of_a_response_are_reported():
     response = np.ones((3, 1, 2))
     response[1, 0, 1] = np.nan
     effect = EffectDescription("v", "Wall", "vibration", "m", HapticVolume(Falloff()))

@@ -15,7 +15,7 @@ MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_each_vertex_is_in_one_region_and_both_sides_are_alike(name: str) -> None:
+def test_each_vertex_has_one_region_and_regions_are_symmetric(name: str) -> None:
     model = load_model(name)
     masks = finest_masks(name)
     assert (sum(mask.astype(int) for mask in masks.values()) == 1).all()

@@ -41,7 +41,7 @@ def _colours(*samples: Sample, contact: frozenset[str] = frozenset()) -> np.ndar
     return avatar_colours(samples, SPREADS, COUNTS, contact)
 
 
-def test_nothing_felt_is_skin() -> None:
+def test_without_contacts_the_colour_is_skin() -> None:
     assert _colours().tolist() == [list(SKIN)] * 2
 
 
@@ -106,7 +106,7 @@ def test_spread_weighs_the_nearest_by_inverse_distance() -> None:
     assert spread.shares.sum(axis=1).tolist() == pytest.approx([1.0, 1.0])
 
 
-def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -> None:
+def test_an_overlay_ranges_from_clear_to_opaque_with_strength() -> None:
     shares = felt_shares(
         [_sample("pressure", FULL_COLOUR["pressure"])], SPREADS, COUNTS, frozenset()
     )
@@ -129,7 +129,7 @@ def test_effects_that_overlap_combine_their_colours() -> None:
 
 
 @pytest.mark.parametrize("palette", ["WARM_COLD", "COLOUR_BLIND"])
-def test_warm_and_cold_are_told_apart(palette: str) -> None:
+def test_warm_and_cold_have_different_colours(palette: str) -> None:
     colours = colouring.PALETTES[palette]
     for degrees, name in ((30.0, "temperature"), (18.0, colouring.COLD)):
         shares = felt_shares([_sample("temperature", degrees)], SPREADS, COUNTS)

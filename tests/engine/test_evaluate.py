@@ -97,7 +97,7 @@ def test_a_painted_effect_yields_its_area() -> None:
     assert (engine.counters.times_evaluated, engine.counters.times_skipped) == (3, 2)
 
 
-def test_a_volume_is_felt_by_every_body_where_it_is() -> None:
+def test_a_volume_touches_every_body_at_its_position() -> None:
     effect, loader = _ball(), _Loader()
     poses = [pose(TIMES, seed=2), pose(TIMES, seed=3)]
     engine = Engine(_scene(effect, bodies=("anna", "bert")), models=loader, tolerance=PAPER)
@@ -174,7 +174,7 @@ def _moving() -> PoseBlock:
     return PoseBlock(np.ones(TIMES, bool), to_world, bones)
 
 
-def test_motion_of_what_is_felt() -> None:
+def test_motion_of_touched_vertices() -> None:
     effects = [_painted(), _ball()]
     engine = Engine(_scene(*effects), record=("positions", "velocities"), models=_Loader())
     runs = engine.evaluate(_block([_animated(e) for e in effects], _moving(), history=1))
@@ -267,6 +267,6 @@ def test_blocks_may_be_cut_anywhere() -> None:
             assert one.weights.tolist() == two.weights.tolist()
 
 
-def test_what_cannot_be_recorded_is_a_programming_error() -> None:
+def test_an_unknown_column_is_a_programming_error() -> None:
     with pytest.raises(ValueError, match="record"):
         Engine(_scene(_painted()), record=("colour",))

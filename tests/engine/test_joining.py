@@ -91,7 +91,7 @@ def test_nothing_is_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["depth_m", "impact", "drive"])
-def test_what_changes_within_a_stream_is_refused(name: str) -> None:
+def test_changes_within_a_stream_are_refused(name: str) -> None:
     one, two = _run(ONE, 0, full=True), _run(ONE, 3, full=True)
     with pytest.raises(ValueError, match="what its samples carry changes"):
         joined_runs([[one], [replace(two, **{name: None})]], ORDER)

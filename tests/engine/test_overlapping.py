@@ -73,7 +73,7 @@ def test_the_source_is_not_far_ahead() -> None:
     opener.join()
 
 
-def test_what_the_worker_raises_is_raised_here() -> None:
+def test_an_error_of_the_worker_is_raised_here() -> None:
     def work(numbers: Iterator[int]) -> Iterator[int]:
         for number in numbers:
             yield 1 // (5 - number)
@@ -82,7 +82,7 @@ def test_what_the_worker_raises_is_raised_here() -> None:
         list(overlapped(iter(range(100)), work))
 
 
-def test_what_the_worker_raises_at_its_end_is_raised_here() -> None:
+def test_an_error_at_the_end_of_the_worker_is_raised_here() -> None:
     def work(numbers: Iterator[int]) -> Iterator[int]:
         yield from numbers
         raise ZeroDivisionError
@@ -124,7 +124,7 @@ def test_no_thread_is_left_and_the_worker_is_closed(way: str) -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer to interrupt with")
 @pytest.mark.parametrize("after_s", [0.03, 0.07, 0.11, 0.15])
-def test_an_interrupt_while_it_waits_leaves_no_thread(after_s: float) -> None:
+def test_an_interrupt_while_waiting_leaves_no_thread(after_s: float) -> None:
     def work(numbers: Iterator[int]) -> Iterator[int]:
         for number in numbers:
             time.sleep(0.3)
@@ -141,7 +141,7 @@ def test_an_interrupt_while_it_waits_leaves_no_thread(after_s: float) -> None:
     assert threading.active_count() == before
 
 
-def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
+def test_in_turn_values_come_when_done_and_sources_are_closed() -> None:
     started, closed = [], []
 
     def source() -> Iterator[int]:

@@ -138,7 +138,7 @@ def test_a_source_that_flies_through_the_listener_never_jumps(name: str, scheme:
     assert np.abs(np.diff(dry, axis=0)).max() < 0.04
 
 
-def test_a_source_at_a_loudspeaker_comes_from_it_alone() -> None:
+def test_a_source_at_a_loudspeaker_plays_there_only() -> None:
     for layout in LAYOUTS.values():
         places = np.zeros((len(layout), 3))
         places[:, : layout.directions.shape[1]] = layout.directions
@@ -146,7 +146,7 @@ def test_a_source_at_a_loudspeaker_comes_from_it_alone() -> None:
         np.testing.assert_allclose(dry, np.eye(len(layout)) * np.cos(np.pi / 8), atol=1e-6)
 
 
-def test_beyond_the_radius_and_where_it_is_not_there_a_source_is_silent() -> None:
+def test_a_distant_or_missing_source_is_silent() -> None:
     places = np.array([[8.0, 0.0, 0.0], [0.0, -50.0, 3.0], [np.nan, 0.0, 0.0]])
     dry, wet = Panner(LAYOUTS["quad"], HEARING).gains(places)
     assert not dry.any() and not wet.any()
@@ -176,7 +176,7 @@ def test_blocks_do_not_change_the_reverberation() -> None:
         np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-9)
 
 
-def test_blocks_do_not_change_the_sound_and_it_never_clicks() -> None:
+def test_blocks_do_not_change_the_sound_and_never_click() -> None:
     sources = [_source(_circle(1.0, 60)), _source(_circle(3.0, 60), hz=660.0)]
     first = _sound(sources, LAYOUTS["5.0"], 60 * 80, 4096)
     second = _sound(sources, LAYOUTS["5.0"], 60 * 80, 512)

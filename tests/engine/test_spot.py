@@ -40,12 +40,12 @@ def test_equal_shares_of_a_path_are_equal_ways() -> None:
     assert places_on(bent[:1], np.array([0.0, 0.7])) == pytest.approx(bent[[0, 0]])
 
 
-def test_a_point_on_a_vertex_is_felt_there_alone() -> None:
+def test_a_point_on_a_vertex_touches_only_that_vertex() -> None:
     vertices, weights = SpotSkin(MODEL).weights(np.zeros(3), 0.0, FLAT)
     assert vertices.tolist() == [MIDDLE] and weights == pytest.approx([1.0])
 
 
-def test_a_point_between_two_vertices_is_felt_half_at_each() -> None:
+def test_a_point_between_two_vertices_has_half_strength_at_each() -> None:
     vertices, weights = SpotSkin(MODEL).weights(np.array([SIDE / 2, 0.0, 0.0]), 0.0, FLAT)
     samples = dict(zip(vertices.tolist(), weights.tolist(), strict=True))
     assert samples[MIDDLE] == pytest.approx(0.5, abs=1e-5)
@@ -132,7 +132,7 @@ def test_the_pose_does_not_matter_to_a_spot_but_is_known_on_demand() -> None:
     assert run.positions == pytest.approx(MODEL.vertices[run.vertices] + [0, 0, 2], abs=1e-6)
 
 
-def test_a_place_that_is_no_number_is_silent_and_told() -> None:
+def test_a_nan_position_is_silent_and_reported() -> None:
     engine = Engine(_scene(), models=_load)
     (run,) = engine.evaluate(_block(np.array([0.0, np.nan, 1.0])))
     assert run.indices.tolist() == [0, 2]

@@ -34,7 +34,7 @@ def turned(points, angles):
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
 
 
-def test_a_surface_that_turns_grows_and_moves_as_a_whole_is_followed_exactly():
+def test_a_rigidly_moved_or_scaled_surface_is_followed_exactly():
     places = np.stack(
         [REST, 1.3 * turned(REST, 0.7) + [4.0, -2.0, 1.0], 0.5 * turned(REST, -2.0)]
     ).astype(np.float32)
@@ -51,7 +51,7 @@ def test_a_surface_that_turns_grows_and_moves_as_a_whole_is_followed_exactly():
 
 
 @pytest.mark.parametrize("model_id", ["hfx-temperature-1", "hfx-pressure-1"])
-def test_a_surface_that_bends_is_followed_within_what_is_stated(model_id):
+def test_a_bent_surface_is_followed_within_the_stated_error(model_id):
     def bent(points):  # wrung: half a radian a metre of height
         return turned(points, 0.5 * points[..., 2])
 

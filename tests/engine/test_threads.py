@@ -128,7 +128,7 @@ def _found(
     return actual, engine.counters.as_dict()
 
 
-def test_something_is_felt_all_the_time() -> None:
+def test_contacts_exist_at_all_times() -> None:
     actual, counters = _found(1)
     assert [indices[0] for indices, _ in actual] == [0, *range(SIZE - 1, SAMPLES - 1, SIZE)]
     assert counters["contacts"] > SAMPLES * 5
@@ -152,7 +152,7 @@ def test_without_the_library_there_are_no_threads() -> None:
 
 
 @needs_library
-def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() -> None:
+def test_with_threads_blocks_start_before_the_last_is_passed_on() -> None:
     """Warnings count only when the block itself is passed on."""
     read: list[int] = []
 
@@ -172,7 +172,7 @@ def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() ->
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_block_that_cannot_be_evaluated_fails_where_it_is_asked_for(threads: int) -> None:
+def test_a_failing_block_raises_at_its_own_turn(threads: int) -> None:
     def broken(start: int) -> AnimationBlock:
         block = _block(start)
         if start < 5 * SIZE:

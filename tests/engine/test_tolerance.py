@@ -34,7 +34,7 @@ def test_values_are_read_in_their_units():
 @pytest.mark.parametrize(
     "text", ["", "fast", "3mm", "5ms", "3mm,5ms,3mm", "-1mm,5ms", "nanmm,5ms", "1e999mm,5ms", "3,5"]
 )
-def test_what_is_no_tolerance_is_refused_with_what_is_allowed(text):
+def test_an_unknown_tolerance_is_refused_with_the_allowed(text):
     with pytest.raises(UsageError, match="expected"):
         tolerance.parse(text)
 

@@ -116,7 +116,7 @@ def _rendered(effects: Sequence[EffectDescription], device: DeviceConfig) -> Ras
     return renderer.raster()
 
 
-def test_the_curves_are_what_the_actuators_get() -> None:
+def test_actuators_get_the_curves() -> None:
     """Value (cut to 0..1) times level 0.5 times 4 m/s^2; m1 has no curve."""
     raster = _rendered([VECTOR], _device())
     assert raster.values[:, 0] == pytest.approx([0.0, 0.0, 0.5, 0.0, 0.0, 1.5])
@@ -172,7 +172,7 @@ def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...])
     assert direct.values.tobytes() == later.values.tobytes()
 
 
-def test_only_what_needs_the_new_version_has_it(tmp_path: Path) -> None:
+def test_the_new_version_is_used_only_when_needed(tmp_path: Path) -> None:
     import zipfile
 
     for effects, version in (([PAINT], 1), ([SPOT], 2), ([VECTOR, PAINT], 2)):

@@ -133,7 +133,7 @@ def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None
     assert expected | {"LICENSE", "blender_manifest.toml"} <= names
 
 
-def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
+def test_packed_modules_import_packed_modules_only() -> None:
     held = {module_name(path) for path in SHIPPED}
     for path in SHIPPED:
         for actual in imports(path):
@@ -185,7 +185,7 @@ def test_nothing_else_strays_into_the_zip(small: Path) -> None:
 
 
 @pytest.mark.parametrize("stray", ["x.py.orig", "x.pyc", "x.tmp", ".hidden", "__pycache__/x.py"])
-def test_what_editors_leave_behind_is_left_out(
+def test_editor_leftovers_are_left_out(
     stray: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = tmp_path / "hfx_blender"
@@ -217,7 +217,7 @@ def test_the_same_content_gives_the_same_bytes(wheels: Path, zig: Path, tmp_path
 # Manifest
 
 
-def test_the_manifest_says_what_the_package_says(small: Path) -> None:
+def test_the_manifest_agrees_with_the_package(small: Path) -> None:
     manifest = manifest_of(small)
     assert manifest["version"] == hfx_blender.__version__
     assert manifest["blender_version_min"] == "4.2.0"
@@ -355,7 +355,9 @@ os._exit(0)
 """
 
 
-def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Path) -> None:
+def test_the_extension_is_installed_used_switched_and_uninstalled(
+    small: Path, tmp_path: Path
+) -> None:
     pytest.importorskip("bpy")
     resources = tmp_path / "resources"
     resources.mkdir()
@@ -531,7 +533,7 @@ def test_wheels_go_where_they_run(tag: str, platforms: set[str]) -> None:
     assert not addon_wheels.select([name], {"trimesh"}, "windows-x64", "3.13")
 
 
-def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Path) -> None:
+def test_wheels_match_the_imports_of_the_package(wheels: Path, tmp_path: Path) -> None:
     imported = addon_wheels.imported(PACKAGE)
     assert "scipy" in imported and "numpy" not in imported
     built = build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
@@ -543,7 +545,7 @@ def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Pa
     assert built.stem.endswith("-linux_x64-py313")
 
 
-def test_an_import_that_nobody_bundles_stops_the_build(tmp_path: Path) -> None:
+def test_an_unbundled_import_stops_the_build(tmp_path: Path) -> None:
     (tmp_path / "x.py").write_text("import json\n\ndef f():\n    import pandas.core\n")
     with pytest.raises(addon_wheels.WheelError, match="'pandas', which Blender does not have"):
         addon_wheels.imported(tmp_path)
@@ -562,7 +564,7 @@ def test_an_import_that_nobody_bundles_stops_the_build(tmp_path: Path) -> None:
         "if TYPE_CHECKING or find_spec('{}'):\n    pass",
     ],
 )
-def test_an_import_counts_wherever_it_is(source: str, tmp_path: Path) -> None:
+def test_imports_count_anywhere_in_a_file(source: str, tmp_path: Path) -> None:
     (tmp_path / "x.py").write_text(source.format("sounddevice"))
     assert addon_wheels.imported(tmp_path) == {"sounddevice", "cffi"}
     (tmp_path / "x.py").write_text(source.format("serial"))
@@ -597,9 +599,7 @@ def test_every_blender_gets_all_that_the_package_imports(platform: str) -> None:
         assert brings_portaudio != is_linux, actual["sounddevice"]
 
 
-def test_what_a_wheel_requires_is_in_the_zip_or_stops_the_build(
-    wheels: Path, tmp_path: Path
-) -> None:
+def test_a_missing_requirement_of_a_wheel_stops_the_build(wheels: Path, tmp_path: Path) -> None:
     lines = ["cffi", "numpy>=1.26", "pandas; extra == 'x'", "PyCParser; implementation_name != 'y'"]
     card, second_card = (
         tmp_path / "sounddevice-1-py3-none-any.whl",
@@ -698,7 +698,7 @@ def test_the_installed_extension_loads_its_library(small: Path, tmp_path: Path) 
     assert f"site-packages/hfx_native_{native_build.digest()}" in Path(said).as_posix()
 
 
-def test_without_a_compiler_the_build_says_what_to_do(
+def test_without_a_compiler_the_build_names_the_cure(
     tmp_path: Path,
     wheels: Path,
     monkeypatch: pytest.MonkeyPatch,

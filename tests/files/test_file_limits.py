@@ -141,7 +141,7 @@ def test_more_is_allowed_by_an_option_and_by_a_context(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("limit", [math.nan, math.inf, 86_401.0, 10**400])
-def test_what_is_not_a_number_is_too_much(limit):
+def test_nan_exceeds_every_limit(limit):
     with pytest.raises(TooLargeError, match=r"x: it lasts .* s, allowed are 86,400 s"):
         limits.SECONDS.check(limit, "x", "it lasts")
     limits.SECONDS.check(86_400.0, "x", "it lasts")
@@ -292,7 +292,7 @@ def test_strengths_every_20_ms_have_a_limit():
 
 @pytest.mark.parametrize("seconds", [0.0, 1e-7, 1e-4, 0.5, 1000.25])
 @pytest.mark.parametrize("target", ["ahap", "haptic", "he", "openxr", "hjif"])
-def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target):
+def test_converted_files_are_valid_for_any_times(tmp_path, seconds, target):
     ramp = Signal("a", Curve.of([0.0, seconds], [0.5, 1.0]), Curve.of([0.0], [100.0]))
     hertz, tolerance = FrequencyRange(50.0, 200.0), 0.01
     (path,) = write_signals(FORMATS["haptic"], [ramp], hertz, tmp_path / "x", tolerance).files
@@ -306,7 +306,7 @@ def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target
 
 
 @pytest.mark.parametrize("given", ["", "./", "sub/"])
-def test_a_name_that_is_too_long_is_told_as_it_was_given(tmp_path, monkeypatch, given):
+def test_a_message_quotes_an_overlong_name(tmp_path, monkeypatch, given):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sub").mkdir()
     (tmp_path / "x.ahap").write_text(json.dumps(ahap(1.0)))
@@ -354,7 +354,7 @@ def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["x.ahap"]
 
 
-def test_a_path_without_points_is_silent_and_told(tmp_path):
+def test_a_path_without_points_is_silent_and_reported(tmp_path):
     points = [{"x": x, "y": 0.5, "intensity": 0.8, "time": t} for x, t in ((0, 0), (1, 600))]
     dots = [{"index": k, "x": k % 4 / 3, "y": k // 4 / 4} for k in range(20)]
 
@@ -387,7 +387,7 @@ def test_a_path_without_points_is_silent_and_told(tmp_path):
         convert(path, tmp_path / "z.haptic", strict=True)
 
 
-def test_sounds_and_other_parameters_of_ahap_are_told(tmp_path):
+def test_sounds_and_unknown_parameters_of_ahap_are_reported(tmp_path):
     events = [
         {"Time": 0.0, "EventType": "AudioCustom", "EventParameters": []},
         {
@@ -471,7 +471,7 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
         png.read(tmp_path / name)
 
 
-def test_only_commands_with_the_option_name_it(tmp_path):
+def test_only_commands_with_an_option_name_the_option(tmp_path):
     with pytest.raises(TooLargeError) as refused_alone:
         limits.SECONDS.check(86_401.0, "a", "lasts")
     assert str(refused_alone.value) == "a: lasts 86,401 s, allowed are 86,400 s."

@@ -66,13 +66,13 @@ def test_a_command_names_both(
     assert said.count(str(path)) <= 2 and len(said.splitlines()) <= 2
 
 
-def test_what_is_to_be_a_blend_is_not_opened(tmp_path: Path) -> None:
+def test_json_in_place_of_a_blend_is_not_opened(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     path.write_text(json.dumps(DEVICE))
     with pytest.raises(InputError, match=r"is a device configuration; expected a \.blend file"):
         open_blend(path)
 
 
-def test_a_table_of_bones_says_what_it_got() -> None:
+def test_a_table_of_bones_names_the_given_kind() -> None:
     with pytest.raises(InputError, match=r"not a bone mapping .*hfx-texture-map"):
         mapping.from_json(json.dumps(MAP))

@@ -87,7 +87,7 @@ SEEN_BY_READERS_ONLY = ("ids[1]", "level[1]", "4.0")  # orders; 4.0 is whole in 
 
 
 @pytest.mark.parametrize(("document", "message"), FAULTS)
-def test_a_fault_is_told_with_place_found_and_allowed(document: Any, message: str) -> None:
+def test_a_fault_names_path_found_and_allowed(document: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         node_of(json.dumps(document).encode(), "x.json").hold(SHAPE)
     assert str(caught.value).startswith("x.json: ") and message in str(caught.value)
@@ -95,7 +95,7 @@ def test_a_fault_is_told_with_place_found_and_allowed(document: Any, message: st
     assert jsonschema.Draft202012Validator(schema_of(SHAPE)).is_valid(document) != is_seen
 
 
-def test_a_value_is_what_its_shape_makes_of_it() -> None:
+def test_values_are_converted_by_shape() -> None:
     document = DISC | {"bend_mm": 3, "wave": "noise", "has_wave": True, "ids": [1, 2]}
     jsonschema.Draft202012Validator(schema_of(SHAPE)).validate(document)
     value = node_of(json.dumps(document).encode(), "x.json").read(SHAPE)
@@ -118,7 +118,7 @@ def test_exactly_one_of_some_members_is_there(shape: Shape, wrong: Any, message:
 
 
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
-def test_faults_that_a_parser_finds_are_told_with_their_place(mark: bytes) -> None:
+def test_parser_faults_are_reported_with_path(mark: bytes) -> None:
     assert node_of(mark + b'{"a": [1, 2]}', "x")["a"].value == [1, 2]
     for text, message in (
         (b'{"a": [1, NaN]}', "x: a[1]: the number NaN is not finite."),

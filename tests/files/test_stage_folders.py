@@ -84,7 +84,7 @@ def test_that_of_another_machine_stays(
 
 @pytest.mark.parametrize("owner", [None, b"", b"locked\n", f"{platform.node()}\n".encode()])
 @pytest.mark.parametrize("name", [".scene.abc.tmp", ".cache.tmp", ".a.0123456789abcdef.tmp"])
-def test_what_is_not_known_to_be_ours_stays(tmp_path: Path, name: str, owner: bytes | None) -> None:
+def test_unknown_folders_stay(tmp_path: Path, name: str, owner: bytes | None) -> None:
     strange = tmp_path / name
     strange.mkdir()
     (strange / "thesis").write_text("precious")
@@ -96,9 +96,7 @@ def test_what_is_not_known_to_be_ours_stays(tmp_path: Path, name: str, owner: by
 
 
 @pytest.mark.parametrize("owner", [None, b""])
-def test_one_that_could_not_take_a_byte_goes_once_it_is_old(
-    tmp_path: Path, owner: bytes | None
-) -> None:
+def test_an_empty_stage_is_removed_once_old(tmp_path: Path, owner: bytes | None) -> None:
     """A process was killed on a full disk, with an empty ``owner`` or before writing the file."""
     stage = tmp_path / temporary_name("scene")
     stage.mkdir()
@@ -112,7 +110,7 @@ def test_one_that_could_not_take_a_byte_goes_once_it_is_old(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_old_one_without_an_owner_stays_with_what_is_in_it(tmp_path: Path) -> None:
+def test_an_old_stage_without_an_owner_stays(tmp_path: Path) -> None:
     stage = tmp_path / temporary_name("scene")
     stage.mkdir()
     (stage / "thesis").write_text("precious")
@@ -165,7 +163,7 @@ def test_a_long_name_is_shortened(tmp_path: Path) -> None:
         assert len(stage.name.encode()) < 255
 
 
-def test_where_there_are_no_locks_it_is_never_removed(
+def test_without_locks_a_stage_is_never_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_locks(*_: object) -> None:

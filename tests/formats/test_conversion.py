@@ -54,7 +54,7 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["ahap", "haptic", "he", "openxr"])
-def test_what_a_device_plays_is_in_the_file(tmp_path, name):
+def test_the_file_holds_the_device_output(tmp_path, name):
     device = load_device("back_pad")
     raster = raster_for(device)
     dense, _ = signals_of(raster, device)
@@ -87,7 +87,7 @@ def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
         writing.check(["csv"], [one, replace(again, id="Back_Pad")])
 
 
-def test_what_some_of_the_devices_cannot_play_is_told(tmp_path):
+def test_unplayable_modalities_are_reported(tmp_path):
     pad, heater = load_device("back_pad"), load_device("fan_heater")
     played = [
         (tmp_path / "x.a", pad, raster_for(pad)),
@@ -231,7 +231,7 @@ def test_a_tick_is_a_burst_that_fades(tmp_path):
     assert raster.values[51, 1] == pytest.approx(100.0, abs=1.0)
 
 
-def test_what_makes_no_sense_is_refused(tmp_path):
+def test_inconsistent_requests_are_refused(tmp_path):
     haptic.write([signal([0, 1])], RANGE, tmp_path / "x")
     source = tmp_path / "x.r1c1.haptic"
     with pytest.raises(UsageError, match="only a track"):
@@ -255,7 +255,7 @@ def run(capsys, *arguments):
     return code, out, err
 
 
-def test_validate_tells_each_finding_with_its_code(tmp_path, capsys):
+def test_validate_lists_findings_with_codes(tmp_path, capsys):
     good, bad = tmp_path / "good.haptic", tmp_path / "bad.haptic"
     haptic.write([signal([0, 1], name="")], RANGE, tmp_path / "x")
     good.write_bytes((tmp_path / "x._.haptic").read_bytes())
@@ -276,7 +276,7 @@ def test_validate_tells_each_finding_with_its_code(tmp_path, capsys):
     assert code == 3 and "no such file" in err
 
 
-def test_convert_tells_what_it_wrote_and_what_it_left_out(tmp_path, capsys):
+def test_convert_reports_written_and_omitted_files(tmp_path, capsys):
     device = load_device("pressure_vest")
     npz_raster.write(raster_for(device), tmp_path / "x.raster.npz")
     source = tmp_path / "x.raster.npz"
@@ -310,7 +310,7 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
         assert strength == pytest.approx((raster.values - raster.neutral)[:, 0], abs=0.06)
 
 
-def test_envelopes_go_to_hjif_as_what_a_device_plays(tmp_path):
+def test_envelopes_become_hjif_of_a_device(tmp_path):
     """A ramp of 1 s to full scale; a device adds 20 actuators, positions and m/s^2."""
     haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
     source = tmp_path / "x.buzz.haptic"
@@ -480,7 +480,7 @@ def test_a_device_as_target_is_refused_with_a_format_too(tmp_path, capsys):
     "content",
     [b"mine", b"", b'glTF\2\0\0\0\0\0\0\0\0\0\0\0JSON{"asset":{"generator":"Khronos"}}'],
 )
-def test_a_model_of_somebody_elses_beside_the_target_stays(tmp_path, capsys, content):
+def test_a_foreign_model_file_stays(tmp_path, capsys, content):
     with track_of(tmp_path, "vibration", "volume", BEAT) as track:
         model = tmp_path / "b.hfx-vibration-1.glb"
         model.write_bytes(content)
@@ -503,7 +503,7 @@ FOREIGN = {  # as written by other programs
 
 
 @pytest.mark.parametrize("suffix", FOREIGN)
-def test_a_file_of_somebody_elses_that_nobody_named_stays(tmp_path, capsys, suffix):
+def test_a_foreign_companion_file_stays(tmp_path, capsys, suffix):
     npz_raster.write(raster_for(load_device("back_pad")), tmp_path / "x.raster.npz")
     target = tmp_path / f"y.{suffix}"
     words = ["convert", str(tmp_path / "x.raster.npz"), str(target), "--device", "back_pad"]

@@ -109,7 +109,7 @@ def test_haptic_keeps_all_of_its_own(tmp_path):
     assert actual["metadata"]["tags"] == ["rock", "large", "frequency-range-hz:50-200"]
 
 
-def test_ahap_holds_project_and_date_and_what_else_it_had(tmp_path):
+def test_ahap_keeps_project_date_and_unknown_metadata(tmp_path):
     actual, lost = converted(HAPTIC, "a.haptic", "b.ahap", tmp_path)
     assert actual["Metadata"]["Project"] == "Caves"
     assert lost == (

@@ -60,7 +60,7 @@ def test_no_curve_that_turns_at_rows_has_fewer_keyframes(seed):
         assert len(actual) <= least_count(curve, tolerance)
 
 
-def test_the_search_for_the_fewest_finds_what_is_plain():
+def test_the_fewest_keyframes_of_simple_curves():
     assert least_count(curve_of([0, 1, 2, 3, 4]), 0.01) == 2
     assert least_count(curve_of([0, 1, 2, 1, 0]), 0.01) == 3
     assert least_count(curve_of([0, 0, 1, 0, 0]), 0.01) == 5
@@ -135,6 +135,6 @@ def test_values_at_a_step():
 @pytest.mark.parametrize(
     ("times", "values"), [([], []), ([0.0], [np.nan]), ([1.0, 0.0], [0, 0]), ([0.0, 1.0], [0.0])]
 )
-def test_what_is_no_curve_is_refused(times, values):
+def test_an_invalid_curve_is_refused(times, values):
     with pytest.raises(ValueError):
         Curve.of(times, values)

@@ -130,7 +130,7 @@ def _wanted(device):
 
 
 @pytest.mark.parametrize("name", sorted(list_devices()))
-def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path):
+def test_every_format_plays_the_raster_or_reports_the_loss(name, tmp_path):
     device = load_device(name)
     expected = _wanted(device)
     raster = raster_for(device, rows=50)

@@ -80,7 +80,7 @@ STILL = np.tile(placed(turned(0.5, (1, 2, 3)), (1, 2, 3), (0.5, -1, 2)), (COUNT,
         (Capsule(0.5), 3, {"radius": 1.0, "topCentroid": [0, 0, 0.5]}),
     ],
 )
-def test_a_shape_is_a_trigger_where_it_stands(tmp_path, shape, kind, members):
+def test_a_shape_is_a_trigger_at_its_position(tmp_path, shape, kind, members):
     actual, _, _ = written(recorded(shape, STILL), tmp_path)
     interactivity = actual["extensions"]["MPEG_interactivity"]
     (trigger,) = interactivity["triggers"]
@@ -157,7 +157,7 @@ def test_mirrored_and_sheared_volumes(tmp_path):
     assert "sheared" in written(recorded(Cuboid(), sheared), tmp_path)[2].notes[0]
 
 
-def test_a_volume_that_is_never_active_is_told(tmp_path):
+def test_a_never_active_volume_is_reported(tmp_path):
     actual, _, result = written(recorded(Sphere(), STILL, np.zeros(COUNT)), tmp_path)
     assert "never active" in result.notes[0] and "extensions" not in actual
 
@@ -171,7 +171,7 @@ def test_rows_without_a_level_are_left_out(tmp_path):
     assert "animations" not in actual
 
 
-def test_triggers_without_what_they_play_are_told(tmp_path):
+def test_triggers_without_files_are_reported(tmp_path):
     sheared = STILL.copy()
     sheared[:, 0, 1] += 0.5
     assert written(recorded(Cuboid(), sheared), tmp_path)[2].notes == ()  # a matrix holds shear

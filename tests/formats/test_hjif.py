@@ -251,7 +251,7 @@ TAKEN = {
 
 
 @pytest.mark.parametrize("code", TAKEN)
-def test_what_the_reference_software_takes_is_valid_with_a_warning(code):
+def test_files_accepted_by_the_reference_software_are_valid_with_a_warning(code):
     path, value = TAKEN[code]
     document = sample()
     at(document, path[:-1])[path[-1]] = value
@@ -291,7 +291,7 @@ def test_the_profile_simple_parametric_has_rules_of_its_own():
     }
 
 
-def test_what_the_reference_software_needs_is_a_warning():
+def test_needs_of_the_reference_software_are_a_warning():
     samples = sample()
     del samples["syncs"], samples["timescale"], at(samples, C)["body_part_mask"]
     assert codes(samples) == ["HJIF-REFERENCE-MISSING"] * 3
@@ -407,7 +407,7 @@ def test_the_standards_schemas_agree():
 # --- round trips ---------------------------------------------------------------------------
 
 
-def test_what_is_wrong_is_found_among_a_thousand_unknown_members():
+def test_faults_are_found_among_a_thousand_unknown_members():
     actual = {**{f"more{k}": 1 for k in range(1200)}, **sample()}
     assert (
         hjif_reader.decode(encoded(actual), "x")[0] == hjif_reader.decode(encoded(sample()), "x")[0]
@@ -608,7 +608,7 @@ BEAT = [0.0, 0.5, 1.0, 0.5, 0.0, 0.0]
 
 @pytest.mark.parametrize("kind", ["painted", "volume"])
 @pytest.mark.parametrize("modality", ["vibration", "pressure", "temperature", "wind"])
-def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
+def test_the_file_holds_the_samples(tmp_path, modality, kind):
     levels = np.array(BEAT * 4)
     with track_of(tmp_path, modality, kind, levels) as track:
         written = from_track.write(track, (), tmp_path / "scene ä")
@@ -737,7 +737,7 @@ def test_weights_become_gains(tmp_path):
     assert gains == pytest.approx([1.0, 0.5, 0.25, 0.05])
 
 
-def test_a_track_that_nobody_felt_is_refused(tmp_path):
+def test_a_track_without_contacts_is_refused(tmp_path):
     with track_of(tmp_path, "pressure", "painted", [0.0, 0.0]) as track:
         with pytest.raises(InputError, match="no samples on a body"):
             from_track.write(track, (), tmp_path / "y")
@@ -798,7 +798,7 @@ def test_known_places_have_their_bits():
     assert BITS[26] == "right sole" and place_mask is not None
 
 
-def test_what_a_document_cannot_hold_of_a_track_is_told(tmp_path):
+def test_track_data_beyond_the_document_is_reported(tmp_path):
     with track_of(tmp_path, "wind", "painted", BEAT) as track:
         header, runs = track.header, list(track.runs())
         assert from_track.write(track, (), tmp_path / "still").left_out == ()

@@ -244,7 +244,7 @@ def test_a_band_that_is_silent_throughout_is_silence():
     assert not actual.amplitude.values.any()
 
 
-def test_wavelets_that_cannot_be_decoded_are_told():
+def test_undecodable_wavelets_are_reported():
     band = coded(np.zeros(2048))
     band["effects"][1]["wavelet_stream"] = "not base64!"
     assert "1 effects have no readable wavelet stream" in str(
@@ -349,7 +349,7 @@ def test_variants_of_other_tools_play_the_same(name, tmp_path):
     assert takes != any(finding.severity == "error" for finding in hjif_rules.findings(document))
 
 
-def test_anything_in_a_composition_is_read_without_it():
+def test_unknown_parts_of_a_composition_are_skipped():
     """The standard's schema allows any content of a composition."""
     parts = [basis((0, 0.5, 100), (400, 0.5, 200)), {"effect_type": True}, {"id": "x"}, 7]
     whole = {"effect_type": "Composite", "position": 100, "composition": parts}
@@ -378,7 +378,7 @@ def test_strict_findings_name_the_tool():
     ) or ("from before the standard" in message_by_code["HJIF-MISSING"])
 
 
-def test_what_has_no_clear_meaning_is_refused():
+def test_ambiguous_documents_are_refused():
     for path, value in ((("perceptions",), "all"), (("perceptions", 0, "channels"), [])):
         document = sample()
         at(document, path[:-1])[path[-1]] = value

@@ -33,7 +33,7 @@ def info(capsys, path, *more):
     ("content", "state", "complete"),
     [(b"abc", "there", "yes"), (b"abcd", "of another size", "no"), (None, "missing", "no")],
 )
-def test_a_report_tells_what_was_written_and_whether_it_is_there(
+def test_a_report_lists_written_files_and_their_presence(
     tmp_path, capsys, content, state, complete
 ):
     path = tmp_path / "x.report.json"
@@ -66,7 +66,7 @@ def test_a_report_tells_what_was_written_and_whether_it_is_there(
         (REPORT | {"warnings": [None]}, "warnings[0] is null"),
     ],
 )
-def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, message):
+def test_an_invalid_report_is_refused_in_one_line(tmp_path, capsys, content, message):
     path = tmp_path / "x.report.json"
     path.write_text(json.dumps(content))
     code, out, err = info(capsys, path)
@@ -74,7 +74,7 @@ def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, messag
     assert err.count("\n") == 1 and str(path) in err and message in err
 
 
-def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):
+def test_foreign_json_is_reported(tmp_path, capsys):
     path = tmp_path / "x.other.json"
     path.write_text('{"channels": []}')
     code, _, err = info(capsys, path)
@@ -97,7 +97,7 @@ def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
         os.close(keeps_it_open)
 
 
-def test_validate_tells_a_file_that_a_report_names_and_that_is_gone(tmp_path, capsys):
+def test_validate_reports_missing_files_of_a_report(tmp_path, capsys):
     path = tmp_path / "x.report.json"
     listed = {"scene": "S", "files": [{"name": "x.csv", "bytes": 2}]}
     path.write_text(json.dumps(listed))
@@ -108,7 +108,7 @@ def test_validate_tells_a_file_that_a_report_names_and_that_is_gone(tmp_path, ca
     assert "REPORT-FILE files[0]: 'x.csv' is missing" in capsys.readouterr().out
 
 
-def test_shipped_effects_and_paths_are_valid_and_told(capsys):
+def test_shipped_effects_and_paths_are_valid_and_described(capsys):
     library = resources.effect_library()
     files = [*sorted(library.glob("*.hfxeffect")), *sorted(library.glob("paths/*.hfxpath"))]
     assert {path.suffix for path in files} == {".hfxeffect", ".hfxpath"}
@@ -125,7 +125,7 @@ def test_shipped_effects_and_paths_are_valid_and_told(capsys):
     assert json.loads(out)["points"] == len(json.loads(files[-1].read_text())["points_m"])
 
 
-def test_a_folder_is_checked_with_those_below_it(tmp_path, capsys):
+def test_a_folder_is_checked_recursively(tmp_path, capsys):
     (tmp_path / "Anna").mkdir()
     (tmp_path / "Anna" / "x.haptic").write_text("{}")
     (tmp_path / ".stage").mkdir()
@@ -148,7 +148,7 @@ def test_a_folder_is_checked_with_those_below_it(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", ["x.hfxclip", "x.hfxtrack", "x.hjif", "x.report.json", "x"])
-def test_what_is_no_plain_file_is_refused_and_not_waited_for(tmp_path, capsys, name):
+def test_special_files_are_refused_without_waiting(tmp_path, capsys, name):
     gone, link, pipe = tmp_path / "none" / name, tmp_path / f"of.{name}", tmp_path / name
     link.symlink_to(gone)
     os.mkfifo(pipe)

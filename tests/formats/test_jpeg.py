@@ -26,7 +26,7 @@ BEGIN = b"\xff\xd8" + THUMBNAIL + b"\xff\xff\xdb\0\x03x" + b"\xff\xda\0\x02" + b
         (b"", False),
     ],
 )
-def test_a_jpeg_without_its_end_is_told(tmp_path: Path, data: bytes, cut_off: bool) -> None:
+def test_a_jpeg_without_its_end_is_reported(tmp_path: Path, data: bytes, cut_off: bool) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(data)
     assert jpeg.is_cut_off(path) is cut_off

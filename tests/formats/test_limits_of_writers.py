@@ -55,7 +55,7 @@ def _assert_readable(path: Path) -> None:
     rows=st.integers(300, 400),
     most_bytes=st.one_of(st.integers(7000, 10_500), st.integers(10_000, 60_000)),
 )
-def test_what_is_written_is_read_at_and_beyond_each_limit(
+def test_written_files_are_readable_at_and_beyond_each_limit(
     tmp_path_factory: pytest.TempPathFactory, rows: int, most_bytes: int
 ) -> None:
     """300 to 400 rows last 6 to 8 s, of a limit of 7; 3 numbers a row take 7200 to 9600 bytes."""
@@ -76,7 +76,7 @@ def test_what_is_written_is_read_at_and_beyond_each_limit(
         assert id in ids or FORMATS[id].title in text or f"a{FORMATS[id].suffix}" in text, id
 
 
-def test_a_silent_raster_is_read_however_well_it_packs(
+def test_a_highly_compressed_silent_raster_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = 20_000  # two constant columns: packed about 30 times, as are the times

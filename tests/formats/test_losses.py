@@ -43,7 +43,7 @@ def left_out(*given):
 
 
 @pytest.mark.parametrize("name", [n for n, f in FORMATS.items() if f.held])
-def test_frequencies_outside_of_a_range_are_told(name, tmp_path):
+def test_frequencies_outside_of_a_range_are_reported(name, tmp_path):
     hertz = [120, 120, 120, 400, 400]
     actual = left_out(name, [signal(LOUD, hertz, name="a"), signal(LOUD, name="b")], tmp_path)
     (sentence,) = actual
@@ -62,7 +62,7 @@ def test_openxr_has_a_range_of_its_own(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["wav", "ahap", "openxr", "hjif"])
-def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
+def test_a_raster_beyond_a_file_is_reported(name, tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
     (reasons,) = writing.write(name, raster, DEVICE, tmp_path / "x").left_out
@@ -73,14 +73,14 @@ def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["ahap", "haptic", "he", "he1", "openharmony", "openxr"])
-def test_what_is_weaker_than_the_tolerance_is_told(name, tmp_path):
+def test_signals_below_the_tolerance_are_reported(name, tmp_path):
     weak = signal([0, 0.004, 0, 0, 1, 0, 0, 0.004, 0], name="weak")
     notes = written(name, [weak, signal(LOUD, name="loud")], tmp_path).notes
     (sentence,) = [note for note in notes if "weaker than the tolerance" in note]
     assert "2 times" in sentence and sentence.endswith("1 (weak)")
 
 
-def test_what_motors_share_or_are_too_coarse_for_is_told(tmp_path):
+def test_shared_and_coarse_motors_are_reported(tmp_path):
     motor = Motor("Vest", "VestBack", 0)
     names = [f"no{k}" for k in range(8)]
     signals = [signal(LOUD, name=name) for name in ("a", "b", "faint", *names)]
@@ -93,7 +93,7 @@ def test_what_motors_share_or_are_too_coarse_for_is_told(tmp_path):
     assert weak.endswith("1 (faint)")
 
 
-def test_ticks_that_change_are_told(tmp_path):
+def test_changed_ticks_are_reported(tmp_path):
     ticks = (Transient(0.01, 0.2, 120.0), Transient(0.02, 0.004, 120.0))
     content = replace(signal([1.0, 1.0, 0.0, 0.0]), transients=ticks)
     (raised,) = haptic.write([content], RANGE, tmp_path / "x").left_out
@@ -106,7 +106,7 @@ def test_ticks_that_change_are_told(tmp_path):
     assert ["1 ticks weaker" in finding for finding in notes] == [True]
 
 
-def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path):
+def test_sums_reduced_to_one_frequency_are_reported(tmp_path):
     device = load_device("sound_card_8")
     raster = raster_for(device, rows=4)
     names = raster.actuators[:2]
@@ -123,7 +123,7 @@ def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path
     assert writing.write("csv", alike, device, tmp_path / "x").notes == ()
 
 
-def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
+def test_envelope_data_beyond_hjif_is_reported(tmp_path):
     content = [signal(LOUD, [1500.0] * 5, name="high"), signal([0, 0.004, 0], name="weak")]
     result = from_actuators.write_signals(content, RANGE, tmp_path / "x")
     (high,), (_, weak) = result.left_out, result.notes
@@ -131,7 +131,7 @@ def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
     assert "too weak" in weak and weak.endswith("1 (weak)")
 
 
-def test_values_that_a_reader_cuts_are_told():
+def test_values_clipped_by_a_reader_are_reported():
     curve = {
         "ParameterID": "HapticIntensityControl",
         "Time": 0.0,
@@ -155,7 +155,7 @@ def test_values_that_a_reader_cuts_are_told():
     assert actual.left_out == ("4 frequencies of curves beyond 0 to 100, taken as the nearest",)
 
 
-def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
+def test_hjif_ticks_above_full_scale_are_reported(tmp_path):
     content = replace(signal(LOUD), transients=(Transient(0.01, 0.9, 120.0),))
     (path,) = from_actuators.write_signals([content], RANGE, tmp_path / "x").files
     document = json.loads(path.read_text())
@@ -167,7 +167,7 @@ def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
     assert "'r1c1': 1 effects are ticks louder than full scale: cut to it" in actual.left_out
 
 
-def test_an_option_that_says_nothing_is_told(tmp_path):
+def test_an_option_without_effect_is_reported(tmp_path):
     source = tmp_path / "a.ahap"
     (path,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
     path.replace(source)
@@ -176,7 +176,7 @@ def test_an_option_that_says_nothing_is_told(tmp_path):
     assert not any("--body" in n for n in conversion.convert(source, tmp_path / "c.he").notes)
 
 
-def test_strict_refuses_what_is_left_out(tmp_path):
+def test_strict_refuses_omissions(tmp_path):
     raster = raster_for(DEVICE, rows=4)
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
     (path,) = writing.write("csv", raster, DEVICE, tmp_path / "a").files
@@ -213,7 +213,7 @@ def keyframes_of(path):
 # Frequency ramps beyond the range of a file are clamped to the limit from there on.
 @pytest.mark.parametrize("kind", ["ahap", "haptic"])
 @pytest.mark.parametrize("hertz", [(20.0, 500.0), (500.0, 20.0), (150.0, 1000.0)])
-def test_what_is_cut_is_cut_at_every_time(kind, hertz, tmp_path):
+def test_clipping_applies_at_every_time(kind, hertz, tmp_path):
     expected = signals.Signal(
         "a", Curve.of([0.0, 2.0], [0.1, 1.0]), Curve.of([0.0, 2.0], list(hertz))
     )
@@ -258,7 +258,7 @@ def test_claims_hold_of_other_formats_when_they_are_read_again(kind, tmp_path):
     assert (actual >= low - claimed_hz - 0.05).all() and (actual <= high + claimed_hz + 0.05).all()
 
 
-def test_what_sounds_together_is_cut_at_every_time():
+def test_clipping_of_mixed_signals_applies_at_every_time():
     ramp, tone = Curve.of([0.0, 1.0], [0.0, 1.0]), Curve.of([0.0], [100.0])
     actual = signals.mixed("a", [signals.Piece(0.0, 1.0, ramp, tone)] * 2)
     assert actual.amplitude.at([0.25, 0.5, 0.75]) == pytest.approx([0.5, 1.0, 1.0])
@@ -275,12 +275,12 @@ def test_sharpness_above_its_range_stays_at_its_limit():
     assert actual.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
 
 
-def test_no_error_is_told_as_none():
+def test_a_zero_error_is_reported_as_none():
     one = signal([0.5, 0.5])
     assert error_note([(one, one)]) == "keyframes are within 0.00% of full scale and 0.0 Hz"
 
 
-def test_errors_count_what_the_other_signal_has_near_in_time():
+def test_errors_consider_values_near_in_time():
     one = signals.Signal("a", Curve.of([0, 1, 1, 2], [0.2, 0.2, 0.9, 0.9]), Curve.of([0], [100.0]))
     late = signals.Signal(
         "a", Curve.of([0, 1.001, 1.001, 2], [0.2, 0.2, 0.95, 0.95]), Curve.of([0], [103.0])
@@ -311,7 +311,7 @@ def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ahap", "haptic", "openxr"])
-def test_what_sounds_between_two_silent_keyframes_keeps_its_frequency(kind, tmp_path):
+def test_sound_between_silent_keyframes_keeps_its_frequency(kind, tmp_path):
     levels = Curve.of([0, 1, 2, 4, 6], [0.0, 1.0, 0.0, 0.0, 1.0])
     expected = signals.Signal("a", levels, Curve.of([0, 2, 4, 6], [90.0, 200.0, 100.0, 150.0]))
     actual = writing.write_signals(

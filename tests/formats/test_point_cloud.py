@@ -52,7 +52,7 @@ def test_lines_of_points(tmp_path: Path, mark: str) -> None:
     assert np.array_equal(point_cloud.read(path), POINTS)
 
 
-def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
+def test_missing_measurements_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "p.xyz"
     path.write_text("nan nan nan\n0 0 0\n1 0 0\n0 1 0\n0 1 inf\n")
     assert len(point_cloud.read(path)) == 3

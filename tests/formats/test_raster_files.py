@@ -79,7 +79,7 @@ def test_large_rasters(tmp_path, shape):
     assert (tmp_path / "x.raster.npz").read_bytes() == (tmp_path / "y.raster.npz").read_bytes()
 
 
-def test_numpy_reads_it(tmp_path):
+def test_numpy_reads_raster_files(tmp_path):
     raster = raster_for(load_device("back_pad"))
     npz_raster.write(raster, tmp_path / "x.raster.npz")
     with np.load(tmp_path / "x.raster.npz", allow_pickle=False) as actual:
@@ -112,7 +112,7 @@ def test_a_csv_is_read_back_to_nine_digits(tmp_path):
         b"time_s,\xff.x [m]\r\n0,1\r\n",
     ],
 )
-def test_what_is_no_table_is_refused(content):
+def test_an_invalid_table_is_refused(content):
     with pytest.raises(InputError, match=r"^x: "):
         csv_raster.decode(content, "x")
 

@@ -138,7 +138,7 @@ def test_ahap_events_and_curves_keep_their_limits():
     assert max(len(curve["ParameterCurveControlPoints"]) for curve in curves) == 16
 
 
-def test_ahap_puts_ticks_beside_an_envelope_into_a_second_pattern(tmp_path):
+def test_ahap_puts_ticks_into_a_second_pattern(tmp_path):
     tick = Transient(0.01, 0.8, 150.0)
     written = ahap.write([signal([0, 1, 0], transients=[tick])], RANGE, tmp_path / "x")
     assert [path.name for path in written.files] == ["x.r1c1.ahap", "x.r1c1.transients.ahap"]
@@ -389,7 +389,7 @@ def test_a_broken_rule_is_found_by_its_code(document, path, value, code):
     ],
 )
 @pytest.mark.parametrize("suffix", [".ahap", ".haptic", ".he", ".tact", ".openxr.json", ".hjif"])
-def test_what_is_no_document_is_refused_in_one_sentence(content, suffix, tmp_path):
+def test_an_invalid_document_is_refused_in_one_sentence(content, suffix, tmp_path):
     path = tmp_path / f"x{suffix}"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:

@@ -32,7 +32,7 @@ def played(content):
 
 @given(signals())
 @settings(max_examples=40, deadline=None)
-def test_each_20_ms_has_the_strongest_of_it(content):
+def test_each_20_ms_has_the_strongest_value(content):
     actual = played(content)
     if content.amplitude.values.max() < 0.005:
         return
@@ -121,7 +121,7 @@ def test_dots_of_head_hand_and_foot_have_a_layout():
         assert _levels_at(document, 0) == {(motor.position, motor.index): 1.0}
 
 
-def test_what_has_no_motor_is_told(tmp_path):
+def test_actuators_without_motors_are_reported(tmp_path):
     device = load_device("insoles")
     with pytest.raises(InputError, match="torso or a forearm"):
         writing.write("tact", raster_for(device), device, tmp_path / "x")
@@ -236,7 +236,7 @@ def test_a_broken_rule_is_found_by_its_code(path, value, code):
     assert code in [finding.code for finding in tact_rules.validate(encoded(actual), "x")]
 
 
-def test_unknown_members_are_told_beside_a_project_only():
+def test_unknown_members_are_reported_outside_projects_only():
     """bHaptics' own tools keep more within a project than the player reads."""
     actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
     actual["project"]["more"] = actual["project"]["tracks"][0]["more"] = 1

@@ -26,7 +26,7 @@ def _map(rows: int = 6, columns: int = 9) -> HapticMap:
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_what_is_written_is_read_again(tmp_path: Path, bits: int) -> None:
+def test_height_maps_survive_writing(tmp_path: Path, bits: int) -> None:
     map_ = _map()
     written = texture_map.write(map_, tmp_path / "cloth", bits)  # type: ignore[arg-type]
     assert [path.name for path in written.files] == [
@@ -146,7 +146,9 @@ def test_a_damaged_picture_is_refused_at_any_byte(tmp_path: Path) -> None:
         ({"unknown": 1}, "unknown"),
     ],
 )
-def test_a_wrong_description_is_told(tmp_path: Path, change: dict[str, object], words: str) -> None:
+def test_a_wrong_description_is_reported(
+    tmp_path: Path, change: dict[str, object], words: str
+) -> None:
     path = texture_map.write(_map(), tmp_path / "m").files[0]
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(InputError, match=words) as caught:

@@ -72,7 +72,7 @@ def test_sounds_and_ramps_of_ticks_are_named_as_lost():
     assert "1 parameters AttackTime of events" in actual.left_out
 
 
-def test_what_is_missing_has_its_default_value_as_in_core_haptics():
+def test_missing_members_have_core_haptics_defaults():
     whole = event(HapticIntensity=0.5)["Event"]
     curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
     early = {key: value for key, value in whole.items() if key != "Time"}
@@ -99,7 +99,7 @@ def test_more_than_16_points_are_a_warning():
     assert (actual.code, actual.severity) == ("AHAP-CURVE-POINTS", "warning")
 
 
-def test_ticks_beside_a_pattern_are_read_with_it(tmp_path):
+def test_ticks_of_a_second_pattern_are_read(tmp_path):
     tick = event("HapticTransient", time=0.25, HapticIntensity=0.5)
     for name, entry in (("x.ahap", event()), ("x.transients.ahap", tick)):
         (tmp_path / name).write_bytes(encoded({"Version": 1.0, "Pattern": [entry]}))
@@ -140,9 +140,7 @@ INVALID = [
 
 
 @pytest.mark.parametrize(("kind", "document"), INVALID)
-def test_what_stands_in_the_wrong_place_is_bad_input_to_every_command(
-    kind, document, tmp_path, capsys
-):
+def test_misplaced_members_are_bad_input_to_every_command(kind, document, tmp_path, capsys):
     path = tmp_path / f"x.{kind}"
     path.write_bytes(encoded(document))
     commands = (["validate"], ["info"], ["convert", str(tmp_path / "y"), "--to", "hjif"])
@@ -284,7 +282,7 @@ def test_patterns_of_other_tools_are_read_with_a_note():
         he.decode(encoded(document), "x")
 
 
-def test_a_suit_file_without_what_readers_do_not_need():
+def test_a_suit_file_without_optional_members():
     dots = [{"index": k, "x": k % 4 / 3, "y": k // 4 / 4} for k in range(20)]
     points = [{"index": 3, "intensity": "0.5"}, {"index": 99, "intensity": 2}]
     front = {
@@ -327,7 +325,7 @@ def test_silence_at_the_end_is_kept(tmp_path, suffix, is_silent):
     assert ("all of it is silent" in written.notes) == is_silent
 
 
-def test_every_file_beside_a_sound_is_known(tmp_path, capsys):
+def test_every_companion_file_of_a_sound_is_known(tmp_path, capsys):
     (tmp_path / "x.haptic").write_bytes(encoded(clip([(0.0, 0.5), (0.1, 0.5)])))
     written = convert(tmp_path / "x.haptic", tmp_path / "y.wav", device="back_pad")
     listed = tmp_path / "y.wav.channels.json"

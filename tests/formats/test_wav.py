@@ -186,7 +186,7 @@ def test_length_covers_every_row(tmp_path, rate_hz, rows, samples):
     assert len(written(tmp_path, raster)) == samples  # rows / rate * 48000, rounded up
 
 
-def test_sidecar_tells_the_channels(tmp_path):
+def test_sidecar_lists_the_channels(tmp_path):
     device = make_device(3)
     wav.write(make_raster([[1.0] * 3], [[100.0] * 3]), device, tmp_path / "x.wav")
     assert json.loads((tmp_path / "x.wav.channels.json").read_text()) == {
@@ -207,7 +207,7 @@ def test_a_value_that_is_no_number_is_silence_not_full_power(tmp_path):
     assert np.abs(data).max() <= 32767 * 1.0 / FULL_SCALE + 1
 
 
-def test_devices_without_vibration_are_told_so(tmp_path):
+def test_devices_without_vibration_are_reported(tmp_path):
     raster = make_raster([[1.0]], [[100.0]])
     with pytest.raises(InputError, match="'device' has no vibration actuators"):
         wav.write(raster, make_device(1, "pressure"), tmp_path / "x.wav")
@@ -250,7 +250,7 @@ def test_an_unwritable_place(tmp_path):
 
 
 @pytest.mark.parametrize("name", [b"data", b"LIST", b"\xb5\x01ab"])
-def test_a_chunk_beyond_the_end_is_named_as_it_is(name):
+def test_a_chunk_beyond_the_end_is_named(name):
     content = b"RIFF" + struct.pack("<I", 12) + b"WAVE" + name + struct.pack("<I", 99)
     message = wav_rules.inspect(content)[1][0].message
     assert message == f"the chunk '{name.decode('latin-1')}' is longer than the file"

@@ -44,7 +44,7 @@ def test_nine_of_ten_wishes_find_their_kind() -> None:
         ("Crêpe de Chine", "fabric"),
     ],
 )
-def test_what_is_meant_is_told_from_what_is_only_named(words: str, expected: str) -> None:
+def test_the_main_noun_decides_the_material(words: str, expected: str) -> None:
     assert kind(words) == expected
 
 
@@ -131,7 +131,7 @@ def test_the_same_words_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
     assert one[0].read_bytes() != three[0].read_bytes()
 
 
-def test_a_record_tells_how_and_its_files_are_read_again(tmp_path: Path) -> None:
+def test_a_record_describes_the_texture_and_files_are_readable(tmp_path: Path) -> None:
     texture = library_search.generate("wet gravel", negative="smooth", seed=7, texels=64)
     record = generated.write(texture, tmp_path, "1.0").files[-1]
     document = json.loads(record.read_text())

@@ -122,7 +122,7 @@ def test_numbers_that_a_script_may_give_end_no_loop() -> None:
         assert 0.1 <= before <= 0.8 and player.position_s != before
 
 
-def test_what_was_never_begun_is_silent() -> None:
+def test_a_player_never_started_is_silent() -> None:
     core = library()
     zeros, out = (ctypes.c_uint64 * 64)(), (ctypes.c_float * 4)(1, 1, 1, 1)
     core.hfx_player_advance(zeros, ctypes.c_double(0.1), out)
@@ -188,7 +188,7 @@ def test_reserved_words_are_zero_and_names_of_sections_are_not_repeated(tmp_path
         clip_rules.read(again, "x")
 
 
-def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
+def test_incomplete_clips_and_other_versions_are_refused() -> None:
     good = by_hand()
     newer = with_checksum(good[:8] + struct.pack("<I", 2) + good[12:])
     flipped = good[:-1] + bytes([good[-1] ^ 1])
@@ -204,7 +204,7 @@ def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
             clip_rules.read(content, "x")
 
 
-def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
+def test_valid_clips_play_and_invalid_clips_are_not_opened() -> None:
     source = (ROOT / "players/conformance/everything.hfxclip").read_bytes()
     changed = damaged(source, np.random.default_rng(3))
     opened = 0
@@ -234,7 +234,7 @@ def test_no_peak_is_lost_at_random_frame_rates(tmp_path: Path) -> None:
     assert (counts.lost, counts.wrong) == (0, 0)
 
 
-def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_and_info_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case_of(next(spec for spec in SPECS if spec.name == "touch"), tmp_path)
     path = tmp_path / "made.hfxclip"
     command = [

@@ -26,12 +26,12 @@ _SUBSTANTIVE = 24
 @pytest.mark.parametrize(
     ("suffix", "standard"), [(".c", "c99"), (".cc", "c++17")], ids=["C99", "C++17"]
 )
-def test_it_compiles_without_warnings(suffix: str, standard: str, tmp_path: Path) -> None:
+def test_the_core_compiles_without_warnings(suffix: str, standard: str, tmp_path: Path) -> None:
     source = '#include "hfx_player.h"\nint main(void) { return 0; }\n'
     assert compiled(source, tmp_path / "x", f"-std={standard}", suffix=suffix).is_file()
 
 
-def test_it_calls_nothing_but_the_named_mathematics(tmp_path: Path) -> None:
+def test_the_core_calls_only_listed_mathematics(tmp_path: Path) -> None:
     source = '#define HFX_API extern\n#include "hfx_player.h"\n'
     library = compiled(source, tmp_path / "x.o", "-std=c99", "-c", "-O0")
     nm = shutil.which("nm")
@@ -43,7 +43,7 @@ def test_it_calls_nothing_but_the_named_mathematics(tmp_path: Path) -> None:
     assert called <= _MATH
 
 
-def test_it_includes_nothing_else_and_has_its_own_licence() -> None:
+def test_the_core_includes_nothing_else_and_has_its_own_licence() -> None:
     for path in _SOURCES:
         text = path.read_text()
         assert text.startswith("/* SPDX-License-Identifier: MIT\n")
@@ -57,7 +57,7 @@ def _lines(path: Path) -> set[str]:
     return {"".join(line.split()) for line in path.read_text(errors="replace").splitlines()}
 
 
-def test_it_shares_no_lines_with_the_product() -> None:
+def test_the_core_shares_no_lines_with_the_product() -> None:
     core = set().union(*(_lines(path) for path in _SOURCES))
     own = {item for item in core if len(re.sub(r"\W", "", item)) >= _SUBSTANTIVE}
     ours = set().union(*(_lines(path) for path in _OURS))

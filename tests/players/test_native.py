@@ -17,7 +17,7 @@ def floats(numbers: list[str] | int) -> ctypes.Array[ctypes.c_float]:
     return (ctypes.c_float * count)(*([] if isinstance(numbers, int) else map(float, numbers)))
 
 
-def test_a_walk_is_felt_as_the_folder_says_and_nonsense_is_refused() -> None:
+def test_a_walk_matches_the_folder_and_invalid_input_is_refused() -> None:
     core = library()
     error = ctypes.c_int32()
 

@@ -92,7 +92,7 @@ def test_an_impact_rings_at_the_weights_of_its_deepest_frame(tmp_path: Path) -> 
             assert body.level(0) == pytest.approx(np.exp(-since / 0.15), rel=0.01)
 
 
-def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> None:
+def test_a_painted_area_drives_the_actuators_in_reach(tmp_path: Path) -> None:
     model = load_model("hfx-vibration-1")
     palm = np.flatnonzero((model.part == PARTS.index("hand_palm")) & (model.vertices[:, 0] > 0.0))
     area = PaintedArea("b", palm.astype(np.int32), np.full(len(palm), 0.5, np.float32))
@@ -152,7 +152,7 @@ def test_bones_have_the_names_of_common_rigs() -> None:
     assert all(rig_names(name).human for name in load_skeleton().bone_names)
 
 
-def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> None:
+def test_a_clip_with_every_kind_of_record_is_valid_and_plays(tmp_path: Path) -> None:
     content = write_small_clip(tmp_path).read_bytes()
     assert clip_rules.validate(content, "x") == []
     body = Body(Clip(content))
@@ -164,7 +164,7 @@ def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> N
     assert body.level(4) == 1.0
 
 
-def test_skin_is_felt_that_arrives_after_frames_far_away(tmp_path: Path) -> None:
+def test_skin_arriving_after_distant_frames_has_contacts(tmp_path: Path) -> None:
     content = write_small_clip(tmp_path).read_bytes()
     places = clip_rules.read(content, "x")["VERT"]["place"].astype(np.float64)
     body = Body(Clip(content))

@@ -46,7 +46,7 @@ def test_all_kinds_of_children_are_tried() -> None:
 
 
 @pytest.mark.parametrize("module", CHILDREN)
-def test_no_child_runs_what_lies_in_the_current_folder(
+def test_no_child_runs_modules_of_the_current_folder(
     module: str, strange: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{os.pathsep}.{os.pathsep}site-packages")
@@ -65,7 +65,7 @@ def test_no_child_runs_what_lies_in_the_current_folder(
     assert is_at_imports, "it came to its own imports"
 
 
-def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
+def test_no_program_runs_modules_of_the_current_folder(strange: Path) -> None:
     """Programs given as source, as in the measurements."""
     source = "import sys, json, queue, numpy, hfx_tools.bench.safety.safety; print(sys.argv)"
     command = processes.program(source, "x", "y")
@@ -174,12 +174,12 @@ def test_hfx_imports_nothing_from_a_relative_pythonpath(
     assert "back_pad" in done.stdout
 
 
-def test_hfx_finds_pythons_library_where_it_is_the_current_folder(hfx: list[str]) -> None:
+def test_hfx_finds_pythons_library_as_the_current_folder(hfx: list[str]) -> None:
     done = _devices(hfx, Path(os.__file__).parent, ".")
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_hfx_finds_what_an_absolute_entry_names(hfx: list[str], tmp_path: Path) -> None:
+def test_hfx_uses_absolute_path_entries(hfx: list[str], tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text("import sys\nsys.stderr.write('mine')\n")
     python_path = os.pathsep.join((".", str(tmp_path)))
     env = {**os.environ, "PYTHONPATH": python_path}

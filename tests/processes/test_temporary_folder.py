@@ -45,7 +45,7 @@ def _leave(folder: Path, fault: str = "") -> list[str]:
     return done.stdout.split()
 
 
-def test_what_the_user_keeps_there_stays_where_blender_uses_it_itself(tmp_path: Path) -> None:
+def test_user_files_stay_in_a_folder_used_by_blender(tmp_path: Path) -> None:
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "thesis").write_text("precious")
     _leave(tmp_path, "No space left on device")
@@ -59,7 +59,7 @@ def test_a_script_that_ends_by_itself_leaves_nothing(tmp_path: Path) -> None:
     assert done.returncode == 0 and list(tmp_path.iterdir()) == []
 
 
-def test_what_blender_made_is_gone_and_the_environment_is_the_users(tmp_path: Path) -> None:
+def test_folders_of_blender_are_removed_and_the_environment_restored(tmp_path: Path) -> None:
     (tmp_path / "thesis").write_text("precious")
     (tmp_path / "link").symlink_to(tmp_path)
     for name in ("", "link"):

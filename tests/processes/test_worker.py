@@ -64,7 +64,7 @@ def test_messages_of_any_size_come_back_in_their_order(make: Any) -> None:
     assert worker.receive(PATIENCE_S) == Message(MessageKind.ARM, 7, b"")
 
 
-def test_sending_waits_for_nobody_and_receiving_no_longer_than_told(make: Any) -> None:
+def test_sending_never_waits_and_receiving_has_a_timeout(make: Any) -> None:
     worker = make("import time; time.sleep(1000)")
     begun = time.monotonic()
     for _ in range(64):  # far more than a pipe takes
@@ -88,7 +88,7 @@ def test_sending_waits_for_nobody_and_receiving_no_longer_than_told(make: Any) -
     ],
 )
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
-def test_an_end_is_told_with_its_reason(make: Any, source: str, how: str) -> None:
+def test_an_end_is_reported_with_the_reason(make: Any, source: str, how: str) -> None:
     worker = make(keeps_errors=True)
     do(worker, source)
     assert worker.receive(PATIENCE_S) is None and not worker.fault
@@ -127,7 +127,7 @@ def test_callbacks_get_every_message_then_the_end(make: Any) -> None:
     assert ended.wait(PATIENCE_S) and messages == [1, 2, 3, "is wrong"]
 
 
-def test_the_input_ends_with_what_is_to_be_sent(make: Any) -> None:
+def test_the_input_ends_after_all_outgoing_messages(make: Any) -> None:
     def outgoing(_worker: Worker) -> Iterator[bytes]:
         yield message(MessageKind.ARM, 1)
 

@@ -81,12 +81,12 @@ def test_measurements_that_are_shown_together_have_one_caption() -> None:
     assert one_line.count("numpy") == one_line.count(str(here["processor"])) == 1
 
 
-def test_the_front_is_what_nothing_beats() -> None:
+def test_the_front_has_no_dominated_setting() -> None:
     points = [(3.0, 0.1), (1.0, 0.5), (2.0, 0.5), (4.0, 0.2), (5.0, 0.0)]
     assert trade_chart.front(points) == [1, 0, 4]
 
 
-def test_what_is_dearer_by_no_more_than_noise_is_on_the_front() -> None:
+def test_settings_within_noise_are_on_the_front() -> None:
     points = [(1.0, 0.5), (1.02, 0.5), (1.04, 0.5), (2.0, 0.1)]
     assert trade_chart.on_front(points) == [0, 1, 3]
 
@@ -110,9 +110,7 @@ def points(panel: Any) -> list[tuple[float, float]]:
     return [tuple(collection.get_offsets()[0].tolist()) for collection in panel.collections]
 
 
-def test_what_bounds_no_error_is_a_cross_beside_the_front(
-    figures: list[Any], tmp_path: Path
-) -> None:
+def test_settings_without_an_error_bound_are_crosses(figures: list[Any], tmp_path: Path) -> None:
     paper = row("paper", 0.5, 0.2, is_bounded=False)
     trade_chart.draw(result(*ROWS, paper), tmp_path / "with.svg")
     trade_chart.draw(result(*ROWS), tmp_path / "without.svg")
@@ -189,7 +187,7 @@ def test_the_winding_number_judges_meshes() -> None:
     assert actual["trimesh_differs"] in (None, 0)
 
 
-def test_what_is_added_to_measure_economy_touches_nothing() -> None:
+def test_the_economy_probe_touches_nothing() -> None:
     plain = economy.evaluated_case(1, PAPER)().counters
     doubled = economy.doubled_model(load_model(economy.MODEL_ID))
     for extra in ({"idle_volumes": 7}, {"idle_bodies": 1}, {"model": doubled}):

@@ -130,7 +130,7 @@ def _outline(axes: Any) -> tuple[np.ndarray, np.ndarray]:
     return edges, (values - bottom) / ROW
 
 
-def test_an_effect_is_drawn_when_it_was_felt(tmp_path: Path, drawn: Drawn) -> None:
+def test_an_effect_is_drawn_at_its_contact_times(tmp_path: Path, drawn: Drawn) -> None:
     # Contact from 0.2 s to 0.3 s of one second, at half of the full level.
     axes = drawn(_track(tmp_path, tuple(range(20, 30))), (), tmp_path / "x.svg")
     edges_s, heights = _outline(axes)
@@ -152,7 +152,7 @@ def test_one_short_sample_of_a_long_track_is_seen(tmp_path: Path, drawn: Drawn) 
     assert middles_s[heights > 0] == pytest.approx([543.21], abs=1000 / 480)
 
 
-def test_what_nobody_felt_has_an_empty_row(tmp_path: Path, drawn: Drawn) -> None:
+def test_an_effect_without_contacts_has_an_empty_row(tmp_path: Path, drawn: Drawn) -> None:
     _, heights = _outline(drawn(_track(tmp_path, ()), (), tmp_path / "x.svg"))
     assert (heights == 0).all()
     assert "pressure, up to 0 vertices" in _texts(tmp_path / "x.svg")

@@ -36,7 +36,7 @@ except process_end.TerminatedError as error:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
-def test_a_signal_ends_the_process_that_is_waited_for_and_lets_it_tidy(tmp_path: Path) -> None:
+def test_a_signal_ends_the_child_process_after_its_cleanup(tmp_path: Path) -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", _PARENT, str(tmp_path)], stdout=subprocess.PIPE, text=True
     )

@@ -47,7 +47,7 @@ def test_a_stop_that_something_loud_follows_is_none(tmp_path: Path) -> None:
     assert log_of(tmp_path, *rows, stop(3.0)).silence_after(1.5) == pytest.approx(1.5)
 
 
-def test_values_that_cannot_be_felt_are_no_stop(tmp_path: Path) -> None:
+def test_imperceptible_values_are_no_stop(tmp_path: Path) -> None:
     assert log_of(tmp_path, loud(1.0), quiet(2.0)).silence_after(1.5) is None
 
 
@@ -59,7 +59,7 @@ def test_a_device_that_did_not_play_at_the_fault_says_nothing(
         log_of(tmp_path, *rows, stop(2.0)).silence_after(1.5)
 
 
-def test_a_line_in_the_making_is_left_out_until_it_is_whole(tmp_path: Path) -> None:
+def test_an_incomplete_line_is_left_out(tmp_path: Path) -> None:
     log = log_of(tmp_path, loud(1.0))
     path = tmp_path / "log"
     path.write_text(path.read_text() + '{"time_s": 2.0, "st')
@@ -89,7 +89,7 @@ def run(kind: Scripted, rounds: int) -> safety_stops.Trials:
     return safety_stops.rounds_of("operator stops", lambda: kind, rounds, lambda share: None)
 
 
-def test_what_never_played_is_repeated_and_what_was_never_silent_is_not() -> None:
+def test_rounds_without_play_are_repeated_and_rounds_without_silence_are_not() -> None:
     kind = Scripted(0.1, NotPlayedError, 0.2, NotSilentError, 0.3)
     completed = run(kind, 4)
     assert completed.times_s == [0.1, 0.2, 0.3]
@@ -121,7 +121,7 @@ def test_a_stop_between_values_is_no_gap() -> None:
         ({"max_ms": None, "p99_ms": None}, False),
     ],
 )
-def test_a_figure_over_its_limit_is_told(changes: dict[str, Any], is_right: bool) -> None:
+def test_a_figure_over_its_limit_is_reported(changes: dict[str, Any], is_right: bool) -> None:
     row = {"trials": 9, "median_ms": 1.0, "p99_ms": 20.0, "max_ms": 40.0, "limit_ms": 50.0}
     row |= {"p99_limit_ms": 25.0, "never_silent": 0, "repeated": 0, **changes}
     assert safety.is_within(row) is is_right
@@ -143,7 +143,7 @@ def test_a_table_is_made_of_records_of_some_rows_idle_and_busy() -> None:
     ]
 
 
-def test_every_row_has_who_measures_it() -> None:
+def test_every_row_has_a_measurement() -> None:
     second = {"gap beside hostile scripts", "limiter", "opened files"}
     assert set(safety.ROWS) == set(safety.KINDS) | second
 

@@ -115,7 +115,7 @@ def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None
     assert ("stopped", "enough") in played.reports
 
 
-def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing) -> None:
+def test_values_received_during_a_stop_are_dropped(played: Playing) -> None:
     played.play()
     played.stop()
     played.thread.feed(playing())
@@ -125,13 +125,13 @@ def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing)
     assert not any(block[::2].any() for block in played.output.given[count:])
 
 
-def test_an_output_is_stopped_as_soon_as_it_is_open(opening: Opening) -> None:
+def test_an_output_is_stopped_right_after_opening(opening: Opening) -> None:
     opening.opens.set()
     opening.until("connected")
     assert opening.output.given[:3] == ["stop"] * 3
 
 
-def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing) -> None:
+def test_after_a_stop_an_armed_device_starts_from_silence(played: Playing) -> None:
     played.play()
     played.stop()
     played.thread.arm()
@@ -158,7 +158,7 @@ def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
 @pytest.mark.parametrize(
     ("fault", "event"), [(OutputLostError("unplugged"), "lost"), (ZeroDivisionError(), "fault")]
 )
-def test_an_output_with_a_fault_is_stopped_and_told(
+def test_a_faulty_output_is_stopped_and_reported(
     played: Playing, fault: Exception, event: str
 ) -> None:
     played.play()
@@ -198,7 +198,7 @@ def test_a_closed_thread_has_stopped_first(played: Playing) -> None:
     assert played.output.given[-1] == "stop"
 
 
-def test_what_cannot_be_opened_is_told() -> None:
+def test_a_failure_to_open_is_reported() -> None:
     def refuse() -> Any:
         raise OutputLostError("no such port")
 
@@ -248,7 +248,7 @@ def opening() -> Iterator[Opening]:
     actual.thread.close("the test is over")
 
 
-def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from_playing(
+def test_a_slow_blender_during_opening_does_not_prevent_playing(
     opening: Opening,
 ) -> None:
     opening.thread.arm()
@@ -258,7 +258,7 @@ def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from
     assert "frozen" not in opening.events
 
 
-def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> None:
+def test_a_stop_during_opening_keeps_the_device_silent(played: Playing) -> None:
     opens = threading.Event()
     events: list[str] = []
     output = Recorder()
@@ -279,13 +279,13 @@ def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> Non
     assert "armed" not in events and not output.loud()
 
 
-def test_it_is_told_to_be_connected_before_it_is_told_to_play(opening: Opening) -> None:
+def test_connected_is_reported_before_playing(opening: Opening) -> None:
     opening.opens.set()
     opening.until("armed")
     assert opening.events.index("connected") < opening.events.index("armed")
 
 
-def test_a_freeze_stops_what_plays(played: Playing) -> None:
+def test_a_freeze_stops_playing_devices(played: Playing) -> None:
     played.play()
     played.thread.freeze("Blender did not answer for 250 ms")
     played.until(lambda: played.output.ends_in_stops())
@@ -305,7 +305,7 @@ def test_a_thread_that_was_closed_leaves_no_thread_behind() -> None:
         time.sleep(0.002)
 
 
-def test_what_cannot_be_opened_leaves_no_thread_behind() -> None:
+def test_a_failure_to_open_leaves_no_thread() -> None:
     def refuse() -> Any:
         raise OutputLostError("no such port")
 

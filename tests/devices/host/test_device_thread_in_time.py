@@ -32,9 +32,7 @@ def stream(played: Played, rate: float, seconds: float, amplitude: float) -> Non
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("offset_ms", [0, 33, 400, 1000])
-def test_what_is_asked_to_be_silent_is_silent_after_the_offset_and_nothing_is_lost_before(
-    rate: float, offset_ms: int
-) -> None:
+def test_silence_comes_after_the_offset_without_earlier_losses(rate: float, offset_ms: int) -> None:
     played = Played(offset_s=offset_ms / 1000.0)
     stream(played, rate, 0.5, 10.0)
     played.run(0.0)
@@ -67,7 +65,7 @@ def test_every_frame_is_played_after_its_offset_as_far_as_the_device_takes_them(
 
 @pytest.mark.parametrize("rate", [24, 72, 240])
 @pytest.mark.parametrize(("before_ms", "after_ms"), [(0, 1000), (1000, 0), (300, 700), (700, 300)])
-def test_an_offset_that_is_changed_while_it_plays_leaves_nothing_on(
+def test_an_offset_changed_while_playing_leaves_nothing_on(
     rate: float, before_ms: int, after_ms: int
 ) -> None:
     played = Played(offset_s=before_ms / 1000.0)
@@ -181,7 +179,7 @@ def test_a_thread_that_gets_nothing_new_is_silent_by_itself(offset_s: float) -> 
     assert played.port.is_loud()
 
 
-def test_signs_of_life_keep_on_what_was_asked_last() -> None:
+def test_signs_of_life_hold_the_last_values() -> None:
     played = Played()
     played.thread.feed(frame(), played.thread.question(played.clock.now_s))
     for _ in range(40):
@@ -215,7 +213,7 @@ def test_after_a_sleep_nothing_of_before_is_sent(asleep_s: float) -> None:
     assert not any(v for _, v in played.port.strengths()[count:])
 
 
-def test_a_turn_that_slept_before_it_sent_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_delayed_turn_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played()
     played.thread.feed(frame())
     paced = Pace.paced
@@ -234,7 +232,7 @@ def test_a_turn_that_slept_before_it_sent_sends_nothing(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("interval_ms", [0.1, 10.0, 50.0, 500.0])
 @pytest.mark.parametrize("offset_s", [0.0, 0.5])
-def test_a_pause_is_silence_with_the_next_turn_and_cuts_what_waits(
+def test_a_pause_silences_the_next_turn_and_clears_the_queue(
     interval_ms: float, offset_s: float
 ) -> None:
     kinds = [replace(a.type, update_interval_ms=interval_ms) for a in BAND.actuators]
@@ -266,7 +264,7 @@ VOIDS = {
 
 @pytest.mark.parametrize("name", VOIDS)
 @pytest.mark.parametrize("offset_s", [0.0, 0.3])
-def test_what_was_asked_before_is_never_played_after(name: str, offset_s: float) -> None:
+def test_requests_before_a_stop_are_never_played_after(name: str, offset_s: float) -> None:
     played = Played(offset_s=offset_s)
     late = [played.thread.question(played.clock.now_s)]
     stream(played, 60, 0.5, 10.0)
@@ -316,7 +314,7 @@ def test_a_turn_that_was_under_way_sends_nothing_after_a_pause(
 
 
 @pytest.mark.parametrize("count", [0, 1, 15, 17, 32])
-def test_a_wrong_number_of_values_is_a_fault_that_is_told(count: int) -> None:
+def test_a_wrong_number_of_values_is_a_reported_fault(count: int) -> None:
     played = Played()
     stream(played, 60, 0.1, 10.0)
     played.thread.feed(np.full(count, 10.0))

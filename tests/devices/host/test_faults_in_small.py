@@ -86,7 +86,7 @@ def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
     assert len(thread.waiting) == 1 and thread.test_pulse is not None
 
 
-def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
+def test_stop_and_arm_clear_the_queue() -> None:
     thread, _ = lane_of(DEVICE)
     thread.arm()
     thread.feed(playing())
@@ -163,7 +163,7 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     assert next(written) == message(MessageKind.HEARTBEAT)  # no values
 
 
-def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
+def test_a_stop_before_ready_keeps_the_starting_deadline(
     client: LiveClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
@@ -251,7 +251,7 @@ def test_a_port_that_leads_elsewhere_is_refused(
         serial_port.reserve_port("/dev/ttyACM0")
 
 
-def test_what_is_no_ports_name_is_not_even_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_port_name_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[str] = []
     monkeypatch.setattr(serial_port, "reserve_port", looked.append)
     for name in ("spy:///dev/ttyS0?file=x", "socket://1.2.3.4:5", "/tmp/x", "/dev/tty/../sda", ""):
@@ -279,7 +279,7 @@ def test_a_port_that_cannot_be_opened_may_be_tried_again(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
-def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun(
+def test_urgent_frames_do_not_wait_for_a_begun_frame(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     master, slave = os.openpty()
@@ -336,7 +336,7 @@ def test_a_script_can_only_take_so_much_memory() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes by /proc")
-def test_what_a_script_has_started_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_processes_of_a_script_end_with_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
     source = (
         "import os, time\n"
         "from hfx_blender.processes.messages import json_message\n"
@@ -390,7 +390,7 @@ def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="descriptors")
-def test_a_port_never_blocks_whatever_the_library_opens(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_never_blocks_for_any_kind_of_file(monkeypatch: pytest.MonkeyPatch) -> None:
     master, slave = os.openpty()
 
     class Serial:
@@ -436,7 +436,7 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
     assert reported == [("lost", "cannot be opened: of somebody's")]
 
 
-def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_thread_stops_before_closing(monkeypatch: pytest.MonkeyPatch) -> None:
     thread, _ = lane_of(DEVICE)
     reported: list[tuple[str, bool]] = []
     monkeypatch.setattr(thread, "stop", lambda reason: reported.append((reason, thread.is_closed)))
@@ -489,7 +489,7 @@ class Asked:
         return False
 
 
-def test_a_stop_ends_the_script_and_an_arm_starts_it() -> None:
+def test_stop_ends_and_arm_starts_the_script() -> None:
     thread, _ = lane_of(DEVICE)
     thread.script = script = Asked()  # type: ignore[assignment]
     thread.arm()
@@ -555,7 +555,7 @@ def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyP
     assert host_module.PAUSE_S <= 10.0
 
 
-def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reconnecting_closes_the_old_device_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
     monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
     wish = encode_json({"configuration": BAND, "output": {"kind": "simulator"}})
@@ -563,7 +563,7 @@ def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.Monke
     assert thread.told == ["close"] and host.device_threads[1] is not thread
 
 
-def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
+def test_a_device_with_a_wrong_configuration_is_reported_as_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     reported: list[tuple[str, int, str]] = []
@@ -574,7 +574,7 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
     )
 
 
-def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rendered_values_go_to_playing_devices_only(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
     questions = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (MessageKind.ANSWER, MessageKind.FAULT):
@@ -592,7 +592,7 @@ def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.Monk
     assert thread.told == ["fault: it has ended"]
 
 
-def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_scene_is_silent_until_the_first_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     host, thread = host_of(monkeypatch)
     done: list[str] = []
     for name in ("describe", "forget", "show", "restart"):
@@ -606,7 +606,7 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
     assert thread.told == ["pause", "stop: enough", "pause"]
 
 
-def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
+def test_unread_events_take_bounded_memory() -> None:
     is_read = threading.Event()
 
     class Unread(io.BytesIO):

@@ -43,7 +43,7 @@ anything = st.one_of(
 
 @given(st.lists(anything, min_size=16, max_size=16), anything)
 @settings(deadline=None, max_examples=300)
-def test_whatever_is_asked_every_value_is_finite_and_in_range(requested, step_s):
+def test_every_limited_value_is_finite_and_in_range(requested, step_s):
     limited = Guard(DEVICE).limited(requested, step_s)
     controls = [c for a in DEVICE.actuators for c in a.type.controls]
     assert np.isfinite(limited).all()
@@ -54,7 +54,7 @@ def test_whatever_is_asked_every_value_is_finite_and_in_range(requested, step_s)
 @pytest.mark.parametrize(
     "requested", [None, "full", [1.0], [[1.0] * 16], {"a": 1}, [object()] * 16, np.zeros((16, 2))]
 )
-def test_what_is_not_one_number_for_each_column_is_silence(requested: Any):
+def test_a_malformed_frame_is_silence(requested: Any):
     guard = Guard(DEVICE)
     guard.limited(full(guard), STEP)
     assert np.array_equal(guard.limited(requested, STEP), guard.neutral)
@@ -102,7 +102,7 @@ def test_a_set_point_on_the_other_side_of_neutral_rises_from_neutral():
     assert guard.limited(expected, STEP)[column] == pytest.approx(neutral - 1.0)
 
 
-def test_what_was_on_too_long_rests():
+def test_an_actuator_on_too_long_rests():
     guard = Guard(limited_in_time(maximum_on_s=0.05, rest_s=0.03))
     on = [bool(strengths(guard.limited(full(guard), STEP)).any()) for _ in range(20)]
     # Five steps on, then silence: the step over the limit and three steps of rest; and again.
@@ -117,7 +117,7 @@ def test_short_pauses_do_not_cheat_the_rest():
     assert not strengths(guard.limited(full(guard), STEP)).any()
 
 
-def test_after_a_reset_it_begins_from_silence():
+def test_after_a_reset_the_guard_starts_from_silence():
     guard = Guard(limited_in_time(slew_per_s=100.0))
     for _ in range(10):
         guard.limited(full(guard), STEP)

@@ -62,7 +62,7 @@ def sender(log: Path):
     process.wait()
 
 
-def test_stop_all_silences_until_it_is_armed(client: LiveClient, log: Path) -> None:
+def test_stop_all_silences_until_armed(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
     client.stop_all()
     wait(client, lambda: client.devices["band"].state == "stopped")
@@ -173,7 +173,7 @@ def _stat(
         (_stat(name="new\nline )", state="D"), False),
     ],
 )
-def test_the_system_tells_of_the_end_of_a_process(stat: bytes, is_ending: bool) -> None:
+def test_the_system_reports_the_end_of_a_process(stat: bytes, is_ending: bool) -> None:
     assert process_watch.says_ending(stat) == is_ending
 
 
@@ -189,7 +189,7 @@ def test_a_process_that_lives_is_not_ending_and_one_that_has_gone_is() -> None:
     assert not process_watch.await_end(process.pid)  # nothing to watch: the pipe closes
 
 
-def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log: Path) -> None:
+def test_the_output_process_is_silent_before_ending(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
     os.kill(client.pid or 0, signal.SIGTERM)
     wait(client, lambda: client.devices["band"].state == "lost")
@@ -221,7 +221,9 @@ def test_nonsense_inside_a_message_does_not_leave_anything_on(
     assert is_silent(log)
 
 
-def test_what_cannot_be_opened_is_told_and_others_play(client: LiveClient, log: Path) -> None:
+def test_a_failure_to_open_is_reported_and_other_devices_play(
+    client: LiveClient, log: Path
+) -> None:
     client.connect("none", "no_such_device", {"kind": "simulator"})
     client.connect("odd", BAND, {"kind": "telepathy"})
     client.connect("closed", BAND, {"kind": "simulator", "path": str(log / "no" / "folder")})

@@ -145,7 +145,7 @@ def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float
 
 @pytest.mark.parametrize("kind", [MessageKind.ANSWER, MessageKind.HAPTICS])
 @pytest.mark.parametrize("void", [MessageKind.PAUSE, MessageKind.SCENE, MessageKind.STOP])
-def test_no_late_answer_of_what_renders_is_played_after(
+def test_late_answers_of_a_renderer_are_dropped(
     kind: MessageKind, void: MessageKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session(0.0)
@@ -163,7 +163,7 @@ def test_no_late_answer_of_what_renders_is_played_after(
     assert session.played.port.is_loud()
 
 
-def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
+def test_answers_for_a_reconnected_device_are_dropped() -> None:
     session = Session()
     session.receive(MessageKind.MOMENT, EVERY_DEVICE)
     second = Played(session.clock)
@@ -188,7 +188,7 @@ def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
     assert session.played.port.is_loud()
 
 
-def test_signs_of_life_keep_what_stands_still_on() -> None:
+def test_signs_of_life_hold_a_still_scene() -> None:
     session = Session()
     session.stream(0.1)
     session.pass_time(5.0, beat=True)
@@ -216,7 +216,7 @@ FIRST: dict[str, Callable[[Session], None]] = {
 @pytest.mark.parametrize("first", FIRST)
 @pytest.mark.parametrize("script_s", [None, 0.01])
 @pytest.mark.parametrize("asleep_s", [0.4, 3.0, 1e5])
-def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
+def test_after_a_sleep_old_values_are_dropped_in_any_order_of_waking(
     first: str, script_s: float | None, asleep_s: float
 ) -> None:
     if first == "an answer":
@@ -249,7 +249,7 @@ def started(
     return script, workers[0], faults, clock
 
 
-def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault(
+def test_answers_match_questions_and_a_mismatch_is_a_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     actual: list[str] = []
@@ -298,7 +298,7 @@ class ToleratedFaults(LiveClient):
         self.pipe.replace = lambda device, newest: self.order.append("show")  # type: ignore[method-assign]
 
 
-def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
+def test_mute_silences_only_the_muted_device_at_once() -> None:
     client = ToleratedFaults()
     for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
         client.show(LiveFrame(0.0, [], gains))

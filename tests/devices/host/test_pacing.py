@@ -60,7 +60,7 @@ def test_no_frame_is_delayed_by_more_than_the_longest_ramp_and_none_overshoots(f
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(0), np.zeros(3), np.zeros((2, 16)), None])
-def test_what_is_no_frame_is_refused(wrong):
+def test_an_invalid_frame_is_refused(wrong):
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 1.0)
     with pytest.raises(ValueError, match="it takes 16"):
@@ -68,7 +68,7 @@ def test_what_is_no_frame_is_refused(wrong):
 
 
 @pytest.mark.parametrize("rate", [24.0, 25.25, 33.6, 50.4, 60.0])
-def test_what_is_asked_again_and_again_is_reached_however_late_it_is_looked_at(rate):
+def test_repeated_targets_are_reached_at_any_polling_rate(rate):
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 0.0)
     for k in range(1, 20):  # one call per frame, on a busy machine
@@ -109,7 +109,7 @@ def test_not_a_number_is_forgotten_with_the_next_frame():
     assert np.isfinite(ramp.at(1.03)).all()
 
 
-def test_an_actuator_changes_no_more_often_than_it_can():
+def test_an_actuator_changes_no_more_often_than_allowed():
     device = updating_every(50.0)
     pace = Pace(device, TICK)
     rng = np.random.default_rng(1)
@@ -133,11 +133,11 @@ def test_silence_does_not_wait_for_an_interval():
 
 
 @pytest.mark.parametrize(("interval_ms", "tick"), [(0.1, 0.005), (10, 0.01), (500, 0.05)])
-def test_a_device_is_sent_values_as_fast_as_it_takes_them_but_never_seldom(interval_ms, tick):
+def test_values_are_sent_at_the_device_rate_with_a_minimum(interval_ms, tick):
     assert tick_s(updating_every(interval_ms)) == tick
 
 
-def test_what_gets_values_once_a_frame_gets_the_frame_at_once_and_not_shortly_before_it():
+def test_values_at_frame_rate_are_sent_with_the_frame():
     ramp = Ramp(DEVICE, TICK)
     frames = np.arange(5) / 60.0
     for now in frames:

@@ -108,7 +108,7 @@ def test_short_silences_empty_the_account_by_their_share_only(every):
     assert share_of(tally) <= 2.0 / 3.0 + 0.02
 
 
-def test_who_rests_by_himself_enough_is_never_held_off():
+def test_sufficient_rest_in_the_values_is_never_extended():
     tally = Tally(limited(2.0, 1.0))
     for k in range(3000):
         expected = 15.0 if k % 200 < 100 else 0.0
@@ -142,7 +142,7 @@ def test_a_stall_allows_no_more_than_a_short_step_does():
 
 
 @pytest.mark.parametrize("step_s", [0.0, -1.0, math.nan, math.inf])
-def test_a_clock_that_stands_is_no_rest_and_ends_what_is_on(step_s):
+def test_a_stopped_clock_is_no_rest_and_ends_time_on(step_s):
     tally = Tally(limited(2.0, 1.0))
     for _ in range(150):
         tally.step(15.0)
@@ -154,7 +154,7 @@ def test_a_clock_that_stands_is_no_rest_and_ends_what_is_on(step_s):
     assert tally.step(15.0) is False
 
 
-def test_a_stall_while_it_was_on_is_counted_as_on():
+def test_a_stall_while_on_counts_as_on():
     tally = Tally(limited(2.0, 1.0))
     tally.step(15.0)
     tally.step(15.0, 5.0)
@@ -289,7 +289,7 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotoni
     assert left_s(tmp_path, clock) == pytest.approx(0.5)
 
 
-def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
+def test_a_killed_process_counts_as_on(tmp_path, clock, wall):
     budget_store = DutyBudgetStore(tmp_path, clock)
     tally = Tally(limited(2.0, 1.0), (budget_store.budget("it"),))
     tally.guard.record_rest(1000.0)
@@ -309,7 +309,7 @@ def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
     assert left_s(tmp_path, clock) == 0.0
 
 
-def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
+def test_a_failure_to_save_stops_nothing(tmp_path, clock, caplog):
     (tmp_path / "file").write_text("")
     store = used(tmp_path / "file" / "folder", 1.5, clock)
     store.save()
@@ -327,7 +327,7 @@ def names_of(identities_found: Sequence[Identity]) -> list[str]:
 USB = FoundPort("/dev/ttyACM0", "", (0x2341, 0x43), "75")
 
 
-def test_a_serial_number_is_the_device_at_whatever_port(monkeypatch):
+def test_a_serial_number_identifies_the_device_at_any_port(monkeypatch):
     for values in (USB, replace(USB, name="/dev/ttyACM7")):
         monkeypatch.setattr(duty_budget_store, "serial_ports", lambda values=values: [values])
         actual = identities(BAND, {"kind": "serial", "port": values.name})
@@ -340,14 +340,14 @@ def test_a_port_without_a_serial_number_counts_by_path_and_by_configuration(monk
     assert names_of(actual) == ["port /dev/ttyACM0", "device forearm_band_left"]
 
 
-def test_a_simulator_is_known_by_its_configuration_whatever_its_log():
+def test_a_simulator_is_identified_by_configuration():
     targets: list[dict[str, Any]] = [{"kind": "simulator"}, {"kind": "simulator", "path": "a"}]
     assert len({identities(BAND, target) for target in targets}) == 1
     assert identities(BAND, {}) != identities(load_device("forearm_band_right"), {})
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1", "LOCALHOST"])
-def test_a_program_on_this_computer_is_one_by_whatever_name(host):
+def test_local_addresses_are_one_identity_under_any_name(host):
     device = load_device("bhaptics_tactosy_left")
     actual = identities(device, {"kind": "websocket", "host": host})
     assert actual == identities(device, {"kind": "websocket"})
@@ -394,7 +394,7 @@ def test_a_copy_under_another_id_drives_the_same_hardware(tmp_path, target, addr
     assert identities(two, {"kind": "udp", "host": "192.168.250.250"}) != first
 
 
-def test_actuators_are_known_by_their_addresses_in_whatever_order(tmp_path):
+def test_actuators_are_identified_by_address_in_any_order(tmp_path):
     one, two = osc(tmp_path / "d", "one"), osc(tmp_path / "d", "two", reverse=True)
     (first,), (alternative,) = (identities(item, {"kind": "udp"}) for item in (one, two))
     assert first.name == alternative.name and first.slots == alternative.slots[::-1]
@@ -421,7 +421,7 @@ def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
     assert whole.name == part.name and part.slots == whole.slots[:20]
 
 
-def test_toys_of_one_name_are_told_apart_by_the_server():
+def test_toys_of_equal_name_are_distinguished_by_the_server():
     how = ButtplugEncoder("", tuple((feature, "Vibrate") for feature in range(8)))
     toy = replace(BAND, output=OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)))
     one, two = (identities(toy, {"kind": "websocket"}, label=index)[0] for index in "07")
@@ -465,7 +465,7 @@ def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
         pass
 
 
-def test_what_another_process_used_meanwhile_counts(tmp_path, clock, wall):
+def test_time_on_in_another_process_counts(tmp_path, clock, wall):
     """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
     device, actual = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
     processes = [DutyBudgetStore(tmp_path, clock) for _ in range(2)]

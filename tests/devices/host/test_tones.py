@@ -75,7 +75,7 @@ def test_values_without_tones_are_one_tone():
     assert actual.frequencies_hz[0].tolist() == [120.0] * WIDTH
 
 
-def test_strengths_of_tones_go_straight_and_what_is_gone_fades():
+def test_strengths_ramp_linearly_and_removed_tones_fade():
     sounding = Sounding(PAD)
     played(sounding, both(3.0, 2.0))
     columns = sounding.split(frame_of(values(6.0), tones((6.0, LOW))))
@@ -109,7 +109,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
 @example([(1.7e308, 0.0)], 6.0, 1.0)  # too large to be turned down
 @example([(np.inf, 80.0), (-1.0, np.nan)], np.inf, 0.5)
 @settings(deadline=None)
-def test_whatever_the_tones_are_their_sum_keeps_the_limits(pairs, strength, share):
+def test_any_sum_of_tones_keeps_the_limits(pairs, strength, share):
     sounding = Sounding(PAD)
     frame = frame_of(values(5.0), tones(*pairs))
     with np.errstate(all="ignore"):
@@ -124,7 +124,7 @@ def test_whatever_the_tones_are_their_sum_keeps_the_limits(pairs, strength, shar
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((2, 20)), np.zeros(2 * WIDTH + 5)])
-def test_what_is_no_frame_is_refused(wrong: np.ndarray) -> None:
+def test_an_invalid_frame_is_refused(wrong: np.ndarray) -> None:
     with pytest.raises(ValueError, match=f"values and takes {2 * WIDTH}"):
         Sounding(PAD).split(wrong)
 
@@ -199,7 +199,7 @@ def through(card: Any, frame: np.ndarray) -> None:
     card.send_tones(columns, sounding.at(1.0, columns, columns))
 
 
-def test_a_card_plays_what_an_exported_wav_plays(card: Any) -> None:
+def test_a_card_plays_the_samples_of_an_exported_wav(card: Any) -> None:
     assert isinstance(card, SoundingOutput)
     through(card, both(3.0, 2.0))
     (stream,) = Stream.made
@@ -246,7 +246,7 @@ def test_a_second_frequency_comes_and_goes_without_a_click(card: Any) -> None:
 
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=12))
 @settings(deadline=None, max_examples=30)
-def test_sums_are_alike_at_any_block_size(sizes):
+def test_sums_are_equal_for_any_block_size(sizes):
     total = sum(sizes)
 
     def sound(blocks: list[int]) -> np.ndarray:
@@ -306,7 +306,7 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
 
 
-def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
+def test_a_frame_weaker_than_its_tones_exceeds_no_limit() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()

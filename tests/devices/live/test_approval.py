@@ -47,7 +47,7 @@ def test_a_withdrawal_takes_back_this_approval_only(folder):
     assert not script("one").is_approved and script("two").is_approved
 
 
-def test_a_withdrawal_takes_back_what_was_approved_with_other_bytes(folder):
+def test_a_withdrawal_covers_approvals_of_other_bytes(folder):
     before = (folder / "one.py").read_text()
     approval.approve(script("one"))
     (folder / "one.py").write_text(before + "# more\n")
@@ -56,7 +56,7 @@ def test_a_withdrawal_takes_back_what_was_approved_with_other_bytes(folder):
     assert not script("one").is_approved
 
 
-def test_many_who_approve_at_once_lose_nothing(folder):
+def test_concurrent_approvals_lose_nothing(folder):
     text = (folder / "one.json").read_text()
     names = [f"many{k}" for k in range(12)]
     for name in names:
@@ -78,7 +78,7 @@ def test_many_who_approve_at_once_lose_nothing(folder):
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{", b'{"short": "a.py"}', b"[" * 99999])
-def test_a_damaged_list_is_told_and_not_overwritten(folder, content, capsys):
+def test_a_damaged_list_is_reported_and_not_overwritten(folder, content, capsys):
     resources.approved_scripts().parent.mkdir(parents=True, exist_ok=True)
     resources.approved_scripts().write_bytes(content)
     assert str(resources.approved_scripts()) in approval.fault_of_list()
@@ -172,7 +172,7 @@ def test_an_approval_whose_files_are_gone_is_withdrawn_by_its_hash(folder, capsy
         (("approve", "one_left", "--hash", "0" * 64), "read it again"),
     ],
 )
-def test_what_cannot_be_approved_or_withdrawn_is_told_in_one_line(
+def test_a_failed_approval_or_withdrawal_is_reported_in_one_line(
     folder, capsys, arguments, message
 ):
     code, _, err = hfx(capsys, *arguments)

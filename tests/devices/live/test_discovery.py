@@ -53,12 +53,12 @@ def test_without_a_pattern_ids_alone_must_be_enough():
 
 
 @pytest.mark.parametrize("name", [device("HFX-99"), device(usb=()), replace(device(), brand=None)])
-def test_what_is_not_there_is_told_with_what_is(name):
+def test_a_missing_port_is_reported_with_the_present_ports(name):
     with pytest.raises(DeviceError, match=r"was not found; serial ports: /dev/ttyS0 \(built in\)"):
         port_of(name, PORTS)
 
 
-def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
+def test_found_devices_are_listed_with_ports():
     on_both = found_devices([device()], PORTS)
     assert [item.port for item in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
     assert found_devices([device("OTHER-*"), replace(device(), brand=None)], PORTS) == [
@@ -123,14 +123,14 @@ def test_programs_are_asked_once_for_all_devices_behind_them(monkeypatch):
     assert found_devices(behind, []) == []
 
 
-def test_a_program_answers_if_it_takes_connections():
+def test_a_listening_program_is_found():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         assert answers("127.0.0.1", port)
     assert not answers("127.0.0.1", port)
 
 
-def test_nobody_outside_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_discovery_stays_on_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
     def reached(*_: object) -> None:
         raise AssertionError("somebody outside was asked")
 

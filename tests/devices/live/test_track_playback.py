@@ -53,7 +53,7 @@ def arguments(track: Path, *more: str) -> list[str]:
     return ["play", str(track), "--device", BAND, "--to", "simulator", *more]
 
 
-def test_a_track_is_felt_at_its_times_and_ends_in_silence(track: Path, tmp_path: Path) -> None:
+def test_a_track_plays_at_its_times_and_ends_in_silence(track: Path, tmp_path: Path) -> None:
     log = tmp_path / "band.jsonl"
     assert cli.run(arguments(track, "--path", str(log))) == 0
     rows = rows_of(log)

@@ -52,7 +52,7 @@ def test_stop_is_the_configured_bytes_or_the_neutral_frame():
     assert FrameEncoder(PAIR, TextEncoder("", " ", 100, None)).stop == b"0 50\n"
 
 
-def test_what_is_limited_stays_so_in_the_bytes():
+def test_limits_hold_in_the_bytes():
     weak = device(vibration(maximum=10.0, highest=4.0, fixed=True))
     encoder = FrameEncoder(weak, BytesEncoder(b"", "u8", 100, "none", b"", None))
     assert encoder.frame(np.array([9.0, 175.0])) == bytes([40])

@@ -147,7 +147,7 @@ def test_a_server_that_ends_is_gone(serve: Any) -> None:
     connection.close()
 
 
-def test_what_a_server_says_wrongly_ends_the_connection_and_not_the_thread(serve: Any) -> None:
+def test_a_wrong_server_message_ends_the_connection_only(serve: Any) -> None:
     def nonsense(text: str) -> None:
         raise KeyError(text)
 
@@ -191,7 +191,7 @@ def deaf(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_who_asks_for_answers_and_does_not_read_them_costs_no_memory(
+def test_unread_answers_cost_no_memory(
     serve: Any, deaf: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(websocket, "STALLED_S", 60.0)
@@ -206,7 +206,7 @@ def test_who_asks_for_answers_and_does_not_read_them_costs_no_memory(
     connection.close()
 
 
-def test_stops_that_nobody_reads_cost_no_memory(serve: Any, deaf: None) -> None:
+def test_unread_stops_cost_no_memory(serve: Any, deaf: None) -> None:
     connection: WebSocket = serve().connect()
     with pytest.raises(OutputLostError, match="does not read"):
         for _ in range(10_000):
@@ -215,7 +215,7 @@ def test_stops_that_nobody_reads_cost_no_memory(serve: Any, deaf: None) -> None:
     connection.close()
 
 
-def test_a_server_that_does_not_read_is_left_so_that_it_stops_what_we_used(
+def test_leaving_a_stalled_server_makes_the_server_stop_devices(
     serve: Any, deaf: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(websocket, "STALLED_S", 0.2)

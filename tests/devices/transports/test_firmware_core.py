@@ -300,7 +300,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(library, command, maxi
     assert player.on_ms <= maximum_on_ms * (1 + off_ms / rest_ms) + 1
 
 
-def test_the_boards_own_maximum_holds_whatever_the_host_allows(board):
+def test_the_board_maximum_holds_for_any_host_limit(board):
     crc = configured(board, maximum_on_ms=2**32 - 1)
     for k in range(1, 320):
         play(board, crc, sequence=k)
@@ -308,7 +308,7 @@ def test_the_boards_own_maximum_holds_whatever_the_host_allows(board):
     assert board.levels == SILENT
 
 
-def test_a_device_with_too_many_channels_is_told_and_not_played(board):
+def test_a_device_with_too_many_channels_is_refused(board):
     crc = configured(board, channels=7)
     (answer,) = board.replies()
     assert wire.decode_ready(answer.payload) == (crc, 6)

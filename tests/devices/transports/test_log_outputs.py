@@ -43,7 +43,7 @@ def opened(kind: str, path: Path):
     return actual[0]
 
 
-def test_a_log_that_has_another_name_stays_as_it_is(tmp_path):
+def test_a_renamed_log_is_unchanged(tmp_path):
     log = b'{"time_s": 1.0, "stop": true}\n'
     (tmp_path / "thesis.txt").write_bytes(log)
     os.link(tmp_path / "thesis.txt", tmp_path / "log.jsonl")
@@ -69,7 +69,7 @@ def test_a_log_that_has_another_name_stays_as_it_is(tmp_path):
         b"a,b\n1,2\n",
     ],
 )
-def test_a_file_of_somebody_elses_stays_as_it_is(tmp_path, kind, content):
+def test_a_foreign_file_is_unchanged(tmp_path, kind, content):
     path = tmp_path / "thesis.txt"
     path.write_bytes(content)
     with pytest.raises(OutputLostError, match=r"thesis\.txt"):
@@ -78,7 +78,7 @@ def test_a_file_of_somebody_elses_stays_as_it_is(tmp_path, kind, content):
 
 
 @pytest.mark.parametrize("first", ["send", "stop"])
-def test_a_simulators_own_log_begins_anew(tmp_path, first):
+def test_a_simulator_overwrites_its_own_log(tmp_path, first):
     path = tmp_path / "log.jsonl"
     output = opened("simulator", path)
     if first == "send":
@@ -103,7 +103,7 @@ def test_an_empty_file_may_be_used(tmp_path):
 @pytest.mark.parametrize(
     "what", ["fifo", "fifo that is read", "link", "lost link", "node", "folder", "socket"]
 )
-def test_what_is_no_regular_file_is_not_opened(tmp_path, kind, what):
+def test_only_regular_files_are_opened(tmp_path, kind, what):
     path, target = tmp_path / "log", tmp_path / "target"
     reader = -1
     if what.startswith("fifo"):
@@ -131,7 +131,7 @@ def test_what_is_no_regular_file_is_not_opened(tmp_path, kind, what):
         os.close(reader)
 
 
-def test_a_full_log_begins_anew_and_is_a_log_still(tmp_path, monkeypatch):
+def test_a_full_log_restarts_as_a_valid_log(tmp_path, monkeypatch):
     monkeypatch.setattr(log_outputs, "SIMULATOR_BYTES", 1000)
     path = tmp_path / "log.jsonl"
     output = opened("simulator", path)

@@ -128,7 +128,7 @@ def test_a_large_device_goes_in_datagrams_that_pass_a_network(listener):
     output.close()
 
 
-def test_nobody_listening_is_no_fault_and_a_closed_socket_is_lost(listener):
+def test_a_missing_listener_is_no_fault_and_a_closed_socket_is_lost(listener):
     output = opened(listener, OscEncoder(("/{actuator}",), True, True), heat())
     port = listener.getsockname()[1]
     listener.close()

@@ -62,7 +62,7 @@ def test_values_and_stops_arrive_as_bytes(terminal):
         None,
     ],
 )
-def test_what_is_no_port_name_is_refused(name):
+def test_an_invalid_port_name_is_refused(name):
     assert not is_port_name(str(name))
     with pytest.raises(OutputLostError, match="not a serial port"):
         open_output(MOTOR, {"kind": "serial", "port": name})
@@ -89,7 +89,7 @@ def test_a_port_that_is_not_there_says_so():
         open_output(MOTOR, {"kind": "serial", "port": "/dev/ttyHFX_missing"})
 
 
-def test_a_stalled_port_costs_no_time_and_stop_passes_what_waits(terminal):
+def test_a_stalled_port_costs_no_time_and_stop_overtakes_the_queue(terminal):
     output = opened(terminal)
     began = time.monotonic()
     for _ in range(8_000):  # 24 kB, more than a terminal holds

@@ -127,7 +127,7 @@ def test_a_card_falls_silent_by_itself_without_values(
     assert stream.ask(480).any()
 
 
-def test_a_card_that_goes_is_told_and_one_that_was_closed_is_not(card: Any) -> None:
+def test_a_lost_card_is_reported_and_a_closed_card_is_not(card: Any) -> None:
     actual = card()
     Stream.made[0].settings["finished_callback"]()
     with pytest.raises(OutputLostError, match="unplugged"):
@@ -138,7 +138,7 @@ def test_a_card_that_goes_is_told_and_one_that_was_closed_is_not(card: Any) -> N
     second.send(SILENT)
 
 
-def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_to_open_names_the_reason(card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(OutputLostError, match="gone cannot be opened"):
         card(interface="gone")
     with pytest.raises(OutputLostError, match="nothing that vibrates"):
@@ -187,7 +187,7 @@ def test_phase_goes_on_through_changes_of_frequency() -> None:
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 100.0), (np.inf, 100.0), (1.0, np.nan), (-1.0, 100.0)])
-def test_what_is_no_number_is_silence(bad: tuple[float, float]) -> None:
+def test_nan_is_silence(bad: tuple[float, float]) -> None:
     oscillators = Oscillators(["sine"], RATE_HZ)
     oscillators.aim(np.ones(1), np.array([100.0]))
     oscillators.block(480)

@@ -100,7 +100,7 @@ def test_pings_are_answered_and_fragments_joined(serve):
     connection.close()
 
 
-def test_a_server_that_goes_is_told_at_the_next_message(serve):
+def test_a_lost_server_is_reported_at_the_next_message(serve):
     server = serve()
     connection = WebSocket("127.0.0.1", server.port, "/", print)
     server.wait(lambda: server.connections)
@@ -133,7 +133,7 @@ def test_a_server_that_does_not_read_costs_neither_time_nor_memory():
         b"x" * 100_000,
     ],
 )
-def test_what_is_no_websocket_server_is_refused(answer):
+def test_a_server_without_websockets_is_refused(answer):
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def reply():
@@ -147,7 +147,7 @@ def test_what_is_no_websocket_server_is_refused(answer):
             WebSocket("127.0.0.1", listener.getsockname()[1], "/", print)
 
 
-def test_no_server_at_all_is_told():
+def test_a_missing_server_is_reported():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(OutputLostError, match="does not answer"):
@@ -367,7 +367,7 @@ def test_a_choice_that_means_no_device_or_several_is_refused(serve, displays, un
         lush(serve(intiface(devices=lushes(*displays))), unit=unit)
 
 
-def test_after_a_reconnection_a_device_is_found_by_its_names_whatever_its_index(serve):
+def test_after_a_reconnection_devices_are_found_by_name(serve):
     devices = lushes("left", "right")
     server = serve(intiface(devices=devices))
     lush(server, "one").close()  # left, index 0
@@ -450,7 +450,7 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
     ["{'a': 1}", "\x1b[31mHTTP", "[" * 100_000, "", '[{"Ok": {"Id": {}}}]', '{"a": NaN'],
     ids=["no JSON", "escape", "deep", "nothing", "unhashable", "cut off"],
 )
-def test_a_message_names_what_came_instead_of_buttplugs_json(sent):
+def test_a_message_quotes_an_answer_other_than_buttplug_json(sent):
     server = RawServer(text_frame(sent))
     with pytest.raises(OutputLostError) as lost:
         buttplug.devices_at("127.0.0.1", server.port)
@@ -511,7 +511,7 @@ def deaf_intiface():
     return until_a_stop
 
 
-def test_a_stop_that_buttplug_does_not_confirm_is_told_within_the_limit(serve, monkeypatch):
+def test_an_unconfirmed_stop_of_buttplug_is_reported_in_time(serve, monkeypatch):
     monkeypatch.setattr(buttplug, "ANSWER_S", 0.3)
     server = serve(deaf_intiface())
     output = lovense(server)
@@ -535,7 +535,7 @@ def bhaptics_at(port):
     return open_output(device(*TWO, output=output), {"kind": "websocket"})
 
 
-def test_a_stop_that_the_bhaptics_player_does_not_read_is_told(monkeypatch):
+def test_an_unread_stop_of_the_bhaptics_player_is_reported(monkeypatch):
     monkeypatch.setattr(websocket, "STALLED_S", 0.3)
     server = RawServer(reads=False)
     output = bhaptics_at(server.port)

@@ -48,7 +48,7 @@ def test_one_changed_bit_is_a_lost_frame(payload, data):
     assert wire.Receiver().take(bytes(sent) + b"\0") == []
 
 
-def test_what_is_too_long_is_skipped_up_to_the_next_zero():
+def test_an_overlong_frame_is_skipped_up_to_the_next_zero():
     receiver = wire.Receiver()
     stop = wire.encode_frame(wire.FrameKind.STOP, 1)
     assert receiver.take(b"\x01" * 10_000 + stop)[0].kind == wire.FrameKind.STOP

@@ -91,7 +91,7 @@ def test_after_a_stop_the_next_values_begin_a_new_session(board, terminal):
     output.close()
 
 
-def test_a_host_that_falls_silent_is_told_that_the_board_stopped(board, terminal):
+def test_a_silent_host_hears_of_the_stop_of_the_board(board, terminal):
     output = opened(terminal)
     output.send(HALF)
     eventually(lambda: board.levels[0] == 32768)
@@ -124,7 +124,7 @@ def test_a_board_that_does_not_answer_is_refused_and_its_port_is_free_again(
     opened(terminal).close()
 
 
-def test_what_another_firmware_prints_is_named(board, terminal, monkeypatch):
+def test_output_of_another_firmware_is_quoted(board, terminal, monkeypatch):
     board.is_deaf = True
     monkeypatch.setattr(wire_board, "START_S", 0.5)
     printing = threading.Timer(0.1, lambda: os.write(terminal.master, b"Ready.\r\n\x1b[1m\xff"))
@@ -150,7 +150,7 @@ def test_a_board_with_too_few_channels_is_refused(library, terminal):
         board.close()
 
 
-def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):
+def test_a_stalled_port_stops_once_read_again(board, terminal):
     output = opened(terminal)
     keep_sending(output, lambda: board.levels[0] == 32768)
     board.close()  # without a reader from here on

@@ -65,7 +65,7 @@ def test_a_length_beyond_the_bound_is_refused_before_anything_is_read():
         message(MessageKind.VALUES, 0, bytes(MAX_BODY + 1))
 
 
-def test_a_kind_that_nobody_knows_is_refused():
+def test_an_unknown_kind_is_refused():
     assert 200 not in list(MessageKind)
     with pytest.raises(MessageError, match="unknown kind 200"):
         read_message(io.BytesIO(b"\0\0\0\0\xc8\0\0"))
@@ -78,7 +78,7 @@ def test_arrays_are_of_few_types(dtype):
         decode_arrays(len(head).to_bytes(4, "little") + head)
 
 
-def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
+def test_a_partial_value_is_no_value():
     assert decode_values(encode_values([1.0, 2.5])).tolist() == [1.0, 2.5]
     assert decode_values(b"1234567").shape == (0,)
 
@@ -97,7 +97,7 @@ def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
         3.0,
     ],
 )
-def test_what_is_no_row_of_numbers_is_no_value(wrong):
+def test_malformed_values_are_no_value(wrong):
     """Malformed values decode as an empty array: a fault and silence for the device."""
     assert not len(decode_values(encode_values(wrong)))
 
@@ -126,6 +126,6 @@ def test_damaged_arrays_are_refused(noise, offset):
 
 
 @pytest.mark.parametrize("body", [b"", b"[1]", b"{", b"\xff", b"[" * 100000])
-def test_what_is_no_json_object_is_refused(body):
+def test_only_json_objects_are_accepted(body):
     with pytest.raises(MessageError):
         decode_json(body)

@@ -143,7 +143,7 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         encode_arrays({"time_s": 1.0, "later": [1]}, {}),
     ],
 )
-def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
+def test_a_malformed_moment_is_reported(body: bytes) -> None:
     with pytest.raises(MessageError):
         decode_live_frame(body, STREAMS)
     with pytest.raises(MessageError):
@@ -162,7 +162,7 @@ def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int,
     return actual
 
 
-def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_played():
+def test_rendered_values_and_tones_equal_the_engine():
     devices = worn(BAND, 1), worn("mango_pad", 2)
     shown = moment(3.0, 2.0)
     actual = answered(devices, shown)
@@ -192,7 +192,7 @@ def test_gain_and_mute_are_of_one_device():
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # strengths of the tone
 
 
-def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
+def test_late_actuators_get_later_samples(tmp_path: Path) -> None:
     content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
@@ -206,14 +206,14 @@ def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
     assert decode_values(ahead).tolist() == alone.tolist() != now.tolist()
 
 
-def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
+def test_a_misfit_device_is_reported_and_the_rest_are_rendered(tmp_path: Path) -> None:
     devices = worn("not_there", 1, folder=tmp_path), worn(BAND, 2)
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert len(renderers.faults) == 1 and b"not_there" in renderers.faults[0]
     assert len(renderers.answers(encode_live_frame(moment(), places()))) == 1
 
 
-def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
+def test_a_device_failing_in_a_moment_is_reported_and_the_rest_are_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     renderers = Renderers(SceneMessage(HEADER, BODY, (worn(BAND, 1), worn(BAND, 2))))
@@ -227,7 +227,7 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
     assert second[4] == MessageKind.ANSWER
 
 
-def test_what_renders_ends_with_the_output_process():
+def test_the_renderer_ends_with_the_output_process():
     worker = subprocess.Popen(
         [sys.executable, "-m", "hfx_blender.devices.workers.render_worker"],
         stdin=subprocess.PIPE,
@@ -319,7 +319,7 @@ def _worker(client: LiveClient) -> int:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds a child by /proc")
-def test_devices_stop_when_what_renders_ends_and_play_starts_it_again(
+def test_devices_stop_at_the_end_of_the_renderer_and_play_restarts(
     client: LiveClient, log: Path
 ) -> None:
     follow(client, log)
@@ -364,7 +364,7 @@ def asked() -> Iterator[Asked]:
     actual.process.close()
 
 
-def test_each_answer_brings_back_what_was_asked(asked: Asked) -> None:
+def test_each_answer_holds_the_question(asked: Asked) -> None:
     asked.process.describe(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
     for k in range(25):
         asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
@@ -373,7 +373,7 @@ def test_each_answer_brings_back_what_was_asked(asked: Asked) -> None:
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
-def test_of_moments_that_wait_the_newest_is_asked_unless_it_is_forgotten(
+def test_the_newest_waiting_moment_is_rendered_unless_forgotten(
     is_forgotten: bool, played: list[FakeWorker]
 ) -> None:
     answered: list[Any] = []

@@ -47,7 +47,7 @@ def of_modality(modality: str, ids: tuple[str, ...]) -> DeviceConfig:
     return replace(heater, actuators=tuple(replace(one, id=number) for number in ids))
 
 
-def test_warmth_pulses_faster_when_it_is_warmer() -> None:
+def test_warmer_skin_pulses_faster() -> None:
     band = load_device("forearm_band_left")
     gains = [1.0] + [0.0] * 7
 
@@ -69,7 +69,7 @@ def test_the_grill_has_warm_and_cool_bars_in_turn() -> None:
     assert run(examples()[1], told(bars, hot)).tolist() == [40.0, 20.0, 33.0, 26.5]
 
 
-def test_wind_comes_from_the_fan_that_it_blows_from() -> None:
+def test_wind_plays_on_the_fan_in_its_direction() -> None:
     fans = of_modality("wind", ("left", "right"))
     count = len(fans.actuators[0].type.controls)
     east = effect(

@@ -85,7 +85,7 @@ def connect(client: LiveClient, folder: Path, source: str, log: Path) -> None:
     )
 
 
-def test_what_a_script_returns_is_played(client: LiveClient, folder: Path, log: Path) -> None:
+def test_returned_values_are_played(client: LiveClient, folder: Path, log: Path) -> None:
     connect(client, folder, HALF, log)
     wait(
         client,
@@ -150,7 +150,7 @@ def _stops_only_its_device(
     assert "stop" in rows_of(log)[-1]
 
 
-def test_the_user_is_told_what_and_where(client: LiveClient, folder: Path, log: Path) -> None:
+def test_messages_name_fault_and_line(client: LiveClient, folder: Path, log: Path) -> None:
     connect(client, folder, "def render(haptics):\n    return 1 / 0\n", log)
     wait(
         client,
@@ -198,7 +198,7 @@ def test_after_three_faults_a_script_stays_off(client: LiveClient, folder: Path,
     assert "stays off" in state.text
 
 
-def test_a_script_that_changed_since_it_was_approved_is_not_run(
+def test_a_script_changed_after_approval_is_not_run(
     client: LiveClient, folder: Path, log: Path, tmp_path: Path
 ) -> None:
     path = folder / "my_band.py"
@@ -217,7 +217,7 @@ def test_a_script_that_changed_since_it_was_approved_is_not_run(
 
 
 @pytest.mark.parametrize("name", ["my_band.py", "../data/my_band.py"])
-def test_a_script_that_nobody_approved_is_not_run_whoever_asks(
+def test_an_unapproved_script_is_never_run(
     client: LiveClient, folder: Path, tmp_path: Path, name: str
 ) -> None:
     path, configuration = folder / name, folder / "my_band.json"
@@ -282,7 +282,7 @@ def test_bytes_cannot_move_between_script_and_configuration() -> None:
     assert approval.fingerprint_of(b"ab", b"c") != approval.fingerprint_of(b"a", b"bc")
 
 
-def test_what_changed_while_it_was_looked_at_is_not_approved(folder: Path) -> None:
+def test_a_script_changed_during_review_is_not_approved(folder: Path) -> None:
     path = folder / "my_band.py"
     path.write_text(HALF)
     seen = approval.script_of(NAME, folder)

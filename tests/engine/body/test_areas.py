@@ -42,7 +42,7 @@ def test_shrinking_undoes_no_more_than_growing_did(seed, steps):
     assert (closed >= weights).all() and (opened <= weights).all()
 
 
-def test_smoothing_keeps_what_is_even_and_softens_an_edge():
+def test_smoothing_keeps_constants_and_softens_edges():
     even = np.full(len(MODEL), 0.4)
     assert areas.smooth(MODEL, even, 3) == pytest.approx(even)
     hand = on_part(MODEL, "hand_palm")

@@ -15,12 +15,12 @@ def avatar() -> model.Avatar:
     return model.load_avatar()
 
 
-def test_it_stands_on_the_ground_180_cm_tall(avatar: model.Avatar) -> None:
+def test_the_avatar_stands_on_the_ground_180_cm_tall(avatar: model.Avatar) -> None:
     assert avatar.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-6)
     assert avatar.vertices[:, 2].max() == pytest.approx(1.8, abs=1e-6)
 
 
-def test_it_faces_minus_y_with_its_left_at_plus_x(avatar: model.Avatar) -> None:
+def test_the_avatar_faces_minus_y_with_the_left_at_plus_x(avatar: model.Avatar) -> None:
     names = avatar.skeleton.bone_names
     heads = avatar.skeleton.rest[:, :3, 3]
     assert heads[names.index("toe1-1.L"), 1] < heads[names.index("foot.L"), 1]
@@ -32,7 +32,7 @@ def test_hash_is_the_manifests(avatar: model.Avatar) -> None:
     assert model.manifest()["avatar"]["hash"] == avatar.content_hash
 
 
-def test_it_is_a_closed_surface_of_quads(avatar: model.Avatar) -> None:
+def test_the_avatar_is_a_closed_surface_of_quads(avatar: model.Avatar) -> None:
     assert (avatar.faces >= 0).all()
     directed = np.concatenate([avatar.faces[:, [k, (k + 1) % 4]] for k in range(4)])
     forward = {tuple(edge) for edge in directed.tolist()}

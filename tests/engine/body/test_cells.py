@@ -135,7 +135,7 @@ def of_one_part(points: np.ndarray, triangles: np.ndarray) -> model.PerceptualMo
     )
 
 
-def test_on_a_thin_tube_the_way_is_around_it_and_not_through_it() -> None:
+def test_on_a_thin_tube_the_path_goes_around() -> None:
     radius_m = 0.04
     points, triangles = tube(radius_m, 0.3, 0.005)
     angle, height = np.arctan2(points[:, 1], points[:, 0]), points[:, 2]
@@ -164,7 +164,7 @@ def test_a_variant_has_the_same_cells_on_its_own_pressure_model(
     assert np.array_equal(actual, owner)
 
 
-def test_a_model_as_it_stands_on_an_avatar_has_the_same_cells(
+def test_a_model_fitted_to_an_avatar_has_equal_cells(
     coarse: model.PerceptualModel, owner: np.ndarray
 ) -> None:
     fitted = replace(coarse, vertices=2.0 * coarse.vertices)
@@ -190,7 +190,7 @@ def test_models_without_cells_are_refused(
          "the cells are of another 'hfx-temperature-1'"),
     ),
 )  # fmt: skip
-def test_missing_or_broken_cells_are_told(
+def test_missing_or_broken_cells_are_reported(
     coarse: model.PerceptualModel,
     change: Callable[[Path], object],
     message: str,

@@ -30,7 +30,7 @@ def assert_equal(one: Any, second: Any) -> None:
 @pytest.mark.parametrize(
     "get", (model.load_avatar, model.load_walk, lambda: model.load_model("hfx-temperature-1"))
 )
-def test_what_is_saved_is_loaded_and_gives_the_same_bytes(get: Any, tmp_path: Path) -> None:
+def test_models_survive_saving_byte_by_byte(get: Any, tmp_path: Path) -> None:
     item = get()
     model_file.save(item, tmp_path / "one.npz")
     again = model.load(type(item), tmp_path / "one.npz")

@@ -44,7 +44,7 @@ def edit(path: Path, change: object) -> None:
     path.write_text(json.dumps(index))
 
 
-def test_without_a_folder_there_is_nothing_but_what_is_shipped(own: Path) -> None:
+def test_without_a_folder_only_shipped_models_are_found(own: Path) -> None:
     assert not own.exists()
     assert model_library.installed() == ([], [])
     ids = [entry.id for entry in model_library.shipped() if entry.kind == "model"]
@@ -115,7 +115,7 @@ def test_the_same_set_twice_is_no_fault(own: Path, variant: Path) -> None:
     assert model.load_model(f"hfx-vibration-1{SUFFIX}").id == f"hfx-vibration-1{SUFFIX}"
 
 
-def test_two_models_of_one_id_are_told_with_their_places(own: Path, variant: Path) -> None:
+def test_models_with_equal_ids_are_reported_with_paths(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "one")
     body_sets.scaled_variant(own / "two", SUFFIX, 0.9)
     with pytest.raises(InputError, match="exists twice with different content") as caught:
@@ -139,7 +139,7 @@ def test_nothing_takes_the_place_of_a_shipped_model(own: Path, variant: Path) ->
     assert any("the shipped model" in fault for fault in model_library.installed()[1])
 
 
-def test_a_file_that_is_not_what_its_manifest_says_is_refused(own: Path, variant: Path) -> None:
+def test_a_file_unlike_its_manifest_is_refused(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
     shutil.copy(own / "tall" / "temperature.npz", own / "tall" / "pressure.npz")
     with pytest.raises(InputError, match=r"pressure\.npz: holds 'hfx-temperature-1\+0badcafe'"):
@@ -156,7 +156,7 @@ def test_a_file_that_is_not_what_its_manifest_says_is_refused(own: Path, variant
         ('{"models": {"x": {"file": "/a.npz", "hash": "0"}}}', "'x' names no file of this"),
     ),
 )
-def test_a_broken_set_is_told_and_hides_no_other(
+def test_a_broken_set_is_reported_and_hides_no_other(
     own: Path, variant: Path, content: str, message: str
 ) -> None:
     shutil.copytree(variant, own / "tall")

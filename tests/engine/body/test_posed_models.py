@@ -72,7 +72,7 @@ def test_vertices_stay_on_the_posed_avatar(identity: str, pose: str) -> None:
 
 
 @pytest.mark.parametrize("identity", ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"))
-def test_left_and_right_move_alike(identity: str) -> None:
+def test_left_and_right_move_symmetrically(identity: str) -> None:
     shipped, bones = model.load_model(identity), model.load_avatar().skeleton
     posed = blend(shipped.vertices.astype(float), shipped.weights, moves_of(bones, "sit"))
     assert posed[shipped.mirror] * (-1.0, 1.0, 1.0) == pytest.approx(posed, abs=1e-5)

@@ -64,7 +64,7 @@ def test_the_surface_is_closed_oriented_and_without_handles(
     assert not len(triangles) - len(np.unique(np.sort(triangles, axis=1), axis=0))
 
 
-def test_it_is_one_piece_around_each_vertex(shipped: model.PerceptualModel) -> None:
+def test_triangles_form_one_ring_around_each_vertex(shipped: model.PerceptualModel) -> None:
     # A pinched vertex would pass the count of edges: the triangles at a vertex must form one ring.
     follower: list[dict[int, int]] = [{} for _ in range(len(shipped))]
     for a, b, c in shipped.triangles.tolist():
@@ -77,7 +77,7 @@ def test_it_is_one_piece_around_each_vertex(shipped: model.PerceptualModel) -> N
         assert steps == len(ring)
 
 
-def test_it_faces_outward_and_holds_the_volume_of_a_person(
+def test_models_face_outward_with_the_volume_of_a_person(
     shipped: model.PerceptualModel,
 ) -> None:
     a, b, c = (shipped.vertices[shipped.triangles[:, k]].astype(float) for k in range(3))
@@ -88,7 +88,7 @@ def test_it_faces_outward_and_holds_the_volume_of_a_person(
     assert np.linalg.norm(shipped.normals, axis=1) == pytest.approx(1.0, abs=1e-5)
 
 
-def test_it_does_not_cross_itself(shipped: model.PerceptualModel) -> None:
+def test_models_do_not_cross_themselves(shipped: model.PerceptualModel) -> None:
     vertices, triangles = shipped.vertices.astype(float), shipped.triangles.astype(np.int64)
     # The model is symmetric: any crossing also occurs where x >= 0.
     mirrored = shipped.mirror[triangles]

@@ -60,7 +60,7 @@ def test_the_way_does_not_jump_from_finger_to_finger() -> None:
     assert (distances >= np.linalg.norm(model.vertices[vertices] - tip_point, axis=1) - 1e-6).all()
 
 
-def test_what_was_asked_before_does_not_matter() -> None:
+def test_results_do_not_depend_on_earlier_queries() -> None:
     model = load_model("hfx-temperature-1")
     used = SkinDistances(model.vertices, model.triangles)
     for point in ([0.0, 0.1, 1.2], [0.02, 0.1, 1.2], [0.1, 0.1, 1.3], [0.0, 0.1, 1.2]):

@@ -84,7 +84,7 @@ def test_a_traced_path_knows_where_each_place_is() -> None:
     assert _length(path) == pytest.approx(0.04)
 
 
-def test_what_is_not_on_the_body_is_refused() -> None:
+def test_points_off_the_body_are_refused() -> None:
     for places, message in (
         ([[0.0, 0.0, OFF_SKIN_M + 0.01]], "from the skin"),
         ([[np.nan, 0.0, 0.0]], "not a finite number"),

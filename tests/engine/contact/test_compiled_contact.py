@@ -56,7 +56,7 @@ def weights_at(time, rows):
     seed=st.integers(0, 2**31), strength=st.floats(0.0, 0.6), speed=st.sampled_from([0.0, 0.1, 1.0])
 )
 @example(seed=2358, strength=0.32276461900142983, speed=1.0)  # a vertex on the boundary
-def test_whole_bodies_feel_what_the_reference_does(modality, seed, strength, speed):
+def test_whole_bodies_agree_with_the_reference(modality, seed, strength, speed):
     """Compares vertex by vertex; many clusters, some within reach of the volumes."""
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
     actual, counted = samples_and_counts(scene, block, PAPER)

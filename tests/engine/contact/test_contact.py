@@ -184,7 +184,7 @@ def test_times_without_contact_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 0.0])
-def test_volumes_that_cannot_be_are_not_felt(broken: float) -> None:
+def test_degenerate_volumes_have_no_contacts(broken: float) -> None:
     matrices = _placed(6)
     matrices[2, :3, 1] = broken
     counters = Counters()

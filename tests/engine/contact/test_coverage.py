@@ -217,7 +217,7 @@ def test_coverage_converges_to_the_share_of_the_area() -> None:
 
 
 @pytest.mark.parametrize("model_id", MODELS)
-def test_what_the_vertex_test_feels_is_felt(model_id: str) -> None:
+def test_contacts_of_the_vertex_test_are_included(model_id: str) -> None:
     body = load_model(model_id)
     rng = np.random.default_rng(6)
     at = body.vertices[rng.choice(len(body), 6)].astype(float)
@@ -253,7 +253,7 @@ def _frame(normal: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("model_id", MODELS)
-def test_a_hot_coin_on_the_forearm_is_felt(model_id: str) -> None:
+def test_a_hot_coin_touches_the_forearm(model_id: str) -> None:
     """12 mm radius, 2 mm thick, lying on the skin; temperature vertices are 150 mm apart."""
     body = load_model(model_id)
     point, normal = _on_the_forearm(model_id)
@@ -433,7 +433,7 @@ def test_only_skin_near_the_boundary_is_posed() -> None:
     assert engine.counters.vertices_posed < 3570
 
 
-def test_what_is_not_reached_costs_nothing() -> None:
+def test_unreached_skin_costs_nothing() -> None:
     body = sheet()
     _, runs, engine = evaluated(body, Sphere(), placed(0.1, (0.0, 0.0, 0.2))[None])
     assert runs == [] and engine.counters.vertices_posed == 0

@@ -45,7 +45,7 @@ def turn(seed: int) -> np.ndarray:
     mirrored=st.booleans(),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_skin_is_covered_alike_wherever_it_is_and_whatever_its_size(
+def test_coverage_is_independent_of_position_and_size(
     tolerance, falloff, name, distance, scale, mirrored, seed
 ):
     """The body and the volume are placed by the same parent."""

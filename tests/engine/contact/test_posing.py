@@ -149,7 +149,7 @@ def test_surface_points_are_those_of_the_formula() -> None:
     assert np.abs(points.T - expected[1, ids]).max() < 1e-12
 
 
-def test_a_collapsed_triangle_gives_a_point_on_it() -> None:
+def test_a_collapsed_triangle_gives_a_point_of_the_triangle() -> None:
     anchors, posed = _surface()
     posed.surface[:] = 0.25
     points = SurfaceModel(model(), anchors).points(

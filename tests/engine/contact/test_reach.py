@@ -35,7 +35,7 @@ def _both_ways(monkeypatch: pytest.MonkeyPatch, *arguments, **options) -> tuple:
     return actual[0]
 
 
-def test_a_volume_that_only_its_turning_brings_near_is_felt(
+def test_a_volume_near_by_rotation_only_is_included(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     matrices = np.stack([_rod(0.0), _rod(np.radians(170.0))])
@@ -43,13 +43,13 @@ def test_a_volume_that_only_its_turning_brings_near_is_felt(
     assert not weights[0].any() and weights[1].any()
 
 
-def test_a_volume_that_passes_between_two_samples_is_felt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_volume_passing_between_two_samples_is_included(monkeypatch: pytest.MonkeyPatch) -> None:
     matrices = np.stack([placed(0.05, (0.0, 0.0, z)) for z in (2.0, -2.0)])
     weights, _, _ = _both_ways(monkeypatch, Sphere(), matrices)
     assert not weights[0].any() and weights[1].any()
 
 
-def test_a_body_that_swings_into_a_volume_feels_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_volume_hit_by_a_swinging_body_is_included(monkeypatch: pytest.MonkeyPatch) -> None:
     posed = rigid(2, np.stack([_turned(angle) for angle in np.radians([-80.0, 80.0])]))
     posed.bones[..., 2, 3] = -1.0  # the skin hangs a metre below the pivot
     matrices = np.stack([placed(0.05, (0.0, 0.0, -1.0))] * 2)
@@ -69,7 +69,7 @@ def test_no_cluster_is_bounded_for_a_volume_that_stays_away(
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
-def test_a_volume_that_cannot_be_is_told_of_wherever_it_is(
+def test_a_degenerate_volume_is_reported_at_any_position(
     value: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     matrices = np.stack([placed(0.1, (0.0, 0.0, 9.0))] * 3)

@@ -57,13 +57,13 @@ DEFORMING = 11, 14
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
+def test_the_engine_agrees_with_the_reference(seed: int) -> None:
     case = RandomContact(seed)
     assert case.difference < NEAR, case
 
 
 @pytest.mark.parametrize("seed", [2089, 2244])
-def test_skin_that_bones_stretch_bulges_as_far_as_it_is_posed(seed: int) -> None:
+def test_stretched_skin_bulges_as_posed(seed: int) -> None:
     """Only the bulge is inside: no plane separates the skin from the volume."""
     case = StretchedContact(seed)
     assert case.difference < NEAR, case
@@ -83,7 +83,7 @@ class _Deforming(RandomContact):
 
 
 @pytest.mark.parametrize("seed", DEFORMING)
-def test_meshes_whose_faces_change_are_felt_so_too(seed: int) -> None:
+def test_meshes_with_changing_faces_agree_with_the_reference(seed: int) -> None:
     case = _Deforming(seed)
     assert case.difference < NEAR, case
 
@@ -96,7 +96,7 @@ def test_the_engine_without_its_library_does_so_too(seed: int) -> None:
         assert case.difference < NEAR, case
 
 
-def test_cells_on_the_skin_of_a_finer_model_are_felt_so_too() -> None:
+def test_cells_on_finer_skin_agree_with_the_reference() -> None:
     """Cells of the shipped temperature model on limbs are sampled by the pressure model."""
     model = load("hfx-temperature-1")
     scene = DistortedScene.turned(model, 1, 0.3)

@@ -133,7 +133,7 @@ def _clusters(model: PerceptualModel, seed: int) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_boxes_of_bones_are_around_what_they_move(seed):
+def test_boxes_of_bones_contain_the_weighted_vertices(seed):
     model = crumpled(seed)
     weights, clusters = BoundWeights.of(model, ("extra", *BONES)), _clusters(model, seed)
     assert (weights.bones == weights.bone_count).any(), "some rest"
@@ -193,7 +193,7 @@ def _arrays(pointers, bound, cluster, units=0):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_bones_do_to_clusters(seed):
+def test_bone_influence_on_clusters(seed):
     model = crumpled(seed)
     bound = SkinnedModel(model, SkinBinding(BONES), _clusters(model, seed))
     native_clusters = bound.native_clusters(np.array([11, 3, 4]))
@@ -251,7 +251,7 @@ def _samples(skin: SkinCoverage, cluster: int) -> Samples:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_outlines_hold_the_corners_around_and_margins_what_bulges(name):
+def test_outlines_contain_corners_and_margins_contain_bulges(name):
     skin = _skin(name, FINE)
     assert skin.margins_m.any()
     mesh, owner = skin.surface, Skin.of(skin.model, skin.finer).owner
@@ -300,7 +300,7 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
         np.testing.assert_allclose(table.wholes[quads], wholes, rtol=1e-9, atol=1e-12)
 
 
-def test_filling_leaves_what_others_look_at_where_it_is():
+def test_filling_does_not_move_arrays_in_use():
     table = _skin("hfx-pressure-1").table
     table.need(np.array([0, 1]))
     known, samples = table_structure(table), table.samples
@@ -364,7 +364,7 @@ def test_corners_are_listed_by_their_vertices():
 
 
 @pytest.mark.parametrize("corner", [-1, 9])
-def test_a_triangle_of_no_vertex_is_refused_before_it_is_looked_at(corner):
+def test_an_out_of_range_triangle_is_refused_before_use(corner):
     model = sheet(2)
     model.triangles[3, 1] = corner
     with pytest.raises(ValueError):

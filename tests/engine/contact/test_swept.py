@@ -174,7 +174,7 @@ def test_time_may_be_split_anywhere(way: float) -> None:
         assert np.abs(split - whole).max() < 1e-9
 
 
-def test_what_begins_does_not_reach_back() -> None:
+def test_an_effect_just_switched_on_has_no_motion() -> None:
     """An effect off at the sample before has no motion history."""
     matrices = moved_along(placed(0.1, (0.0, 0.0, 1.0)), (0.0, 0.0, -4.0), 3)
     off = np.array([0.0, 1.0, 0.0])

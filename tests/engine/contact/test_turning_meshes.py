@@ -29,7 +29,7 @@ def _turned(angle: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_all_that_a_blade_sweeps_is_felt(turn: float) -> None:
+def test_all_skin_swept_by_a_blade_has_contacts(turn: float) -> None:
     """The blade starts above the sheet's plane, without contacts, and comes down to the sheet."""
     skin, angle, at = sheet(STEPS), np.radians(turn), np.array([0.02, -0.01, 0.0])
     above = at + np.array([0.0, 0.0, 2 * THIN])
@@ -52,7 +52,7 @@ def test_all_that_a_blade_sweeps_is_felt(turn: float) -> None:
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_skin_beside_the_disc_of_a_blade_is_not_looked_at(turn: float) -> None:
+def test_skin_outside_the_disc_of_a_blade_is_skipped(turn: float) -> None:
     matrices = np.stack(
         [placed(1.0, (0, 0, 0.4 * LONG), _turned(a)) for a in (0, np.radians(turn))]
     )

@@ -41,7 +41,7 @@ def test_vertices_of_shipped_models_feel_the_same(modality: str) -> None:
         np.testing.assert_allclose(weights, expected[key], atol=1e-6)
 
 
-def test_what_flies_by_is_felt_in_between() -> None:
+def test_fast_volumes_touch_between_samples() -> None:
     """A ball of 4 mm at a metre per sample through a ball of skin: contacts at entry and exit."""
     matrices = moved_along(placed(0.002, (-1.5, 0.0, 0.0)), (3.0, 0.0, 0.0), 4)
     with by_reference():

@@ -81,7 +81,7 @@ def test_a_body_of_a_thousand_bones(rng):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), silent=st.floats(0.0, 1.0))
-def test_vertices_without_weights_never_yield_what_is_no_number(seed, silent):
+def test_vertices_without_weights_never_yield_nan(seed, silent):
     """A vertex without weights stays in the rest pose, as in Blender; the rest is correct."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.5, 0.5, (60, 3))

@@ -47,14 +47,14 @@ def joined(*parts) -> tuple[np.ndarray, np.ndarray]:
         ([[0, 0, 0], [1, 0, 0], [0, 1, 1], [0, 0, 1]], [[0, 1, 2], [0, 2, 3]], "not closed"),
     ],
 )
-def test_what_has_no_inside_is_refused_by_name(vertices, triangles, words):
+def test_meshes_without_an_inside_are_refused_by_name(vertices, triangles, words):
     with pytest.raises(InputError, match=rf"^'Mesh' .*{words}"):
         mesh(vertices, np.reshape(triangles, (-1, 3)))
 
 
 @pytest.mark.parametrize("flatness", [1e-2, 1e-5, 1e-8, 1e-11])
 @pytest.mark.parametrize("kind", ["needle", "sheet"])
-def test_needles_and_sheets_are_felt_as_thin_as_they_are(kind, flatness, rng):
+def test_needles_and_sheets_keep_their_thickness(kind, flatness, rng):
     """Points are given as shares of the thickness; half of the points are inside."""
     stretch = np.array([1.0, flatness, flatness] if kind == "needle" else [1.0, 1.0, flatness])
     thin = mesh(CUBE.vertices * stretch, CUBE.faces)

@@ -136,7 +136,7 @@ def test_a_flat_volume_is_silent_with_one_counted_warning(name, kind, rng):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", FLAT)
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_flat_body_is_felt_where_its_vertices_are(name, kind, rng):
+def test_a_flat_body_has_contacts_at_its_vertices(name, kind, rng):
     """A body squashed into a plane has well-defined positions."""
     model = person(rng, 150)
     to_world = affine(turn(rng) @ FLAT[kind], (0.5, -0.25, 2.0))
@@ -154,7 +154,7 @@ def test_a_flat_body_is_felt_where_its_vertices_are(name, kind, rng):
     mirrored=st.booleans(),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_any_of_it_together(name, distance, scale, stretch, shear, mirrored, seed):
+def test_any_combination(name, distance, scale, stretch, shear, mirrored, seed):
     rng = np.random.default_rng(seed)
     model = person(rng, 60)
     linear = np.diag([10.0**stretch, -1.0 if mirrored else 1.0, 1.0])

@@ -122,7 +122,7 @@ def test_levels_of_any_size(level):
 
 
 @pytest.mark.filterwarnings("error")
-def test_each_broken_volume_is_told_of_once(rng):
+def test_each_broken_volume_is_reported_once(rng):
     model = person(rng, 100)
     effects = []
     for k in range(40):

@@ -61,7 +61,7 @@ def _boxes(skin, pose, rows):
 
 @pytest.mark.parametrize("modality", ["vibration", "temperature"])
 @pytest.mark.parametrize("count", [0, 1, 6])
-def test_boxes_of_skin_are_around_what_bones_move(modality, count):
+def test_boxes_of_skin_contain_the_posed_vertices(modality, count):
     model = load(f"hfx-{modality}-1")
     skin = _skin(model, TOLERANCES[1])
     assert skin.skin.margins_m is not None and skin.skin.margins_m.any()
@@ -78,7 +78,7 @@ def test_boxes_of_skin_are_around_what_bones_move(modality, count):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
-def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_where_it_is(value):
+def test_nan_affects_only_the_clusters_of_its_bones(value):
     model = load("hfx-pressure-1")
     skin = _skin(model, TOLERANCES[1])
     _, block = moving_scene(model, 5, 0.4, 1.0)

@@ -89,7 +89,7 @@ def test_a_damaged_file_is_not_loaded(built: Path, found: Any, tmp_path: Path, k
     assert library is None and state.startswith(f"numpy ({tmp_path / loading.NAME}: ")
 
 
-def test_text_folders_and_what_cannot_be_read_are_not_loaded(found: Any, tmp_path: Path) -> None:
+def test_text_folders_and_unreadable_files_are_not_loaded(found: Any, tmp_path: Path) -> None:
     path = tmp_path / loading.NAME
     path.write_text("no library")
     assert found()[1] is None
@@ -167,7 +167,7 @@ def test_starting_the_package_loads_nothing() -> None:
 # Reports of the state
 
 
-def test_measurements_and_reports_say_which_engine_it_was(
+def test_measurements_and_reports_name_the_engine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert journal.tools()["native"] is (loading.library() is not None)
@@ -231,7 +231,7 @@ def test_each_platform_gets_its_library(zig: Path, built: Path, tmp_path: Path, 
     assert (b"\xfa\xde\x0c\xc0" in content) is (name == "macos-arm64"), "it runs nothing unsigned"
 
 
-def test_a_source_that_calls_what_no_c_library_has_is_refused(zig: Path, tmp_path: Path) -> None:
+def test_a_source_with_unknown_functions_is_refused(zig: Path, tmp_path: Path) -> None:
     root = _small(tmp_path / "project")
     source = root / native_build.NATIVE / "source" / "interface.c"
     more = "int hfx_absent(void);\nHFX_EXPORT int hfx_more(void) { return hfx_absent(); }\n"

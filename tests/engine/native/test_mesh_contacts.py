@@ -27,7 +27,7 @@ def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
     assert copy.deepcopy(shape).contains(points).all()
 
 
-def test_a_cap_over_a_hole_is_surface_to_what_flies_through_it() -> None:
+def test_a_cap_over_a_hole_is_part_of_the_surface() -> None:
     """A tunnel open at both ends is closed: an object passing both caps was inside."""
     turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     ring = np.stack([0.2 * np.cos(turns), 0.2 * np.sin(turns), np.full(24, -1.0)], axis=1)

@@ -18,7 +18,7 @@ pytestmark = needs_library
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_every_point_is_told_as_by_numpy(name: str) -> None:
+def test_every_point_agrees_with_numpy(name: str) -> None:
     vertices, triangles = MESHES[name]
     compiled, plain = twins(vertices, triangles)
     points = probes(vertices, triangles)
@@ -34,7 +34,7 @@ def test_every_point_is_told_as_by_numpy(name: str) -> None:
     corners=st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=12, max_size=12, unique=True),
     shift=st.sampled_from([0.0, 0.5, 0.25]),
 )
-def test_points_on_the_lattice_of_the_corners_are_told_alike(corners, shift) -> None:
+def test_points_on_the_lattice_of_the_corners_agree(corners, shift) -> None:
     """Every way up hits corners, edges and upright faces; faces may be slivers or coincide."""
     vertices = np.array(corners, np.float64)
     if np.ptp(vertices, axis=0).min() == 0.0:
@@ -70,7 +70,7 @@ def test_any_number_of_points_however_they_lie_in_memory() -> None:
     np.testing.assert_array_equal(compiled.contains(rows.T), plain.contains(points))
 
 
-def test_columns_of_hundreds_of_triangles_are_told_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_of_hundreds_of_triangles_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """One run per column: more pairs than the compiled test holds at once."""
     monkeypatch.setattr(mesh_inside, "CELLS_PER_AXIS", (1, 2))
     vertices, triangles = MESHES["overlaps"]

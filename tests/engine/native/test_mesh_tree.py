@@ -92,7 +92,7 @@ def _crossed(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_ways_cross_the_surface_where_the_reference_finds_it(name: str) -> None:
+def test_crossings_agree_with_the_reference(name: str) -> None:
     vertices, triangles = MESHES[name]
     shape = MeshVolume(vertices, triangles, name)
     ends = finite(probes(vertices, triangles, 50))
@@ -109,7 +109,7 @@ def test_ways_cross_the_surface_where_the_reference_finds_it(name: str) -> None:
         _crossed(np.stack(shape.compiled().passages(one, second))[:, sure], expected[:, sure])
 
 
-def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:
+def test_a_path_along_the_face_of_a_tree_box_is_inside() -> None:
     """Places on the plane of a face divide 0 by 0."""
     shape = MeshVolume(*MESHES["a box"], "box")
     for side in (-0.5, 0.5):
@@ -145,7 +145,7 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     assert deep.any() or name in ("a needle", "a sheet", "slivers")
 
 
-def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
+def test_non_finite_points_have_no_distance_and_no_crossing() -> None:
     compiled, _ = twins(*MESHES["a torus"])
     points = np.array([[np.nan, np.inf, 0.0], [0.0, 0.0, -np.inf], [0.0, 0.0, 0.0]])
     assert np.isnan(compiled.tree.distances(points)).all()

@@ -52,7 +52,7 @@ def test_an_argument_is_where_the_array_is() -> None:
     "array",
     [np.arange(8.0)[::2], np.float32([0, 2, 4, 6]), np.array([0, 2, 4, 6]), np.zeros((4, 0)).T],
 )
-def test_what_is_only_read_is_converted_and_lives_as_long_as_the_argument(array) -> None:
+def test_input_arrays_are_converted_and_kept_alive(array) -> None:
     array.flags.writeable = False
     argument = READ.from_param(array)
     gc.collect()
@@ -78,7 +78,7 @@ def test_other_arrays_are_refused(kind: ArrayOf, array: np.ndarray, message: str
             ask(array)
 
 
-def test_a_structure_keeps_what_it_was_made_of() -> None:
+def test_a_structure_keeps_its_arrays_alive() -> None:
     array = np.arange(6, dtype=np.int32)[::2]  # is converted
     boxes = np.arange(3.0)
     tree = structure("hfx_tree")(boxes, None, array, None, 3)

@@ -50,7 +50,7 @@ def test_a_stretched_and_mirrored_placement_turns_as_far_as_it_was_turned(
     assert actual == pytest.approx(expected, abs=1e-7)
 
 
-def test_what_does_not_turn_turns_by_nothing_at_all():
+def test_no_rotation_gives_exactly_zero():
     rng = np.random.default_rng(1)
     linear = rng.normal(size=(3, 3))
     same = _placement(linear)

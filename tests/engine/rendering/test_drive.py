@@ -49,7 +49,7 @@ def test_the_curve_is_inverted_by_hand(amplitude: float, hz: float, drive: float
 
 
 @given(st.floats(0.0, 6.0), st.sampled_from([80.0, 160.0]))
-def test_what_is_driven_so_vibrates_as_asked(amplitude: float, hz: float) -> None:
+def test_the_drive_yields_the_requested_amplitude(amplitude: float, hz: float) -> None:
     (curve,) = (item for item in CURVES if item.frequency_hz == hz)
     drive = drive_of(CURVES, np.array(amplitude), np.array(hz))
     output = np.interp(drive, [x for x, _ in curve.points], [y for _, y in curve.points])
@@ -115,7 +115,7 @@ def test_channels_of_a_port_hold_the_drive():
     assert plain.fractions(plain.values(np.array([4.0, 80.0]))).tolist() == [0.2, 0.15]
 
 
-def test_what_is_fainter_than_can_be_felt_is_reported():
+def test_imperceptible_amplitudes_are_reported():
     on = device(thresholds=((100.0, 0.4), (200.0, 0.1)))
     raster = rendered(on, (0.24, 150.0), (0.26, 150.0))  # felt from 0.25 on
     assert [(s.effect_id, s.reason, s.samples) for s in raster.shortfalls] == [

@@ -33,7 +33,7 @@ def test_the_strongest_contributors_frequency_is_played():
     assert chosen((0.0, 0.0)) == [0.0]
 
 
-def test_it_stays_until_another_is_clearly_stronger():
+def test_the_frequency_changes_only_for_a_clearly_stronger_effect():
     a_little, clearly = 1.0 * MARGIN - 0.01, 1.0 * MARGIN + 0.01
     assert chosen((1.0, 0.5), (1.0, a_little), (1.0, clearly), (a_little, 1.0)) == [
         LOW,
@@ -43,11 +43,11 @@ def test_it_stays_until_another_is_clearly_stronger():
     ]
 
 
-def test_it_goes_over_at_once_when_what_was_held_falls_silent():
+def test_the_frequency_changes_at_once_after_silence():
     assert chosen((1.0, 0.1), (0.0, 0.1), (0.1, 0.1), (0.13, 0.1)) == [LOW, HIGH, HIGH, LOW]
 
 
-def test_two_that_are_nearly_equal_do_not_make_it_warble():
+def test_nearly_equal_effects_do_not_alternate():
     rng = np.random.default_rng(1)
     noise = 1.0 + 0.1 * rng.uniform(-1.0, 1.0, (500, 2))
     assert len(set(chosen(*map(tuple, noise.tolist())))) == 1
@@ -73,7 +73,7 @@ def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_it_does_not_matter_how_time_is_cut_into_blocks(seed: int):
+def test_frequencies_do_not_depend_on_blocks(seed: int):
     """Blocks without changes of source take a vectorised path."""
     random = np.random.default_rng(seed)
     rows, width = 6, 5
@@ -100,7 +100,7 @@ def test_a_frequency_that_is_none_is_handed_on_for_the_guard_to_silence():
 
 
 @given(st.lists(st.tuples(st.floats(0, 10), st.floats(0, 10)), min_size=1, max_size=30))
-def test_what_is_played_is_never_much_weaker_than_the_strongest(strengths):
+def test_the_played_effect_is_never_much_weaker_than_the_strongest(strengths):
     for (low, high), hz in zip(strengths, chosen(*strengths), strict=True):
         mine = {LOW: low, HIGH: high, 0.0: 0.0}[hz]
         assert max(low, high) <= mine * MARGIN * (1 + 1e-9)
@@ -170,7 +170,7 @@ def test_one_with_a_frequency_plays_one():
     assert actual[HIGH] < 0.01
 
 
-def test_the_sum_keeps_the_limit_whatever_the_phases():
+def test_the_sum_keeps_the_limit_for_any_phases():
     device, raster = rendered(15.0, 15.0, wave=True, gain=2.0)
     total = sum(np.pad(p.amplitudes[:, 0], (p.first_row, 0)) for p in raster.partials)
     assert total.max() == pytest.approx(20.0)
@@ -200,7 +200,7 @@ def test_partials_are_early_by_the_latency_as_values_are():
     assert low.first_row == 0 and len(low.amplitudes) == 97
 
 
-def test_what_is_no_number_is_silent_in_a_waveform():
+def test_nan_is_silent_in_a_waveform():
     header = make_header({"bad": "vibration"}, 4)
     device, _ = rendered(1.0, 1.0, wave=True)
     for bad in ([np.nan, LOW], [5.0, np.nan], [np.inf, LOW], [5.0, -1.0]):

@@ -35,7 +35,7 @@ def test_rows_move_as_they_are_and_the_end_is_neutral(count, latency_ms):
     assert actual[free:].tolist() == [[-1.0, -2.0]] * (count - free)
 
 
-def test_what_comes_before_an_actuator_can_answer_is_late_and_not_lost():
+def test_early_values_of_a_late_actuator_are_delayed_not_lost():
     values = np.zeros((100, 1))
     values[2:5], values[40:45], values[60] = 1.0, 2.0, 3.0
     actual = advanced(values, np.zeros(1), RATE, 300.0)
@@ -64,7 +64,7 @@ def test_each_actuator_is_early_by_its_own_latency():
     assert np.flatnonzero(values[:, 2]).tolist() == [16, 17]
 
 
-def test_what_is_shown_now_is_not_moved():
+def test_live_values_are_not_shifted():
     values = rasters(compensates_latency=False)
     assert np.flatnonzero(values[:, 2]).tolist() == [20, 21]
 

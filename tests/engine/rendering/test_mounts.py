@@ -58,7 +58,7 @@ def test_a_hollow_bends_away_from_the_body():
 
 
 @given(mounts(), st.lists(st.tuples(turns, st.floats(-2, 2)), min_size=1, max_size=5))
-def test_what_is_rolled_up_is_unrolled_again(mount, places):
+def test_rolling_and_unrolling_are_inverse(mount, places):
     layout = np.array(places) * [2 * pi * mount.bend_radius_m, 1.0]
     actual = on_mount(mount, place_on(mount, layout))
     assert actual == pytest.approx(layout, abs=1e-9)
@@ -124,7 +124,7 @@ CLOSED_M = 0.3
 
 @given(st.integers(1, 6), st.integers(1, 4), st.floats(-0.2, 0.2), st.booleans())
 @settings(max_examples=60)
-def test_a_closed_layout_plays_alike_at_both_ends(columns, rows, y, is_square):
+def test_a_closed_layout_plays_equally_at_both_ends(columns, rows, y, is_square):
     """Squares of a grid have two diagonals: both ends must take the same."""
     height = CLOSED_M / columns if is_square else 0.04
     x = (np.arange(columns) + 0.5) * CLOSED_M / columns
@@ -147,13 +147,13 @@ def test_half_way_over_the_seam_both_ends_play_the_same():
     assert shares[4] == pytest.approx([0.0, 1.0, 0.0])
 
 
-def test_actuators_at_one_place_of_a_closed_layout_share_it():
+def test_coincident_actuators_of_a_closed_layout_share_gains():
     layout = np.array([[0.05, 0.0], [0.05, 0.0], [0.2, 0.0]])
     panning = PlanarPanning(layout, "linear", CLOSED_M)
     assert panning.gains(layout[:1])[0] == pytest.approx([0.5, 0.5, 0.0])
 
 
-def test_a_closed_layout_of_one_actuator_plays_it_everywhere():
+def test_a_closed_layout_of_one_actuator_plays_everywhere():
     panning = PlanarPanning(np.array([[0.1, 0.0]]), "log", CLOSED_M)
     assert panning.gains(np.array([[0.0, 0.1], [0.25, -1.0]])) == pytest.approx(1.0)
 
@@ -218,7 +218,7 @@ def test_round_a_sleeve_nothing_jumps_and_each_neighbour_follows(scheme, rows):
         assert at[:, :6] == pytest.approx(np.eye(6), abs=1e-6)
 
 
-def test_along_a_row_a_bent_pad_plays_what_the_flat_one_plays():
+def test_along_a_row_bent_and_flat_pads_agree():
     """Shares follow distances in millimetres along the pad, for any bend."""
     layout = np.array([[0.0, 0.0], [0.03, 0.0], [0.06, 0.0], [0.015, 0.03], [0.045, 0.03]])
     places = np.column_stack((np.linspace(0.0, 0.06, 50), np.linspace(0.0, 0.03, 50)))

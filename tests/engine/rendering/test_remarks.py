@@ -35,7 +35,7 @@ def tap(*samples):
     return make_run(HEADER, "tap", {i: {3: 1.0} for i in samples}, [5.0, 80.0])
 
 
-def test_actuators_that_reach_no_vertex_are_told():
+def test_actuators_without_vertices_are_reported():
     device = make_device(
         {"a": ("vibration", at(3)), "b": ("vibration", NOWHERE), "c": ("pressure", NOWHERE)}
     )
@@ -44,7 +44,7 @@ def test_actuators_that_reach_no_vertex_are_told():
     assert notes(make_device({"a": ("vibration", at(3))}), tap(5)) == ()
 
 
-def test_a_scheme_that_gives_way_is_told():
+def test_an_overridden_scheme_is_reported():
     of_skin = make_device({"a": ("vibration", at(3)), "b": ("vibration", at(5))})
     assert notes(replace(of_skin, scheme=Scheme("nearest")), tap(5)) == ()
     of_room = make_device(
@@ -54,7 +54,7 @@ def test_a_scheme_that_gives_way_is_told():
     assert "'nearest'" in note and "coverage" in note and "stand in the room" in note
 
 
-def test_actuators_that_an_effect_drives_and_a_device_lacks_are_told():
+def test_missing_actuators_of_an_effect_are_reported():
     device = make_device({"a": ("vibration", at(3)), "p": ("pressure", at(3))})
     names = ("a", "p", "gone", "never")
     effects = (replace(HEADER.effects[0], kind="actuators", device_id="device", actuators=names),)
@@ -67,7 +67,7 @@ def test_actuators_that_an_effect_drives_and_a_device_lacks_are_told():
     assert notes(device, second, header=header) == ()
 
 
-def test_what_an_actuator_is_too_late_for_is_told():
+def test_values_too_early_for_an_actuator_are_reported():
     device = make_device({"a": ("vibration", at(3)), "late": ("vibration", at(3))})
     slow = replace(device.actuators[1].type, latency_ms=40.0)
     device = replace(

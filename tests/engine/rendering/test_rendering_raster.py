@@ -125,7 +125,7 @@ def test_substitution(substitution, effect, parameters, expected):
     assert [shortfall.reason for shortfall in without.shortfalls] == ["modality"]
 
 
-def test_a_substitute_combines_with_what_the_actuator_renders_itself():
+def test_a_substitute_combines_with_the_own_modality():
     header = make_header(ALL, 3)
     runs = [
         make_run(header, "push", {0: {0: 1.0}, 1: {0: 1.0}}, [4.0]),
@@ -247,7 +247,7 @@ def test_blocks_must_follow_each_other():
         renderer.add([run])
 
 
-def test_only_models_of_what_is_felt_and_shown_are_loaded():
+def test_only_models_of_rendered_streams_are_loaded():
     loaded = []
 
     def loader(model_id):
@@ -285,7 +285,7 @@ def test_a_track_of_another_model_is_refused():
         render(header, [run], device, lambda model_id: MODELS["dots-vibration"])
 
 
-def test_what_no_device_renders():
+def test_modalities_without_a_device():
     header = make_header({"push": "pressure", "blow": "wind", "buzz": "vibration"}, 10)
     runs = [
         make_run(header, "push", {0: {0: 1.0}, 1: {5: 1.0}, 2: {9: 1.0}, 3: {9: 1.0}}, [2.0]),
@@ -304,7 +304,7 @@ def test_what_no_device_renders():
     assert unrendered([]) == []
 
 
-def test_a_track_that_was_written_and_read_renders_alike(tmp_path):
+def test_a_track_read_back_renders_equally(tmp_path):
     order = {stream.effect_id: i for i, stream in enumerate(HEADER.streams)}
     header = make_header(ALL, 4000)
     random = np.random.default_rng(8)

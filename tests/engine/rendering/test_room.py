@@ -47,7 +47,7 @@ def test_range_and_cone(point: tuple[float, ...], is_reached: bool) -> None:
     assert reaches(FAN, np.array([point])).tolist() == [is_reached]
 
 
-def test_without_an_aim_it_reaches_all_round_and_without_a_place_everything() -> None:
+def test_without_aim_the_reach_is_all_round_and_without_place_unlimited() -> None:
     heater = replace(FAN, aim=None)
     points = np.array([[0.0, -4.9, 1.0], [0.0, 2.0, 1.0]])
     assert reaches(heater, points).tolist() == [True, False]
@@ -55,7 +55,7 @@ def test_without_an_aim_it_reaches_all_round_and_without_a_place_everything() ->
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_what_is_reached_moves_with_the_room(seed: int) -> None:
+def test_reached_points_move_with_the_room(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-3.0, 3.0, (50, 3)).astype(np.float32)
     matrix = np.eye(4)
@@ -69,7 +69,7 @@ def test_what_is_reached_moves_with_the_room(seed: int) -> None:
     assert actual == pytest.approx(points[:10], abs=1e-5)
 
 
-def test_a_pose_is_written_once_until_it_changes() -> None:
+def test_a_constant_pose_is_written_once() -> None:
     poses = np.array([moved(0.0)] * 3 + [moved(4.0)] * 2 + [moved(0.0)])
     setting = PlaySpace.as_setting(poses)
     assert [index for index, _ in setting] == [0, 3, 5]
@@ -109,7 +109,7 @@ def played(header, device, run) -> tuple[list[float], list[str]]:
     return raster.values[:, 0].tolist(), [shortfall.reason for shortfall in raster.shortfalls]
 
 
-def test_a_teleport_takes_the_fan_along_or_leaves_it_behind() -> None:
+def test_a_teleport_moves_or_leaves_the_fan() -> None:
     device, header, run = fan_and_walker()
     assert needs_positions([device])
     assert played(header, device, run) == ([4.0] * 4, [])
@@ -131,14 +131,14 @@ def test_the_strongest_weight_within_reach_counts() -> None:
     assert played(header, device, replace(run, positions=far))[0] == [2.0] * 4
 
 
-def test_parts_that_it_is_not_meant_for_do_not_count() -> None:
+def test_other_body_parts_do_not_count() -> None:
     device, header, run = fan_and_walker()
     fan = replace(device.actuators[0], place=replace(FAN, parts=("forearm",)))
     device = replace(device, actuators=(fan,))
     assert played(header, device, run)[0] == [2.0] * 4  # vertex 4; 7 is on the torso
 
 
-def test_samples_without_positions_are_reached_as_if_it_stood_nowhere() -> None:
+def test_samples_without_positions_are_always_in_reach() -> None:
     device, header, run = fan_and_walker()
     assert played(header, device, replace(run, positions=None))[0] == [4.0] * 4
 

@@ -53,7 +53,7 @@ def test_every_scheme_plays_every_device_on_its_own_skin(name, scheme):
 
 
 @pytest.mark.parametrize("scheme", ["barycentric", "surface", "ring"])
-def test_a_panning_band_has_constant_power_under_it(scheme):
+def test_a_panning_band_has_constant_power_below(scheme):
     device = with_scheme("forearm_band_left", scheme, law="power")
     vertices, gains = gains_of_single_vertices(device)
     model = load_model(MODEL)
@@ -112,7 +112,7 @@ def test_devices_in_the_room_are_not_panned():
     assert (cells.counts == len(load_model(MODEL))).all()
 
 
-def test_a_scheme_that_needs_scipy_says_so_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheme_names_missing_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
     model, pad = load_model(MODEL), with_scheme("back_pad", "barycentric")
     monkeypatch.setitem(sys.modules, "scipy.spatial", None)
     with pytest.raises(InputError, match="'barycentric' needs the Python package scipy"):

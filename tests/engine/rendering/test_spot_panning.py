@@ -72,7 +72,7 @@ def test_on_the_pad_the_phantom_follows_the_spot_by_mangos_log_law() -> None:
     assert shares @ tactors == pytest.approx(at, abs=1e-5)
 
 
-def test_what_the_pad_plays_is_continuous() -> None:
+def test_the_pad_output_is_continuous() -> None:
     path = np.array([[-0.08, 0.09, 1.30], [0.08, 0.09, 1.22]])
     for radius in (0.0, 0.06):
         played = _strengths(_rendered(path, "mango_pad", radius))

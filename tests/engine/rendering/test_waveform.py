@@ -76,13 +76,13 @@ def test_noise_is_a_band_about_its_frequency():
     assert (samples**2).mean() == pytest.approx(13 / 35, rel=0.02)
 
 
-def test_what_is_drawn_for_noise_is_splitmix64():
+def test_noise_is_drawn_by_splitmix64():
     """First outputs for seed 0, as published for other implementations."""
     actual = [hex(int(component)) for component in waveform.split_mix(3)]
     assert actual == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
 
-def test_noise_goes_on_when_it_comes_again():
+def test_noise_continues_after_silence():
     cycles = waveform.NOISE_REPEATS + np.linspace(-0.01, 0.01, 2001)
     again = cycles % waveform.NOISE_REPEATS
     before, after = (waveform.noises(item, item) for item in (cycles, again))
@@ -113,7 +113,7 @@ blocks = st.lists(st.integers(0, 700), min_size=1, max_size=8)
 
 @given(st.sampled_from([["sine"], ["square"], ["noise"], ["noise", "sine", "square"]]), blocks)
 @settings(deadline=None, max_examples=60)
-def test_waves_are_alike_at_any_block_size(shapes, sizes):
+def test_waves_are_equal_for_any_block_size(shapes, sizes):
     count, total = len(shapes), sum(sizes)
 
     def sound(parts: Sequence[int]) -> np.ndarray:
@@ -205,7 +205,7 @@ def test_a_wav_holds_the_wave_that_a_card_plays() -> None:
     np.testing.assert_allclose(live, actual, atol=1e-6)
 
 
-def test_a_wav_of_any_waveform_keeps_the_limit_and_is_alike_in_any_blocks(
+def test_a_wav_of_any_waveform_keeps_the_limit_for_any_blocks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     device = with_waveforms("square", "noise", "sine")

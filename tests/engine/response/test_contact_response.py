@@ -150,7 +150,7 @@ def _each(runs: list[SampleRun]) -> Iterator[tuple[int, dict[int, float]]]:
 CONTACT = (7, 8)
 
 
-def test_without_filters_a_ball_is_felt_while_it_touches() -> None:
+def test_without_filters_a_ball_plays_during_contact() -> None:
     assert [index for index, _ in _each(_felt([]))] == list(CONTACT)
 
 
@@ -176,7 +176,7 @@ def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
     assert np.count_nonzero(levels) > 40
 
 
-def test_an_impact_is_felt_where_it_was_until_it_has_died_away() -> None:
+def test_an_impact_rings_at_its_vertices_until_decayed() -> None:
     actual = dict(_each(_felt([_filter(FilterKind.IMPACT, decay_s=0.1)])))
     assert all(set(actual[k]) == {0, 1} for k in actual if k != CONTACT[0])
 
@@ -207,20 +207,20 @@ def test_impacts_add_up_and_stay_within_full_strength() -> None:
     assert levels[24] == pytest.approx(once[24] + after, abs=1e-4)
 
 
-def test_what_is_inside_when_an_effect_begins_does_not_hit() -> None:
+def test_vertices_inside_at_the_start_are_not_hit() -> None:
     levels = np.where(np.arange(COUNT) < 7, 0.0, 1.0)
     stack = [_filter(FilterKind.IMPACT)]
     assert not _felt(stack, levels=levels)
 
 
-def test_what_was_touched_before_a_part_of_time_begins_does_not_hit() -> None:
+def test_vertices_touched_before_a_part_are_not_hit() -> None:
     stack = [_filter(FilterKind.IMPACT)]
     block = _block(stack, _there_and_back(0.155))
     assert _engine(stack).evaluate(_part(block, CONTACT[0] - 1, COUNT))  # a sample more
     assert not _engine(stack).evaluate(_part(block, CONTACT[1], COUNT))
 
 
-def test_what_is_near_but_not_touched_has_no_speed() -> None:
+def test_near_vertices_without_contact_have_no_speed() -> None:
     near = _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM)
     speed = _filter(FilterKind.SPEED, full_m_s=4.0, operation=Operation.ADD)
     slow, fast = _levels(_felt([near])), _levels(_felt([near, speed]))
@@ -228,7 +228,7 @@ def test_what_is_near_but_not_touched_has_no_speed() -> None:
     assert slow[CONTACT[1] + 1] > 0.0
 
 
-def test_nearness_rises_before_contact_and_stays_in_it() -> None:
+def test_nearness_rises_before_contact_and_holds() -> None:
     stack = [
         _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM),
     ]
@@ -305,7 +305,7 @@ def test_filters_are_folded_from_top_to_bottom() -> None:
 
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0.0, 5.0), st.floats(1e-3, 5.0))
-def test_an_envelope_is_at_most_one_and_has_ended_when_it_says(attack: float, decay: float) -> None:
+def test_an_envelope_is_at_most_one_and_ends_in_time(attack: float, decay: float) -> None:
     since = np.concatenate([[0.0], np.geomspace(1e-4, 20.0, 300)])
     values = envelope.kernel(since, attack, decay)
     assert ((values >= 0.0) & (values <= 1.0 + 1e-6)).all()
@@ -335,7 +335,7 @@ def _columns(runs: list[SampleRun]) -> tuple[bytes, ...]:
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.integers(1, COUNT - 1), unique=True, max_size=6))
-def test_splitting_time_and_putting_it_together_gives_the_same_bytes(cuts: list[int]) -> None:
+def test_splitting_time_gives_the_same_bytes(cuts: list[int]) -> None:
     block = _block(STACK, _there_and_back())
     whole = _columns(_engine(STACK).evaluate(block))
     engine, runs = _engine(STACK), []
@@ -345,7 +345,7 @@ def test_splitting_time_and_putting_it_together_gives_the_same_bytes(cuts: list[
     assert len(whole[0]) > 8 * 20
 
 
-def test_what_a_track_can_hold_on_demand_is_there_for_responses_too() -> None:
+def test_responses_provide_all_optional_track_columns() -> None:
     engine = Engine(
         _scene(STACK), models=lambda _: MODEL, tolerance=PAPER, record=("positions", "depth")
     )

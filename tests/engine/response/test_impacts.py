@@ -161,7 +161,7 @@ def felt(
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
 @pytest.mark.parametrize("falls", [False, True], ids=["even", "falloff"])
 @pytest.mark.parametrize("depth_m", [0.001, 0.010, 0.025])
-def test_an_impact_rings_as_deep_as_it_was_at_every_rate(
+def test_an_impact_keeps_its_depth_at_every_rate(
     depth_m: float, falls: bool, tolerance: Tolerance
 ) -> None:
     by_vertex = tolerance in (PAPER, PREVIEW)
@@ -214,9 +214,7 @@ def going_in(times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("decay_s", [0.003, 0.02, 0.11])
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
-def test_what_is_covered_after_the_beginning_is_strongest_between_samples(
-    tolerance: Tolerance, decay_s: float
-) -> None:
+def test_later_covered_vertices_peak_between_samples(tolerance: Tolerance, decay_s: float) -> None:
     """The weight rises while the envelope falls, so the strongest moment is between both ends.
 
     The next sample has that maximum, also at 333 Hz, for each vertex separately.
@@ -268,7 +266,7 @@ def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
         assert actual == pytest.approx(expected, rel=0.03)
 
 
-def test_a_graze_between_two_samples_is_felt_at_the_next() -> None:
+def test_a_graze_between_two_samples_is_in_the_next_sample() -> None:
     # 0.505 s lies between two samples; at both, the ball is 2 mm away.
     for tolerance in TOLERANCES:
         actual = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
@@ -303,7 +301,7 @@ def test_the_speed_is_that_at_the_beginning() -> None:
 # ---- places ------------------------------------------------------------------------------------
 
 
-def test_each_of_two_impacts_rings_where_it_was() -> None:
+def test_two_impacts_ring_at_their_vertices() -> None:
     apart_m = 3 * SPACING_M
     far_vertex = int(np.argmin(np.linalg.norm(SKIN.vertices - [apart_m, 0.0, 0.0], axis=1)))
 
@@ -369,7 +367,7 @@ def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
     assert actual[60, at] == pytest.approx(0.4 + ring, rel=0.03)
 
 
-def test_what_is_near_now_is_no_place_of_an_impact() -> None:
+def test_impacts_keep_the_proximity_of_their_time() -> None:
     stack = (
         (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
         (FilterKind.PROXIMITY, Operation.MAXIMUM, (0.3, 0.05, 1.0)),
@@ -385,7 +383,7 @@ def test_what_is_near_now_is_no_place_of_an_impact() -> None:
     assert held[MIDDLE + 4] == 0.0  # 80 mm away: near only during approach and departure
 
 
-def test_a_level_scales_what_rings_at_its_own_time() -> None:
+def test_the_level_at_the_current_time_scales_ringing() -> None:
     def fading(times: np.ndarray) -> np.ndarray:
         return np.clip(1.0 - times, 0.0, 1.0)
 

@@ -155,7 +155,7 @@ def test_a_rig_none_of_whose_bones_deform_is_still_mapped() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_left_of_another_rig_is_not_taken(seed: int) -> None:
+def test_remains_of_another_rig_are_ignored(seed: int) -> None:
     names = ("upperarm01", "lowerarm01", "upperleg01", "wrist", "foot")
     left_over = [(f"{name}.{side}", "Hips") for name in names for side in "LR"]
     bones = rig_of(MIXAMO, [*left_over, ("spine01", "Hips"), ("root", None)])
@@ -232,7 +232,7 @@ def test_the_trunk_never_follows_a_limb() -> None:
     assert mapping.fallbacks["spine05"] == "Spine"
 
 
-def test_a_twist_bone_beside_the_limb_is_no_part_of_it() -> None:
+def test_a_separate_twist_bone_is_no_limb_bone() -> None:
     _, table, _ = CONVENTIONS["unreal 4"]
     middle = canonical_heads()["lowerarm02.L"]
     beside = RigBone("lowerarm_twist_01_l", "lowerarm_l", tuple(middle), tuple(middle))
@@ -266,7 +266,7 @@ def test_missing_fingers_toes_and_face_follow_their_parents_and_are_reported() -
     _check_complete(mapping)
 
 
-def test_fingers_told_apart_by_letters_alone_are_left_open() -> None:
+def test_fingers_named_by_letters_only_stay_unmapped() -> None:
     table = {bone: name for bone, name in MIXAMO.items() if "finger" not in bone}
     letters = {
         f"finger{finger}-{joint}.{side}": f"{word}_finger_{'ABDEG'[finger - 1]}_{joint}"
@@ -309,7 +309,7 @@ def test_upper_body_alone_is_a_partial_human() -> None:
     assert "No bone for the left and right thigh; the skin there follows 'Hips'." in mapping.report
 
 
-def test_a_second_head_and_four_arms_are_told() -> None:
+def test_a_second_head_and_four_arms_are_reported() -> None:
     table = {bone: name for bone, name in MIXAMO.items() if "finger" not in bone}
     bones = rig_of(table)
     (arm,) = (bone for bone in bones if bone.name == "LeftHand")
@@ -343,7 +343,7 @@ def test_mirrored_names_are_mapped_by_where_they_lie() -> None:
 
 
 @pytest.mark.parametrize("ends_in", ["foot", "lowerleg01"])
-def test_the_skin_of_feet_tells_mirrored_names_of_a_rig_without_toes(ends_in: str) -> None:
+def test_the_skin_of_feet_reveals_mirrored_names_without_toes(ends_in: str) -> None:
     gone = ("toe",) if ends_in == "foot" else ("toe", "foot")
     table = {bone: name for bone, name in MIXAMO.items() if not bone.startswith(gone)}
     swapped = {"L": "R", "R": "L"}
@@ -377,7 +377,7 @@ def _moved(bones: list[RigBone], matrix: np.ndarray) -> list[RigBone]:
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
-def test_a_turned_rig_is_mapped_alike(scale: float) -> None:
+def test_a_turned_rig_is_mapped_equally(scale: float) -> None:
     still = rig_of(MIXAMO)
     expected = bone_mapping.map_bones(still)
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
@@ -431,7 +431,7 @@ def _quadruped() -> list[RigBone]:
 
 
 @pytest.mark.parametrize("bones", [[], _chain(1), _chain(20), _quadruped()])
-def test_what_is_no_human_is_refused_in_one_sentence(bones: list[RigBone]) -> None:
+def test_a_non_human_rig_is_refused_in_one_sentence(bones: list[RigBone]) -> None:
     with pytest.raises(InputError, match="looked for hips or a spine"):
         bone_mapping.map_bones(bones)
 

@@ -98,7 +98,7 @@ def test_limbs_that_are_named_after_the_other_side(stems: tuple[str, ...], count
     assert f" {count}, '" in remark
 
 
-def test_nothing_is_told_where_names_and_places_agree() -> None:
+def test_no_remark_where_names_and_positions_agree() -> None:
     for table in (MIXAMO, table_of("J_Bip_L_{}.L", "J_Bip_L_{}.R")):
         assert not any("side" in sentence for sentence in map_bones(rig_of(table)).report)
 

@@ -55,7 +55,7 @@ def test_trousers_do_not_pull_the_knees_down() -> None:
     assert all(off < 20.0 for off in quality.joints_mm.values()), quality.joints_mm
 
 
-def test_a_model_that_lies_beside_a_joint_is_named() -> None:
+def test_a_model_off_a_joint_is_named() -> None:
     target = variants.canonical().target
     model = load_model(MODEL_ID)
     warped = variants.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
@@ -67,7 +67,7 @@ def test_a_model_that_lies_beside_a_joint_is_named() -> None:
     assert min(offsets_m["knee.L"], offsets_m["knee.R"]) < 0.01
 
 
-def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
+def test_a_sitting_avatar_is_neither_tilted_nor_enlarged() -> None:
     """The trunk of the shipped avatar keeps position and size; one leg may stay stretched."""
     legs = {"upperleg01.L": variants.turn(0, -85.0), "lowerleg01.L": variants.turn(0, 85.0)}
     both = legs | {"upperleg01.R": variants.turn(0, -70.0), "lowerleg01.R": variants.turn(0, 80.0)}

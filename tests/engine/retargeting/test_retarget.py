@@ -226,7 +226,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
 # FitQuality: a poor fit names the part
 
 
-def test_a_missing_limb_is_a_warning_that_names_it() -> None:
+def test_a_warning_names_a_missing_limb() -> None:
     variant = variants.shuffled(canonical())
     target = variant.target
     keep = ~(target.vertices[target.triangles][:, :, 2] < 0.4).any(axis=1)
@@ -308,7 +308,7 @@ def test_a_good_avatar_passes() -> None:
     assert retarget_target.check(canonical().target, "Anna") is None
 
 
-def test_meshes_that_cannot_be_used_are_refused_or_told() -> None:
+def test_unusable_meshes_are_refused_or_reported() -> None:
     target = canonical().target
     assert "no faces" in _message(replace(target, triangles=np.zeros((0, 3), np.int64)))
     assert "no size" in _message(replace(target, vertices=target.vertices * 0.0))

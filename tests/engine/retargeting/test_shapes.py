@@ -44,7 +44,7 @@ def test_an_avatar_of_another_mesh_has_no_fields() -> None:
     assert shape_fields.fields_for(replace(avatar, vertices=avatar.vertices[:-1])) is None
 
 
-def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
+def test_a_shape_is_recovered_from_skin_distances() -> None:
     """Also along the skin, where distances do not determine a vertex's position."""
     avatar, fields = load_avatar(), shape_fields.load_shapes()
     rng = np.random.default_rng(1)

@@ -117,7 +117,7 @@ def _part(target: TargetAvatar, is_chosen: np.ndarray, out_m: float = 0.0) -> Ta
     )
 
 
-def test_what_is_seen_is_taken_whatever_the_order_and_the_unit() -> None:
+def test_visible_meshes_are_chosen_in_any_order_and_unit() -> None:
     target, mapping = canonical_mesh()
     parts = load_avatar().part
     height = target.vertices[:, 2]
@@ -155,7 +155,7 @@ def test_what_is_seen_is_taken_whatever_the_order_and_the_unit() -> None:
     assert skin == {"body", "shoes", "underwear"}  # no foot is under the shoes
 
 
-def test_the_layer_that_is_felt_is_chosen() -> None:
+def test_the_outer_layer_is_chosen() -> None:
     target, mapping = canonical_mesh()
     parts = load_avatar().part
     shins = parts == PARTS.index("lower_leg")
@@ -194,7 +194,7 @@ def test_a_hat_that_is_wider_than_the_head_is_no_head() -> None:
     assert finish(skin_of(load_avatar(), [hat, target], mapping)) == [1]
 
 
-def test_a_solid_that_fills_the_head_and_shows_behind_it_is_no_face() -> None:
+def test_a_solid_inside_the_head_is_no_face() -> None:
     target, mapping = canonical_mesh()
     hair = _ball(target, (0.0, 0.0, 1.74), 0.115)
     assert finish(skin_of(load_avatar(), [hair, target], mapping)) == [1]

@@ -48,7 +48,7 @@ def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("beside_m", [0.04, -0.04])
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name)
-def test_a_joint_beside_the_knee_that_is_seen(figure: Figure, beside_m: float) -> None:
+def test_a_joint_off_the_visible_knee(figure: Figure, beside_m: float) -> None:
     """Compares a rig with joints moved along the limb, and the rig with correct joints."""
     unit = 0.01 if figure.rig is BIPED else 1.0
     truth = {bone.name: np.asarray(bone.head) for bone in made(figure).target.bones}

@@ -114,7 +114,7 @@ def _motion(times: int, seed: int) -> np.ndarray:
     return matrices
 
 
-def test_what_rests_on_a_moving_object_has_no_way() -> None:
+def test_a_finger_resting_on_a_moving_object_has_no_path() -> None:
     vertices, triangles = _sheet()
     mesh = SurfaceMesh(triangles, vertices[triangles][..., :2])
     matrices = _motion(20, 1)
@@ -144,7 +144,7 @@ def test_ways_are_the_same_on_an_object_that_carries_the_skin_along() -> None:
     )
 
 
-def test_what_rests_on_a_deforming_mesh_has_no_way_and_what_moves_has_its_own() -> None:
+def test_paths_on_a_deforming_mesh_exclude_its_motion() -> None:
     vertices, triangles = _sheet()
     mesh = SurfaceMesh(triangles, vertices[triangles][..., :2])
     times = 20
@@ -259,7 +259,7 @@ def test_a_mesh_that_deforms_from_call_to_call_is_followed_too() -> None:
     np.testing.assert_allclose(np.array(ways)[1:, 1], 0.01, atol=1e-6)
 
 
-def test_what_lifts_off_and_comes_back_begins_anew() -> None:
+def test_a_returning_contact_starts_a_new_path() -> None:
     vertices, triangles = _sheet()
     mesh = SurfaceMesh(triangles, vertices[triangles][..., :2])
     points = np.zeros((6, 1, 3))

@@ -25,7 +25,7 @@ def _plane(rows: int, columns: int, texel: tuple[float, float]) -> HeightField:
 
 
 @pytest.mark.parametrize("order", ["linear", "cubic"])
-def test_a_plane_is_a_plane_whatever_the_texels(order: str) -> None:
+def test_a_plane_stays_a_plane_for_any_texels(order: str) -> None:
     field = _plane(7, 9, (2e-3, 5e-3))
     points = np.random.default_rng(0).uniform((4e-3, 9e-3), (13e-3, 26e-3), (50, 2))
     expected = 0.3 * points[:, 0] - 0.2 * points[:, 1] + 0.1
@@ -40,7 +40,7 @@ def test_a_plane_is_a_plane_whatever_the_texels(order: str) -> None:
     st.integers(-3, 3),
     st.sampled_from(["linear", "cubic"]),
 )
-def test_what_tiles_repeats(rows: int, columns: int, right: int, up: int, order: str) -> None:
+def test_tiling_fields_repeat(rows: int, columns: int, right: int, up: int, order: str) -> None:
     rng = np.random.default_rng(rows * 100 + columns)
     field = HeightField(rng.normal(size=(rows, columns)), (1e-3, 3e-3))
     points = rng.uniform(-0.05, 0.05, (20, 2))
@@ -57,7 +57,7 @@ def test_linear_sampling_is_that_of_scipy() -> None:
     np.testing.assert_allclose(sample_grid(grid, points, (2e-3, 3e-3), True), expected, atol=1e-12)
 
 
-def test_beyond_the_edge_of_what_does_not_tile_it_goes_on_flat() -> None:
+def test_beyond_the_edge_non_tiling_fields_are_flat() -> None:
     field = HeightField(np.array([[1.0, 2.0], [3.0, 4.0]]), (1.0, 1.0), tiles=False)
     far = np.array([[-9.0, -9.0], [9.0, -9.0], [-9.0, 9.0], [9.0, 9.0]])
     np.testing.assert_array_equal(field.sample(far), [1.0, 2.0, 3.0, 4.0])
@@ -74,7 +74,7 @@ def test_beyond_the_edge_of_what_does_not_tile_it_goes_on_flat() -> None:
         (np.ones((2, 2)), (1.0, np.nan), "texel"),
     ],
 )
-def test_what_is_no_surface_is_refused(
+def test_an_invalid_surface_is_refused(
     heights: np.ndarray, texel: tuple[float, float], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):

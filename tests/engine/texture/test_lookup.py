@@ -78,7 +78,7 @@ def test_the_strongest_on_the_way_is_the_strongest_of_all_that_are_crossed(seed:
         assert texel[k] == crossed[levels == levels.max()].min()
 
 
-def test_one_sharp_texel_between_two_pointer_samples_is_felt() -> None:
+def test_one_sharp_texel_between_two_pointer_samples_plays() -> None:
     intensity = np.zeros((1, 1000))
     intensity[0, 437] = 1.0
     map_ = _map(intensity, (1e-4, 1e-4))
@@ -125,7 +125,7 @@ def test_the_most_salient_come_first() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40), st.floats(0.001, 0.5))
-def test_what_is_dropped_is_near_to_something_stronger(levels: list[float], gap: float) -> None:
+def test_dropped_collisions_are_near_a_stronger_collision(levels: list[float], gap: float) -> None:
     rng = np.random.default_rng(len(levels))
     times = np.sort(rng.uniform(0.0, 1.0, len(levels)))
     actual = Collisions(times, np.array(levels), np.zeros(len(levels)))

@@ -83,7 +83,7 @@ def test_a_weave_repeats_in_its_period_and_direction(draft: str) -> None:
         lambda: procedural.woven(procedural.Weave("satin", 1e-2, 1e-4), 0.01, 64),
     ],
 )
-def test_what_is_no_weave_is_refused(make: object) -> None:
+def test_an_invalid_weave_is_refused(make: object) -> None:
     with pytest.raises(InputError):
         make()  # type: ignore[operator]
 
@@ -111,7 +111,7 @@ def test_the_textile_renderers_output_goes_with_measured_roughness(tmp_path: Pat
     assert points <= chart.count("<use") <= points + 200
 
 
-def test_materials_are_told_apart_on_unseen_maps_directions_and_speeds() -> None:
+def test_materials_are_distinguished_on_unseen_maps_directions_and_speeds() -> None:
     identification = bench.identification(1, 1, texels=192)
     assert identification["share"] >= 0.9
     assert np.sum(identification["confusion"]) == 3 * 3 * len(procedural.MATERIALS)
@@ -120,7 +120,7 @@ def test_materials_are_told_apart_on_unseen_maps_directions_and_speeds() -> None
     ).all()
 
 
-def test_the_most_salient_collisions_keep_more_than_what_comes_first() -> None:
+def test_salient_collisions_keep_more_than_the_first_collisions() -> None:
     rows = [row for row in bench.salience(short=True) if row["speed_m_s"] == 0.1]
     assert rows
     for row in rows:

@@ -45,7 +45,7 @@ def test_the_slope_is_that_of_an_independent_computation(texel: tuple[float, flo
     np.testing.assert_allclose(actual, expected, atol=2e-6 * expected.max(), rtol=1e-4)
 
 
-def test_a_blur_that_is_far_wider_than_the_surface_leaves_nothing_of_it() -> None:
+def test_a_blur_far_wider_than_the_surface_removes_the_relief() -> None:
     heights = np.random.default_rng(0).normal(size=(20, 24)) * 1e-9
     field = HeightField(heights, (1e-9, 1e-9), tiles=False)  # a scan in a wrong unit
     rough, blurred = (blurred_slope(field, blur) for blur in (0.0, 1e-3))
@@ -156,7 +156,7 @@ def test_each_code_of_a_picture_is_a_height_of_its_own(full: int) -> None:
         lambda: make_map(HeightField(np.ones((2, 2)), (1.0, 1.0)), np.array([[np.nan]])),
     ],
 )
-def test_what_means_nothing_is_refused(make: object) -> None:
+def test_meaningless_values_are_refused(make: object) -> None:
     with pytest.raises(InputError):
         make()  # type: ignore[operator]
 

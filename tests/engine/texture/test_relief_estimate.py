@@ -29,14 +29,14 @@ def layers(layers_found: EstimatedRelief) -> np.ndarray:
 
 
 @pytest.mark.parametrize("tiles", [True, False])
-def test_turned_by_90_degrees_the_relief_turns_with_it(picture: np.ndarray, tiles: bool) -> None:
+def test_the_relief_turns_with_the_picture(picture: np.ndarray, tiles: bool) -> None:
     straight = layers(estimate(picture, (0.064, 0.096), tiles=tiles))
     turned = layers(estimate(np.rot90(picture), (0.096, 0.064), tiles=tiles))
     assert np.ptp(straight[1]) > 0.01
     assert np.allclose(np.rot90(turned, -1, (1, 2)), straight, atol=1e-5)
 
 
-def test_what_tiles_stays_tiling(picture: np.ndarray) -> None:
+def test_tiling_pictures_give_tiling_reliefs(picture: np.ndarray) -> None:
     straight = layers(estimate(picture, (0.064, 0.096), tiles=True))
     moved = layers(estimate(np.roll(picture, (64, 32), (0, 1)), (0.064, 0.096), tiles=True))
     assert np.allclose(np.roll(straight, (64, 32), (1, 2)), moved, atol=1e-5)
@@ -67,12 +67,12 @@ def test_any_size_is_kept(picture: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((4, 4)), np.full((4, 4, 3), np.nan)])
-def test_what_is_no_picture_is_refused(wrong: np.ndarray) -> None:
+def test_an_invalid_picture_is_refused(wrong: np.ndarray) -> None:
     with pytest.raises(InputError, match="Picture: "):
         estimate(wrong, (0.1, 0.1))
 
 
-def test_it_beats_simple_filters_on_families_that_were_not_learnt() -> None:
+def test_the_estimate_beats_simple_filters_on_unseen_families() -> None:
     actual = []
     for case in bench.cases(1, 0, ("chevrons", "popcorn")):
         ways = bench.intensity_of(case), *bench.simple(case)

@@ -35,7 +35,7 @@ def _pulse(phase: np.ndarray) -> np.ndarray:
     ],
     ids=["sine", "triangle", "square", "pulse"],
 )
-def test_profiles_have_the_roughness_that_arithmetic_tells(  # type: ignore[no-untyped-def]
+def test_profiles_have_the_arithmetic_roughness(  # type: ignore[no-untyped-def]
     wave, ra: float, rq: float, depth: float, rsk: float, rku: float
 ) -> None:
     roughness = roughness_of_profile(3e-6 * wave(2.0 * np.pi * X / 2.5e-4), SPACING)
@@ -49,7 +49,7 @@ def test_profiles_have_the_roughness_that_arithmetic_tells(  # type: ignore[no-u
     assert (roughness.sampling_lengths, roughness.cutoff_m) == (5, 2.5e-3)
 
 
-def test_a_wave_of_twice_the_cutoff_keeps_what_the_filter_lets_through() -> None:
+def test_a_wave_of_twice_the_cutoff_is_filtered() -> None:
     """The mean line is the filter's, not the mean of each sampling length of half a wave."""
     roughness = roughness_of_profile(1e-6 * np.sin(2.0 * np.pi * X / 5e-3), SPACING)
     left = 1e-6 * (1.0 - 2.0**-0.25)  # ISO 16610-21
@@ -70,7 +70,7 @@ def test_low_and_narrow_peaks_are_no_elements_of_their_own() -> None:
     assert roughness_of_profile(deep, SPACING).rsm_m == pytest.approx(2.5e-4, rel=1e-2)
 
 
-def test_a_single_scratch_is_in_rmax_and_a_fifth_of_it_in_rz() -> None:
+def test_a_single_scratch_counts_fully_in_rmax_and_a_fifth_in_rz() -> None:
     heights = 1e-6 * np.sin(2.0 * np.pi * X / 1e-4)
     middle = int(0.5 * LENGTH / SPACING)
     heights[middle : middle + 10] = -11e-6

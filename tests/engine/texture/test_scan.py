@@ -63,7 +63,7 @@ def test_a_scan_with_holes_and_nan_is_a_surface() -> None:
         (np.full((9, 3), np.nan), "0 usable points"),
     ],
 )
-def test_what_is_no_surface_is_refused(points: np.ndarray, words: str) -> None:
+def test_an_invalid_surface_is_refused(points: np.ndarray, words: str) -> None:
     with pytest.raises(InputError, match=words):
         from_points(points)
 

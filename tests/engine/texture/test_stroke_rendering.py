@@ -224,6 +224,6 @@ def test_the_carriers_phase_never_jumps() -> None:
         lambda: SurfaceTexture(renderer=SurfaceRenderer.MCHA),
     ],
 )
-def test_what_is_no_stroke_is_refused(make: object) -> None:
+def test_an_invalid_stroke_is_refused(make: object) -> None:
     with pytest.raises(InputError):
         make()  # type: ignore[operator]

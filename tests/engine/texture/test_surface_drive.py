@@ -130,7 +130,7 @@ def test_nothing_is_stronger_than_the_surfaces_strongest(model: PerceptualModel)
     np.testing.assert_array_equal(drive.amplitude([1.0, 10.0], None), [1.0, 10.0])
 
 
-def test_a_track_file_keeps_what_its_surfaces_were_sampled_with(model: PerceptualModel) -> None:
+def test_a_track_file_keeps_the_sampling_of_surfaces(model: PerceptualModel) -> None:
     header = moment_header(_scene(model, _texture()))
     again, _ = from_json(to_json(header, {"name": "none"}))
     run = _run(model, 2.0)

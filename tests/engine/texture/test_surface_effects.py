@@ -201,7 +201,7 @@ def paths_over_sheet(x_m):
     )
 
 
-def test_before_it_touched_nothing_changed_under_a_contact() -> None:
+def test_heights_are_constant_before_the_first_sample() -> None:
     field = grating(1e-3, texels=16)  # no step passes a texel
     texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE)
     paths = paths_over_sheet([0.2e-3, 1.2e-3])  # 10 cm/s for 1/100 s
@@ -211,7 +211,7 @@ def test_before_it_touched_nothing_changed_under_a_contact() -> None:
     np.testing.assert_allclose(drive, [0.0, 1e4 * weighted_rms(heights, 2000.0)], rtol=1e-9)
 
 
-def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
+def test_a_fine_wave_is_played_whole_at_any_strength() -> None:
     """0.5 mm in texels of 0.25 mm and 0.1 mm at 6 cm/s: 120 Hz, 30 um times the drive."""
     for texel, drive_per_m, expected in ((2.5e-4, 1.6e4, 0.48), (1e-4, 1e6, 1.0)):
         wave = 30e-6 * np.sin(2.0 * np.pi * (np.arange(round(0.1 / texel)) + 0.5) * texel / 5e-4)
@@ -223,7 +223,7 @@ def test_a_fine_wave_is_played_whole_however_strong_it_is() -> None:
         assert frequency[-1] == pytest.approx(120.0, rel=0.02)
 
 
-def test_what_is_off_or_nowhere_is_not_felt(hand: PerceptualModel) -> None:
+def test_inactive_or_nan_surfaces_have_no_contacts(hand: PerceptualModel) -> None:
     scene = _scene(_texture(SurfaceRenderer.MCHA), 10, hand)
     engine = Engine(scene, models=lambda _: hand, tolerance=PAPER)
     off = _block(hand, _slide(10), np.arange(10), levels=np.zeros(10))
@@ -249,7 +249,7 @@ def test_a_surface_is_at_home_in_the_scene(hand: PerceptualModel) -> None:
     assert header.effects[0].kind == "volume"
 
 
-def test_contacts_and_places_that_do_not_count_are_told_by_name(hand: PerceptualModel) -> None:
+def test_ignored_contacts_and_positions_are_reported_by_name(hand: PerceptualModel) -> None:
     scene = _scene(_texture(SurfaceRenderer.MCHA), 6, hand)
     (table,) = scene.effects
     assert isinstance(table.area, HapticSurface)

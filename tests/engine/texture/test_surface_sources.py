@@ -44,7 +44,7 @@ def test_a_slope_without_end_is_followed_where_the_map_does_not_tile() -> None:
     assert np.allclose(steps, 0.1 * TEXEL[0], rtol=0.05)
 
 
-def test_what_is_no_normal_is_flat() -> None:
+def test_invalid_normals_are_flat() -> None:
     normals = normals_of(np.zeros((8, 8)), np.zeros((8, 8)))
     normals[2:4, 2:4] = np.nan
     normals[5, 5] = (1.0, 0.0, 0.0)  # vertical
@@ -95,6 +95,6 @@ def test_a_sheet_that_stands_is_laid_down(axis: int, degrees: float) -> None:
         (np.eye(3) * 1e200, r"1e\+200 m, allowed is up to 1e\+07 m"),
     ],
 )
-def test_what_is_no_sheet_is_refused(points: np.ndarray, message: str) -> None:
+def test_an_invalid_sheet_is_refused(points: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
         seen_from_above(points)

@@ -62,7 +62,7 @@ def test_a_failure_at_the_end(tmp_path, monkeypatch, call):
     assert names(tmp_path) == []
 
 
-def test_a_folder_that_fails_to_sync_has_what_it_had(tmp_path, monkeypatch):
+def test_a_folder_failing_to_sync_keeps_its_files(tmp_path, monkeypatch):
     (tmp_path / "old").write_bytes(b"old")
     fsync, calls = os.fsync, []
 
@@ -107,7 +107,7 @@ def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number):
     }
 
 
-def test_nothing_of_the_user_is_written_or_removed_beside_the_file(tmp_path):
+def test_no_other_file_of_the_user_is_written_or_removed(tmp_path):
     """Files or links with names of earlier unfinished files belong to the user."""
     (tmp_path / "thesis").write_bytes(b"precious")
     (tmp_path / "a.bin.tmp").symlink_to(tmp_path / "thesis")
@@ -125,7 +125,7 @@ def test_nothing_of_the_user_is_written_or_removed_beside_the_file(tmp_path):
     assert all((tmp_path / f"{name}.bin").read_bytes() == b"new" for name in "ab")
 
 
-def test_what_is_read_is_not_replaced_under_any_of_its_names(tmp_path):
+def test_an_input_file_is_never_replaced_under_any_name(tmp_path):
     scene = tmp_path / "scene.blend"
     scene.write_bytes(b"precious")
     (tmp_path / "link").symlink_to(scene)
@@ -201,7 +201,7 @@ def test_places_that_cannot_be(tmp_path):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="has no such files")
-def test_a_device_or_a_pipe_stays_what_it_is(tmp_path):
+def test_devices_and_pipes_are_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "null").symlink_to("/dev/null")
     with open(tmp_path / "kept", "wb") as stored:
@@ -243,7 +243,7 @@ def record(path, samples=600, then=None):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("no"), OutputError("no")])
-def test_an_interrupted_track_leaves_what_was_there(tmp_path, error):
+def test_an_interrupted_track_keeps_the_earlier_file(tmp_path, error):
     path = tmp_path / "a.hfxtrack"
     record(path, 100)
     before = path.read_bytes()
@@ -292,7 +292,7 @@ def synced(monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="asks Linux for the names")
-def test_what_only_passes_through_is_forced_to_the_disk_once(tmp_path, monkeypatch):
+def test_staged_files_are_synced_once_when_moved(tmp_path, monkeypatch):
     stage, folder = tmp_path / "stage", tmp_path / "folder"
     stage.mkdir()
     folder.mkdir()
@@ -379,5 +379,5 @@ def test_names_of_folders_are_distinct_and_stay_inside():
         ("", "_"),
     ],
 )
-def test_only_what_file_systems_do_not_allow_is_escaped(name: str, part: str) -> None:
+def test_only_forbidden_characters_are_escaped(name: str, part: str) -> None:
     assert name_part(name) == part

@@ -108,7 +108,7 @@ def test_sections_in_a_chunk(tmp_path, order, message):
 
 
 @pytest.mark.parametrize("steps", [[1, 5, 6], [2, 5, 7]])
-def test_samples_outside_what_the_index_says(tmp_path, steps):
+def test_samples_outside_the_index(tmp_path, steps):
     track_header = header(128, 10, ("pressure",))
     path = tmp_path / "a.hfxtrack"
     with TrackWriter(path, track_header, full_precision=True) as writer:

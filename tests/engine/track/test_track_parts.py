@@ -197,7 +197,7 @@ def test_an_excerpt_between_frames_begins_with_the_next_sample(tmp_path: Path) -
         assert part.summary()[0].first_s == 0.0
 
 
-def test_clips_are_told_apart_by_name_or_by_effect() -> None:
+def test_clips_are_distinguished_by_name_or_effect() -> None:
     base = header(modalities=("vibration", "temperature", "pressure"))
     hit, second = Clip("hit", 1.0, 5.0), Clip("Hit", 7.0, 9.0)
     clips = ((hit, second), (hit,), (Clip("hit", 20.0, 30.0), Clip("hum", 0.0, 1.0)))

@@ -159,7 +159,7 @@ def test_every_sample_time_finds_its_own_sample(tmp_path):
             assert actual.indices.tolist() == [index]
 
 
-def test_outside_the_track_nothing_is_felt(tmp_path):
+def test_outside_the_track_there_are_no_contacts(tmp_path):
     track_header = header(sample_count=10)
     path = write(
         tmp_path / "a.hfxtrack",

@@ -95,7 +95,7 @@ def test_more_contacts_than_a_reader_can_hold(tmp_path, monkeypatch):
             assert list(tmp_path.iterdir()) == []
 
 
-def test_what_the_caller_does_to_its_arrays_later_does_not_matter(tmp_path):
+def test_later_changes_of_input_arrays_have_no_effect(tmp_path):
     with TrackWriter(tmp_path / "a", HEADER, full_precision=True) as writer:
         mine = run(HEADER, 0, [4, 5], [[1, 3], [3, 9]], [[0.5, 1.0], [1.0, 0.1]])
         writer.append([mine])

@@ -87,7 +87,7 @@ def test_a_smaller_bound_leaves_more_faces_and_a_tiny_one_all() -> None:
 _simplify = fast_simplification.simplify
 
 
-def test_a_crumb_away_from_the_surface_is_not_felt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crumb_away_from_the_surface_has_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """A closed crumb of tiny volume; the rest of the simplified mesh is near the original."""
     vertices, faces = arrays(trimesh.creation.icosphere(5))
     fine = MeshVolume(vertices, faces, "Ball")
@@ -188,7 +188,7 @@ def test_contacts_are_those_of_all_faces(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.parametrize(
     ("tolerance", "falloff"), [(EXACT, SMOOTH), (PAPER, SMOOTH), (STANDARD, Falloff())]
 )
-def test_all_faces_are_felt_where_no_error_is_accepted_or_nothing_gained(
+def test_all_faces_are_used_without_tolerance_or_gain(
     tolerance: Tolerance, falloff: Falloff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen = chosen_surfaces(monkeypatch)
@@ -196,7 +196,7 @@ def test_all_faces_are_felt_where_no_error_is_accepted_or_nothing_gained(
     assert not chosen
 
 
-def test_without_the_wheel_all_faces_are_felt_and_it_is_told(
+def test_without_the_wheel_all_faces_are_used_with_a_note(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "fast_simplification", None)

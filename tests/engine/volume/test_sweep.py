@@ -64,7 +64,7 @@ def _ways(seed: int, count: int = 1500) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_passage_is_what_many_moments_show(name: str) -> None:
+def test_a_passage_agrees_with_dense_sampling(name: str) -> None:
     shape = SHAPES[name]
     starts, ends = _ways(1)
     first, last = passage(shape, starts, ends)
@@ -120,7 +120,7 @@ def test_ways_along_an_edge_do_not_slip_between_two_triangles() -> None:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_what_is_not_a_number_is_never_inside(name: str) -> None:
+def test_nan_is_never_inside(name: str) -> None:
     starts, ends = np.zeros((3, 4)), np.zeros((3, 4))
     starts[0, 0] = ends[1, 1] = starts[2, 2] = np.nan
     ends[:, 2] = np.nan
@@ -131,7 +131,7 @@ def test_what_is_not_a_number_is_never_inside(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_the_nearest_place_of_the_surface_is_on_it_and_as_far_as_the_depth(name: str) -> None:
+def test_the_nearest_surface_point_is_at_the_depth(name: str) -> None:
     shape, rng = SHAPES[name], np.random.default_rng(4)
     matrix = np.eye(4)
     matrix[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([0.5, 0.8, -0.3])

@@ -167,7 +167,7 @@ def test_a_few_faces_that_face_the_wrong_way_are_turned(rng):
     np.testing.assert_array_equal(MeshVolume(vertices, turned, "A").contains(points), expected)
 
 
-def test_one_face_that_faces_the_wrong_way_does_not_turn_its_whole_shell():
+def test_a_single_flipped_face_does_not_flip_the_shell():
     outer, (inner, faces) = box((0, -1, -1), (2, 1, 1)), box((0.5, -0.5, -0.5), (1.5, 0.5, 0.5))
     vertices, triangles = joined(outer, (inner, faces[:, ::-1]))
     expected = MeshVolume(vertices, triangles, "Hollow").contains(LINE)
@@ -311,7 +311,7 @@ def test_rise_by_hand():
 CUBE = box((0, 0, 0), (1, 1, 1))
 
 
-def test_an_open_mesh_says_how_open_it_is():
+def test_an_open_mesh_reports_its_openness():
     with pytest.raises(InputError, match=r"^'Vase' is not closed: 4 of its 8 edges lack a face"):
         MeshVolume(*bowl(), "Vase")
 
@@ -322,7 +322,7 @@ def bowl():
     return vertices, np.array([[1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]], np.int32)
 
 
-def test_small_holes_are_closed_and_told(rng):
+def test_small_holes_are_closed_and_reported(rng):
     points = rng.uniform(-0.2, 1.2, (3, 4000))
     inside = np.all((points > 0.0) & (points < 1.0), axis=0)
     for missing in range(12):
@@ -376,7 +376,7 @@ def test_turned_faces_are_counted(turned, note, rng):
     np.testing.assert_array_equal(volume.contains(points), inside)
 
 
-def test_what_was_mended_is_told_together():
+def test_repairs_are_reported_together():
     triangles = np.delete(CUBE[1], 5, axis=0)
     triangles[2] = triangles[2, ::-1]
     notes = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
@@ -386,7 +386,7 @@ def test_what_was_mended_is_told_together():
     ]
 
 
-def test_only_what_has_to_be_mended_needs_trimesh(monkeypatch):
+def test_only_repairs_need_trimesh(monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh.graph", None)
     assert MeshVolume(*CUBE, "Whole").note == ""
     with pytest.raises(InputError, match=r"^'Box' has holes .* trimesh.*, is not installed; fill"):

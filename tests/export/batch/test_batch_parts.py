@@ -20,7 +20,7 @@ def _check(parts: list[tuple[int, int]], count: int) -> None:
 
 
 @given(st.integers(1, 20_000), st.integers(1, 5000))
-def test_parts_of_a_size_are_whole_chunks_that_cover_all(count: int, size: int) -> None:
+def test_parts_of_a_size_are_whole_chunks_covering_all_samples(count: int, size: int) -> None:
     parts = parts_of(size, count)
     _check(parts, count)
     assert all(size <= stop - first < size + CHUNK for first, stop in parts[:-1])
@@ -44,6 +44,6 @@ def test_even_parts_share_the_samples_that_are_work(
     assert max(work) - min(work) <= 2 * CHUNK + 2  # each cut is rounded
 
 
-def test_what_is_short_stays_whole() -> None:
+def test_short_scenes_stay_whole() -> None:
     assert even_parts(np.arange(8 * CHUNK * 2 - 1), 5000, 8) == [(0, 5000)]
     assert even_parts(np.zeros(0, np.int64), 5000, 8) == [(0, 5000)]

@@ -103,7 +103,7 @@ def _tries(tmp_path: Path, name: str, kind: str = "scene") -> list[str]:
     )
 
 
-def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -> None:
+def test_a_crash_costs_other_scenes_nothing(make: Any, tmp_path: Path) -> None:
     names = ("segfault", "a", "memory", "bad", "b", "leave", "babble", "c", "hang", "d")
     messages: list[str] = []
     outcomes = batch.run(
@@ -134,7 +134,7 @@ def test_whoever_crashes_costs_nobody_else_anything(make: Any, tmp_path: Path) -
     assert left == []
 
 
-def test_no_worker_leaves_temporary_files_however_it_ends(
+def test_no_worker_leaves_temporary_files(
     make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A crash, a kill, and a timeout."""
@@ -151,7 +151,7 @@ def test_no_worker_leaves_temporary_files_however_it_ends(
     assert list(temporary.iterdir()) == []
 
 
-def test_who_died_once_is_tried_again(make: Any, tmp_path: Path) -> None:
+def test_a_scene_of_a_dead_worker_is_retried_once(make: Any, tmp_path: Path) -> None:
     [outcome] = batch.run(_units(tmp_path, "once"), make())
     assert outcome["text"] == "once"
     assert len({name.split(".")[2] for name in _tries(tmp_path, "once")}) == 2
@@ -185,7 +185,7 @@ def test_a_worker_is_renewed_after_some_scenes(
     assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [3, 3, 1]
 
 
-def test_closing_ends_every_process_whatever_it_does(
+def test_closing_ends_every_process(
     make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     workers = make(2)
@@ -224,13 +224,13 @@ blender_session.leave(3)
 """
 
 
-def test_a_thread_that_waits_for_ever_keeps_nobody_from_leaving() -> None:
+def test_a_thread_waiting_forever_does_not_block_the_exit() -> None:
     done = subprocess.run([sys.executable, "-c", STUCK], env=start.environment(), timeout=60)
     assert done.returncode == 3
 
 
 @pytest.mark.parametrize("limit_s", (None, 0.5))
-def test_a_worker_that_hangs_while_it_starts_is_replaced(
+def test_a_worker_hanging_at_the_start_is_replaced(
     make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit_s: float | None
 ) -> None:
     program, mark = tmp_path / "stand_in.py", tmp_path / "started"

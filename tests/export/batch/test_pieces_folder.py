@@ -44,7 +44,7 @@ def test_the_pieces_of_all_divisions_go_and_the_folder_with_them(tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_others_have_put_there_stays(tmp_path: Path) -> None:
+def test_foreign_files_stay(tmp_path: Path) -> None:
     folder = tmp_path / "a.pieces"
     folder.mkdir()
     _piece(folder, 1, 2, "1-of-2.hfxtrack")

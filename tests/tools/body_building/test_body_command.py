@@ -52,7 +52,7 @@ def run(*words: object) -> tuple[str, str]:
         (["--levels", "--variant", "age=8"], "--levels takes nothing but the folder"),
     ),
 )  # fmt: skip
-def test_what_does_not_go_together_is_refused(own: Path, words: list[str], message: str) -> None:
+def test_conflicting_options_are_refused(own: Path, words: list[str], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         run("build", *words)
     assert not own.exists()
@@ -85,7 +85,7 @@ def test_a_set_is_installed_under_its_name(
     assert folder.name == (name or f"variant-{rest[0].suffix[1:]}")
 
 
-def test_stats_lists_levels_and_what_is_installed(own: Path) -> None:
+def test_stats_lists_levels_and_installed_models(own: Path) -> None:
     text, err = run("stats")
     assert not err and f"None of your own in {own}" in text
     assert "pressure, levels of detail: 19210, 4803, 1201 vertices" in text
@@ -102,7 +102,7 @@ def test_stats_lists_levels_and_what_is_installed(own: Path) -> None:
     assert "6.75" in named.splitlines()[1]  # of the head, 0.9 times 7.5
 
 
-def test_stats_tells_of_sets_that_cannot_be_used(own: Path) -> None:
+def test_stats_reports_unusable_sets(own: Path) -> None:
     (own / "broken").mkdir(parents=True)
     (own / "broken" / "manifest.json").write_text("{")
     text, err = run("stats")
@@ -133,6 +133,6 @@ def test_levels_are_made_for_the_models_of_a_folder(own: Path, tmp_path: Path) -
         run("build", "--levels", "-o", tmp_path / "nowhere")
 
 
-def test_a_folder_without_models_is_told(own: Path, tmp_path: Path) -> None:
+def test_a_folder_without_models_is_reported(own: Path, tmp_path: Path) -> None:
     with pytest.raises(HfxError, match="holds no body model"):
         run("stats", tmp_path)

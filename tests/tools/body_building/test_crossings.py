@@ -45,7 +45,7 @@ def test_they_are_those_that_trying_every_pair_finds(seed: int, largest: float) 
     assert sorted(crossings(points, triangles).tolist()) == sorted(every.tolist())
 
 
-def test_a_crossing_is_as_deep_as_the_least_that_would_end_it() -> None:
+def test_the_depth_of_a_crossing_is_the_least_separating_move() -> None:
     points = np.array([*FLOOR, [0.2, 0.3, -0.05], [0.2, 0.3, 0.5], [0.2, 0.3, 0.9]])
     through = np.array([[3, 4, 0, 1, 2]])
     assert depth_m(points, through) == pytest.approx([0.05])  # push the lower end up

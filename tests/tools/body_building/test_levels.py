@@ -38,7 +38,7 @@ def pair(
 Pair = tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]
 
 
-def test_every_vertex_has_a_stand_in_which_is_one_of_those_it_stands_for(pair: Pair) -> None:
+def test_every_coarse_vertex_represents_itself(pair: Pair) -> None:
     fine, coarse, coarse_of, level = pair
     assert len(coarse) == pytest.approx(len(fine) / 4**level, rel=0.02)
     assert coarse_of.dtype == np.int32 and coarse_of.shape == (len(fine),)
@@ -49,7 +49,7 @@ def test_every_vertex_has_a_stand_in_which_is_one_of_those_it_stands_for(pair: P
     assert (np.diff(fine_ids) > 0).all()
 
 
-def test_it_is_the_same_skin_with_its_whole_area(pair: Pair) -> None:
+def test_levels_keep_the_skin_and_its_area(pair: Pair) -> None:
     fine, coarse, coarse_of, level = pair
     every_seventh = slice(None, None, 7)
     places, points = fine.vertices[every_seventh].astype(float), coarse.vertices.astype(float)
@@ -164,7 +164,7 @@ def test_levels_are_made_the_same_twice_and_only_where_they_help(tmp_path: Path)
         (lambda path: path.unlink(), "has levels 0 to 0, not 1"),
     ),
 )
-def test_missing_or_broken_levels_are_told(
+def test_missing_or_broken_levels_are_reported(
     change: Callable[[Path], object],
     message: str,
     tmp_path: Path,

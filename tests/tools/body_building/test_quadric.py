@@ -43,7 +43,7 @@ def test_each_part_reaches_its_mean_spacing_by_itself(half: left_skin.Half) -> N
     assert np.linalg.norm(half.points, axis=1) == pytest.approx(RADIUS_M, rel=0.02)
 
 
-def test_it_stays_on_its_side_with_a_midline_to_mirror_at(half: left_skin.Half) -> None:
+def test_simplified_halves_keep_the_midline(half: left_skin.Half) -> None:
     assert half.points[:, 0].min() == 0.0
     assert half.is_midline.sum() > 2.0 * RADIUS_M * np.pi / max(SPACING_M) / 2.0
     body = assemble.whole(half)

@@ -37,7 +37,7 @@ def test_samples_cover_the_half_ball(ball: left_skin.LeftSkin) -> None:
     assert out.min() > 0.99
 
 
-def test_it_reaches_the_spacings_evenly_inside_the_parts(meshed: remesh.Remesher) -> None:
+def test_remeshing_reaches_the_spacings_inside_the_parts(meshed: remesh.Remesher) -> None:
     mean = meshed.mean_spacing(meshed.points)[:2]
     assert mean == pytest.approx(SPACING_M, rel=0.015)
     upper = meshed.points[:, 2] > 1e-3

@@ -40,7 +40,7 @@ def test_canonical_ids_belong_to_the_literature_alone() -> None:
         assert model_id.startswith(f"hfx-{modality}-1-") and len(model_id.rpartition("-")[2]) == 8
 
 
-def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
+def test_a_file_changes_only_named_thresholds(tmp_path: Path) -> None:
     path = tmp_path / "old age.json"
     path.write_text(json.dumps({"pressure": {"fingers": 4, "foot_sole": 15.5}}))
     table = thresholds.read(str(path))
@@ -66,7 +66,7 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         ('{"pressure": {"head": true}}', "is True; allowed"),
     ),
 )
-def test_a_faulty_file_says_what_is_wrong(tmp_path: Path, content: str, message: str) -> None:
+def test_a_faulty_file_names_the_fault(tmp_path: Path, content: str, message: str) -> None:
     path = tmp_path / "table.json"
     path.write_text(content)
     with pytest.raises(InputError) as caught:

@@ -71,7 +71,7 @@ def skins(walk: model.WalkCycle, bones: model.Skeleton) -> np.ndarray:
     return np.array(frames)
 
 
-def test_it_is_for_the_canonical_skeleton(walk: model.WalkCycle, bones: model.Skeleton) -> None:
+def test_the_walk_uses_the_canonical_skeleton(walk: model.WalkCycle, bones: model.Skeleton) -> None:
     assert walk.bone_names == bones.bone_names
     assert walk.rotations.shape == (len(walk.root_offset_m), 163, 4)
     assert np.linalg.norm(walk.rotations, axis=-1) == pytest.approx(1.0, abs=1e-6)
@@ -118,7 +118,7 @@ def test_arms_swing_against_the_legs(heads: dict[str, np.ndarray]) -> None:
         assert np.corrcoef(leg, arm)[0, 1] < -0.8
 
 
-def test_the_right_side_does_what_the_left_did_half_a_cycle_ago(
+def test_the_right_side_repeats_the_left_half_a_cycle_later(
     heads: dict[str, np.ndarray],
 ) -> None:
     half = len(heads["root"]) // 2
@@ -139,14 +139,14 @@ def test_knees_bend_forward_only_and_the_swinging_one_most(heads: dict[str, np.n
     assert bend_deg.min() < 15.0
 
 
-def test_the_loop_is_smooth_also_where_it_closes(heads: dict[str, np.ndarray]) -> None:
+def test_the_loop_is_smooth_at_the_seam(heads: dict[str, np.ndarray]) -> None:
     for name in ("root", "head", "wrist.L", "foot.L", "lowerleg01.R"):
         jump = np.roll(heads[name], -1, axis=0) - heads[name]
         change = np.linalg.norm(np.roll(jump, -1, axis=0) - jump, axis=1)
         assert change.max() < 0.045, name  # metres a frame, a frame: 40 m/s^2
 
 
-def test_it_walks_in_place(walk: model.WalkCycle) -> None:
+def test_the_walk_is_in_place(walk: model.WalkCycle) -> None:
     assert np.ptp(walk.root_offset_m[:, 1]) == 0.0
     assert np.ptp(walk.root_offset_m[:, 0]) < 0.06
     assert np.ptp(walk.root_offset_m[:, 2]) < 0.06

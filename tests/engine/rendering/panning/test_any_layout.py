@@ -131,7 +131,7 @@ def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, end
     return change[k]
 
 
-def test_each_scheme_says_whether_it_keeps_the_power():
+def test_each_scheme_has_a_power_promise():
     assert set(KEEPS_POWER) == set(PANNING)
 
 
@@ -146,7 +146,7 @@ SOURCES = {
 }
 
 
-def test_each_scheme_names_its_paper_on_the_page_and_where_it_is_written():
+def test_each_scheme_names_its_paper_in_page_and_module():
     page = (Path(__file__).parents[4] / "docs" / "rendering-schemes.md").read_text("utf-8")
     rows = [line.split("|") for line in page.splitlines() if line.startswith("| `")]
     papers = {name.strip(" `"): source for _, name, _, _, source, _ in rows}
@@ -163,7 +163,7 @@ def test_each_scheme_names_its_paper_on_the_page_and_where_it_is_written():
 @example([0, 152, 172, 253], 488, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
 @given(chosen=layouts, triangle=triangles, one=shares, end=shares)
 @settings(max_examples=10)
-def test_what_glides_on_the_skin_glides_at_the_actuators(scheme, law, chosen, triangle, one, end):
+def test_gains_are_continuous_along_the_skin(scheme, law, chosen, triangle, one, end):
     layout = layout_of(scheme, law, SKIN.vertices[chosen].astype(np.float64))
     jump = largest_jump(shown(layout, triangle), one, end)
     assert jump < 1e-3 or scheme in JUMPS
@@ -172,9 +172,7 @@ def test_what_glides_on_the_skin_glides_at_the_actuators(scheme, law, chosen, tr
 @pytest.mark.parametrize(("scheme", "law"), EVERY)
 @given(chosen=layouts, triangle=triangles, where=shares)
 @settings(max_examples=10)
-def test_gains_are_numbers_and_keep_the_power_where_it_is_promised(
-    scheme, law, chosen, triangle, where
-):
+def test_gains_are_finite_and_keep_promised_power(scheme, law, chosen, triangle, where):
     layout = layout_of(scheme, law, SKIN.vertices[chosen].astype(np.float64))
     inside = where @ SKIN.vertices[SKIN.triangles[triangle]].astype(np.float64)
     at_actuators = SKIN.vertices[chosen].astype(np.float64)
@@ -194,7 +192,7 @@ CROSS = np.array([[0.0, 0.0], [0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.0
 
 @pytest.mark.parametrize("count", [3, 5], ids=["line", "cross"])
 @pytest.mark.parametrize(("scheme", "law"), EVERY)
-def test_an_actuator_in_the_very_middle_plays_alone_where_it_is(scheme, law, count):
+def test_a_central_actuator_plays_alone_at_its_position(scheme, law, count):
     """From the middle, the actuator has no direction."""
     flat = CROSS[:count, ::-1]
     centres = np.column_stack((flat[:, 0], 0.0 * flat[:, 0] + 0.12, flat[:, 1] + 1.2))

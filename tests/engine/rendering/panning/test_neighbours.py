@@ -112,7 +112,7 @@ def test_nothing_is_played_on_both_feet_at_once(scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", ["back_pad", "waist_belt", "forearm_band_left"])
-def test_whoever_plays_a_place_together_is_near_along_the_skin(name, scheme):
+def test_actuators_playing_together_are_near_along_the_skin(name, scheme):
     device = with_scheme(load_device(name), scheme)
     is_joined = joined_on_skin(MODEL, centres_of(device), anchors_of(device))
     playing = layout_of(device).gains > 0.0
@@ -127,7 +127,7 @@ def test_a_ring_without_wide_gaps_keeps_its_power():
     assert np.sum(layout.gains[under] ** 2, axis=1) == pytest.approx(1.0)
 
 
-def test_a_gap_fades_from_a_quarter_of_it_to_its_middle():
+def test_a_gap_fades_from_a_quarter_to_the_middle():
     """Power shares are linear: 1 - x and x; half of the power is left at a ratio of 2 : 1."""
     ring = RingPanning(np.radians([0.0, 180.0]))
     is_joined = np.eye(2, dtype=np.bool_)

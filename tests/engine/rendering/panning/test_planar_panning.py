@@ -46,7 +46,7 @@ def test_the_middle_of_a_triangle_by_hand():
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_on_an_actuator_it_alone_plays_in_full(law):
+def test_at_an_actuator_only_that_actuator_plays(law):
     assert PlanarPanning(PAD, law).gains(PAD) == pytest.approx(np.eye(10), abs=1e-9)
 
 

@@ -36,7 +36,7 @@ def back(model, rows: int = 3, columns: int = 4) -> np.ndarray:
     return np.array([torso[np.argmin(np.linalg.norm(flat - p, axis=1))] for p in places])
 
 
-def test_under_an_actuator_it_alone_plays_in_full(model):
+def test_below_an_actuator_only_that_actuator_plays(model):
     anchors = back(model)
     actual = surface_gains(model, anchors, "linear")
     at = np.searchsorted(actual.vertices, anchors)
@@ -119,7 +119,7 @@ def test_a_lone_actuator_fades_out_along_the_skin(model):
     assert set(model.part[actual.vertices]) == {PARTS.index("torso")}
 
 
-def test_two_actuators_on_one_vertex_share_it(model):
+def test_two_actuators_share_a_vertex(model):
     anchor = back(model)[5]
     actual = surface_gains(model, np.array([anchor, anchor]), "linear")
     at = np.searchsorted(actual.vertices, anchor)
