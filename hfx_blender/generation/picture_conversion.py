@@ -39,9 +39,7 @@ class PictureSurface:
     slope: F32 | None = None  # (H, W) estimated slope; None: the slope of the heights
 
     def map(self, settings: MapSettings) -> HapticMap:
-        """Haptic map of heights and roughness, with the estimated slope in place of the heights'
-        own.
-        """
+        """Haptic map of heights and roughness; an estimated slope replaces the heights' own."""
         return make_map(self.field, self.roughness, settings, self.slope)
 
 

@@ -64,7 +64,9 @@ def prompt_of(texts: Mapping[str, str]) -> PicturePrompt:
 
 
 def of_parameters(text: str) -> PicturePrompt:
-    """Prompt of AUTOMATIC1111's text: words, negative words, and a last line of settings."""
+    """Prompt of AUTOMATIC1111's text: words; from "Negative prompt:" on negative words; a last line
+    of 3 or more "Key: value" pairs is settings, with Seed, Model and Tiling.
+    """
     lines = text.strip().splitlines()
     settings: dict[str, str] = {}
     # Fewer than three settings are words that contain a colon.
@@ -92,7 +94,6 @@ def of_parameters(text: str) -> PicturePrompt:
 
 def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
     """Prompt of an executed ComfyUI graph: the words that lead to the first sampler with words.
-
     None without words.
     """
     nodes = {key: node for key, node in graph.items() if _is_node(node)}
@@ -126,9 +127,8 @@ def _followed(nodes: Mapping[str, Any], link: Any) -> Mapping[str, Any] | None:
 
 
 def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None = None) -> str:
-    """Words at the end of a chain of links for a role, positive or negative; "" without any.
-
-    Inputs of the opposite role are not followed. ``seen`` holds the ids of visited nodes.
+    """Words at the end of a chain of links for a role, positive or negative; "" without any. Inputs
+    of the opposite role are not followed. ``seen`` holds the ids of visited nodes.
     """
     seen = set() if seen is None else seen
     node = _followed(nodes, link)
@@ -152,9 +152,7 @@ def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None
 
 
 def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0) -> int | None:
-    """First whole number of the inputs seed, noise_seed, noise and value, links followed 64 deep;
-    None without any.
-    """
+    """Whole number in an input seed, noise_seed, noise or value, or behind its links; or None."""
     for name in (*_SEEDS, "noise", "value"):
         value = inputs.get(name)
         if isinstance(value, int) and not isinstance(value, bool):
@@ -166,7 +164,7 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
 
 
 def _model(nodes: Mapping[str, Any]) -> str:
-    """First text input ``ckpt_name`` or ``unet_name`` of the nodes; "" without any."""
+    """First text in an input ``ckpt_name`` or ``unet_name`` of ComfyUI nodes; "" without any."""
     for node in nodes.values():
         for name in ("ckpt_name", "unet_name"):
             if isinstance(node["inputs"].get(name), str):
@@ -200,7 +198,6 @@ def _items(value: Any) -> list[Any]:
 
 def _as_executed(node: Mapping[str, Any], links: Mapping[Any, Any]) -> dict[str, Any]:
     """Convert a node of a drawn graph to the form of executed graphs; ``links``: number to node.
-
     Widget values are guessed by the node's type: the first text, or the first whole number.
     """
     inputs: dict[str, Any] = {}

@@ -63,7 +63,6 @@ def start() -> Any:
 @contextmanager
 def _temporary_folder() -> Iterator[None]:
     """Context manager in which a starting Blender uses a new folder for temporary files.
-
     ``bpy.app.tempdir`` cannot be removed instead: without permission to create a folder, Blender
     uses the user's temporary folder itself.
     """

@@ -29,7 +29,7 @@ def _load_package(name: str, folder: str) -> None:
 
 
 def main() -> None:
-    """Append PACKAGES to ``sys.path``, load the package, and run MODULE or PROGRAM as main."""
+    """Add the folders of argument 1 to ``sys.path``, and run the module or program after them."""
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         # Ctrl-C ends the parent, which reports: no traceback of each child.
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)

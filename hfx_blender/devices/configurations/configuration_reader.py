@@ -119,10 +119,9 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
 
 
 def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
-    """Control of an actuator type for a parameter: range, limits and neutral value.
-
-    Limits lie within the range, and below the modality's maximum for devices. The default of the
-    neutral value is that of the modality, clipped to the limits. InputError for values outside.
+    """Control of an actuator type for a parameter: range, limits and neutral value. Limits lie
+    within the range, and below the modality's maximum for devices. The default of the neutral value
+    is that of the modality, clipped to the limits. InputError for values outside.
     """
     node = kind["parameters"][known.name]
     if "fixed" in node:

@@ -50,9 +50,7 @@ class DeviceFacts:
 
     @property
     def group(self) -> str:
-        """Body region group of the place with the most actuators, :data:`ROOM` in the room; ""
-        without places.
-        """
+        """Region group of the place with most actuators, or :data:`ROOM`; "" without places."""
         first = self.places[0] if self.places else ""
         groups = {region.label: region.group for region in REGIONS} | {ROOM: ROOM}
         return groups.get(first, "")

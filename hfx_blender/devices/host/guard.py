@@ -47,16 +47,12 @@ class Guard:
         self._time_on = TimeOn(self._kinds, uses)
 
     def reset(self) -> None:
-        """Set the last strengths to silence and begin a use of the duty budgets, which keep their
-        load.
-        """
+        """Set the last strengths to silence, and begin a use of the duty budgets; loads stay."""
         self._given = self._silent[:, 0].copy()  # (A,) last strengths
         self._time_on.begin()
 
     def record_silence(self, played_s: float, now_s: float) -> None:
-        """Charge another ``played_s`` seconds of the last values as time on; rest begins at
-        ``now_s``.
-        """
+        """Charge another ``played_s`` of the last values as time on; rest begins at ``now_s``."""
         self._time_on.end(played_s, now_s)
 
     def record_rest(self, now_s: float) -> None:

@@ -151,9 +151,7 @@ class Host:
             thread.stop(end)
 
     def receive(self, message: Message) -> None:
-        """Execute a message just read, and extend the time to the next: 10 s after PAUSE, else
-        0.25.
-        """
+        """Execute a message just read; the next is due in 0.25 s, after a PAUSE of all in 10 s."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         # A pause of all devices announces work of Blender that sends no messages.
@@ -333,10 +331,9 @@ class Host:
                 thread.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
-        """Stop all devices if this process did not run for more than :data:`FREEZE_S`.
-
-        Called by the main thread and by the reading thread, before any use of old data: both may
-        run first after a sleep of the computer.
+        """Stop all devices if this process did not run for more than :data:`FREEZE_S`. Called by
+        the main thread and by the reading thread, before any use of old data: both may run first
+        after a sleep of the computer.
         """
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:

@@ -102,9 +102,8 @@ class Ramp:
 
     def _share(self, since_s: float, intervals_s: F64) -> F64:
         """Share of the ramp ``since_s`` after its start, (0, 1], for each of ``intervals_s``,
-        seconds.
-        The ramp has a whole number of equal steps, at least 1; the step that starts now counts as
-        done.
+        seconds. The ramp has a whole number of equal steps, at least 1; the step that starts now
+        counts as done.
         """
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0

@@ -207,9 +207,8 @@ class Sounding:
 
 
 def _between(start: Tones, end: Tones, share: float) -> Tones:
-    """Tones between two sets, of all numbers of both: amplitudes interpolate, frequencies jump.
-
-    A tone of a single set fades in or out at a constant frequency.
+    """Tones between two sets, of all numbers of both: amplitudes interpolate, frequencies jump. A
+    tone of a single set fades in or out at a constant frequency.
     """
     if share >= 1.0:
         return end

@@ -45,9 +45,7 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """End of a sentence: read and approve a script, by the command with the quoted device or in
-    Blender.
-    """
+    """End of a sentence: read and approve a device's script, by command or in Blender."""
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"

@@ -160,9 +160,7 @@ class LiveClient:
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """Send values (columns,) to a device, in place of unsent values; ignored for an unknown
-        name.
-        """
+        """Send values (columns,) in place of unsent values; an unknown name is ignored."""
         self._feed(name, MessageKind.VALUES, encode_values(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
@@ -225,9 +223,7 @@ class LiveClient:
         self.pipe.watch()
 
     def pause(self) -> None:
-        """Announce work of up to 10 s: devices are silent until the next values, and heartbeats
-        may be missing.
-        """
+        """Silence all devices until the next values, during up to 10 s without heartbeats."""
         self.pipe.void()
         self.pipe.send(MessageKind.PAUSE)
 

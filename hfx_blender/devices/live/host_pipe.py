@@ -116,9 +116,7 @@ class HostPipe:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
 
     def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
-        """Queue a message in order; dropped without a process; a heartbeat only into an empty
-        queue.
-        """
+        """Queue a message in order, a heartbeat only if none waits; dropped without a process."""
         if not self.is_running:
             return
         if kind is MessageKind.HEARTBEAT and (self.urgent or self.newest):

@@ -217,9 +217,7 @@ def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
 
 
 def _wait_alive(client: LiveClient, step_s: float) -> None:
-    """Send a sign of life, process events, and sleep for ``step_s``; DeviceError if no device
-    plays.
-    """
+    """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays."""
     client.heartbeat()
     client.events()
     _require_playing(client)

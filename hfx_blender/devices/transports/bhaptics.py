@@ -71,9 +71,7 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}))
 
     def stop(self) -> None:
-        """Send "turnOff" for all positions, ahead of a limit of unsent bytes; a lost connection is
-        ignored.
-        """
+        """Send "turnOff" for all positions, despite unsent bytes; never raises OutputLostError."""
         self._was_on = set()
         with suppress(OutputLostError):
             frames = [self._off(position) for position in self._positions]

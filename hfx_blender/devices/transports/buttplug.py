@@ -431,9 +431,8 @@ def _seconds(milliseconds: object) -> float:
 
 
 def _level(share: float, rest: float, low: int, high: int) -> int:
-    """Convert a share 0..1, silent at ``rest``, to a level ``low``..``high``.
-
-    A signed feature (``low`` < 0) is silent at 0, and each side of ``rest`` is scaled by itself.
+    """Convert a share 0..1, silent at ``rest``, to a level ``low``..``high``. A signed feature
+    (``low`` < 0) is silent at 0, and each side of ``rest`` is scaled by itself.
     """
     if low >= 0:
         return round(low + share * (high - low))

@@ -156,10 +156,7 @@ class LogFile:
         return self._file.closed
 
     def write(self, content: bytes) -> None:
-        """Write ``content`` completely.
-
-        Raises OutputLostError: this write or an earlier write has failed.
-        """
+        """Write all of ``content``; OutputLostError if this or an earlier write has failed."""
         rest = memoryview(content)
         try:
             while rest and self._fault is None:

@@ -30,10 +30,7 @@ def message(address: str, value: float) -> bytes:
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
-    """Pack messages into bundles of at most :data:`MAX_DATAGRAM`, in order.
-
-    A longer message gets a separate bundle.
-    """
+    """Pack messages in order into bundles of 1400 bytes at most; a longer one stands alone."""
     complete: list[bytes] = []
     bundle = _BUNDLE
     for content in messages:
@@ -47,10 +44,7 @@ def bundles(messages: list[bytes]) -> list[bytes]:
 
 
 class OscOutput:
-    """Output to an OSC receiver at ``host`` and ``port``.
-
-    Raises OutputLostError: the host cannot be reached.
-    """
+    """Output to an OSC receiver at ``host`` and ``port``; OutputLostError if unreachable."""
 
     def __init__(self, device: DeviceConfig, how: OscEncoder, host: str, port: int) -> None:
         self._how = how

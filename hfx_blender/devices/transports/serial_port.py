@@ -85,10 +85,7 @@ class SerialPort:
         self._push()
 
     def write_first(self, content: bytes) -> None:
-        """Drop unsent bytes, also of the system, and write ``content``.
-
-        Raises OutputLostError.
-        """
+        """Drop unsent bytes, also of the system, and write ``content``; OutputLostError if lost."""
         self._rest, self._next = b"", b""
         with suppress(Exception):  # also termios.error; without the reset the bytes are sent later
             self._port.reset_output_buffer()

@@ -156,9 +156,7 @@ class SoundCard:
             self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
-        """Fill PortAudio's buffer ``outdata`` (frames, channels) in its thread; fades out after
-        0.25 s without values.
-        """
+        """Fill PortAudio's ``outdata`` (frames, channels); fade out 0.25 s after the last send."""
         outdata[:] = 0.0
         with self._lock:
             # Dead-man switch: this thread goes on when the device thread hangs.

@@ -179,9 +179,8 @@ class WebSocket:
         )
 
     def _write(self) -> None:
-        """Queue the output of the protocol, and send as many bytes as the socket takes.
-
-        The lock has to be held. OutputLostError if the connection is lost.
+        """Queue the output of the protocol, and send as many bytes as the socket takes. The lock
+        has to be held. OutputLostError if the connection is lost.
         """
         if not self._waiting:
             self._moved_s = time.monotonic()
@@ -229,9 +228,8 @@ class WebSocket:
             self._lost = _STALLED
 
     def _take(self, content: bytes) -> None:
-        """Process received bytes: answer pings, and pass messages on.
-
-        An empty ``content`` processes bytes that came with the handshake.
+        """Process received bytes: answer pings, and pass messages on. An empty ``content``
+        processes bytes that came with the handshake.
         """
         with self._lock:
             if content:

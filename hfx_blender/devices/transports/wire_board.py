@@ -84,10 +84,9 @@ class WireBoard:
         self._port.close()
 
     def _begin(self, patience_s: float) -> None:
-        """Start a new session, with a time limit for the answer.
-
-        The session's random number changes the CRC of the configuration, and the board ignores
-        values with the CRC of an earlier session.
+        """Start a new session, with a time limit for the answer. The session's random number
+        changes the CRC of the configuration, and the board ignores values with the CRC of an
+        earlier session.
         """
         self._configuration = wire.encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
@@ -100,9 +99,7 @@ class WireBoard:
         self._request_again()
 
     def _request_again(self) -> None:
-        """Send the configuration if the last is 0.1 s old; OutputLostError after the time limit of
-        :meth:`_begin`.
-        """
+        """Send the configuration every 0.1 s; OutputLostError without an answer in time."""
         now = time.monotonic()
         if now > self._patience_ends_s:
             sent = f" It sends {shown(self._noise)}." if self._noise else ""
@@ -150,10 +147,9 @@ class WireBoard:
 
 
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
-    """Longest time on and following rest, for all channels of a board; 0: the board's own.
-
-    The time on is the shortest of the device's types, and the share of time on the smallest;
-    types without a limit do not count.
+    """Longest time on and following rest, for all channels of a board; 0: the board's own. The time
+    on is the shortest of the device's types, and the share of time on the smallest; types without a
+    limit do not count.
     """
     kinds = [kind for kind in device.actuator_types.values() if math.isfinite(kind.maximum_on_s)]
     if not kinds:

@@ -99,9 +99,7 @@ class ScriptProcess:
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
-        """Test for a start or answer that is late at ``now_s``; True once, recorded as a fault
-        time.
-        """
+        """Test for a start or answer late at ``now_s``; True once, recorded as a fault."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
             if is_late:
