@@ -255,9 +255,8 @@ def outside(
 
 
 def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
-    """Part of a clip outside of a scene's frames; see :func:`outside`.
-
-    None also for a clip that is muted or extrapolated.
+    """Part of a clip's played frames outside of a scene's, as of :func:`outside`; an end beyond by
+    less than a sample is allowed. None also for a clip that is muted or extrapolated.
     """
     if strip.mute or strip.extrapolation != "NOTHING":
         return None
@@ -317,9 +316,7 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 
 
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
-    """First track of an effect, not of a linked file, without a strip in a span of frames; created
-    if missing.
-    """
+    """First unlinked track of an effect without a strip in a span of frames; added if missing."""
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):

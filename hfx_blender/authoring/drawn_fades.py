@@ -22,10 +22,7 @@ _HANDLE_TYPES = ("handle_left_type", "handle_right_type")
 
 
 def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """Convert a clip's fades into a curve for the Graph Editor; return the curve.
-
-    An existing curve is unchanged.
-    """
+    """Turn a clip's fades into an influence curve, if it has none; return the curve."""
     if not strip.use_animated_influence:
         start, end = strip.frame_start, strip.frame_end
         rise, fall = strip.blend_in, strip.blend_out

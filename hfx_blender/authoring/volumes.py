@@ -55,9 +55,7 @@ def modality_colour(modality: str) -> tuple[float, float, float, float]:
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
-    """Scale (3,) of the unit shape, Blender units: half edges, radius and half height; 1 for a
-    mesh.
-    """
+    """Scale (3,) of the unit shape, Blender units: half edges; radius, half height; mesh: 1."""
     import numpy as np
 
     if hfx.shape == "CUBOID":
@@ -91,9 +89,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
 
 
 def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
-    """Points and edges of a volume's wireframe, local space: box edges, or circles and outlines of
-    32 segments.
-    """
+    """Points and edges of a volume's wires, local space: a box, or rings of 32 segments."""
     if hfx.shape == "CUBOID":
         x, y, z = (edge / 2 for edge in hfx.size)
         points = [(a * x, b * y, c * z) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]

@@ -140,10 +140,9 @@ def layer_of(armature: bpy.types.Object) -> Layer:
 def _without_accessories(
     armature: bpy.types.Object, targets: dict[bpy.types.Object, TargetAvatar], mapping: BoneMapping
 ) -> dict[bpy.types.Object, TargetAvatar]:
-    """Leave out rigid pieces that hang on bones: accessories such as swords and hats.
-
-    If most limb bones have no skin, the body itself is rigid (a robot): pieces on mapped bones and
-    their parents stay. Returns all targets if there is no skin at all.
+    """Leave out rigid pieces that hang on bones: accessories such as swords and hats. If most limb
+    bones have no skin, the body itself is rigid (a robot): pieces on mapped bones and their parents
+    stay. Returns all targets if there is no skin at all.
     """
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
     skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}

@@ -103,9 +103,7 @@ def warning_of(body: bpy.types.Object) -> str | None:
 
 
 def canonical_difference(body: bpy.types.Object) -> str | None:
-    """Sentence on missing bones, or a bone head more than 0.1 mm from the canonical rest pose; None
-    if equal.
-    """
+    """Sentence on missing bones, or a bone head more than 0.1 mm off the canonical one; or None."""
     skeleton = load_skeleton()
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
@@ -247,10 +245,9 @@ def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix])
 
 
 def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Project points onto the planes of triangles (n, 3, 3).
-
-    Returns barycentric weights (n, 3), clipped near the triangle, and signed heights (n,). A
-    degenerate triangle gives the first corner and height 0.
+    """Project points onto the planes of triangles (n, 3, 3). Returns barycentric weights (n, 3),
+    clipped near the triangle, and signed heights (n,). A degenerate triangle gives the first corner
+    and height 0.
     """
     along = corners[:, 1:] - corners[:, :1]
     products = along @ along.transpose(0, 2, 1)

@@ -181,9 +181,8 @@ def _check_bones(armature: bpy.types.Object, bones: dict[str, str]) -> None:
 def _write(
     armature: bpy.types.Object, convention: str, detected: dict[str, str], bones: dict[str, str]
 ) -> None:
-    """Replace all rows of the table, and update the column *follows* once.
-
-    Joints without a bone in ``detected`` or ``bones`` have "".
+    """Replace all rows of the table, and update the column *follows* once. Joints without a bone in
+    ``detected`` or ``bones`` have "".
     """
     global _is_filling
     rows = armature.hfx.bone_map

@@ -271,9 +271,8 @@ class _Copies:
         return rig
 
     def _enable(self, on: frozenset[str]) -> None:
-        """Enable the given suspects on the full copy, and disable further suspects.
-
-        Mirrors and the body's first Armature modifier, in plain form, stay enabled.
+        """Enable the given suspects on the full copy, and disable further suspects. Mirrors and the
+        body's first Armature modifier, in plain form, stay enabled.
         """
         armatures = 0
         for modifier, own in zip(self._full.modifiers, self._mesh.modifiers, strict=True):
@@ -378,7 +377,7 @@ class _Copies:
         return np.where(counts[:, None] > 0, means, points)
 
     def _nearest_duplicates(self, posed: _Evaluated) -> I64:
-        """Evaluated vertex (A,) of each own vertex, the nearest duplicate; -1 if none."""
+        """Evaluated vertex (A,) of each own vertex, nearest of equal numbers; -1 without any."""
         # A Mirror modifier gives several own vertices the same number, and Solidify or Array
         # several evaluated vertices: list all pairs of equal numbers.
         order = np.argsort(self._numbers, kind="stable")

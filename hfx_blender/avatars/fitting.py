@@ -74,7 +74,6 @@ def _fitting_models(
     layer: Layer,
 ) -> Generator[float, None, Fit]:
     """Fit all models to the surface, or to the bones alone if the surface is unusable, in steps.
-
     Unusable are surfaces that fail the target's check, are mostly rigid pieces, or miss a body
     part; the warning says why. Meshes and notes of the result are empty.
     """

@@ -91,9 +91,7 @@ def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
 
 
 def _bone_of(node: Any, uuids: dict[Any, str]) -> str | None:
-    """Name in ``bone_name`` or ``value`` of a node, else by ``uuids`` (name by uuid); None if
-    empty.
-    """
+    """Bone name stored in a node, else found in ``uuids`` by its bone's uuid; or None."""
     for field in ("bone_name", "value"):
         if isinstance(name := _field(node, field), str) and name:
             return name

@@ -55,7 +55,7 @@ def copy_into(
 
 
 def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
-    """Copy of a mesh with vertex attributes: a number and a derived check number."""
+    """Copy of a mesh with two integer vertex attributes: number and hash of the number."""
     copy = mesh.copy()
     numbers = np.arange(len(copy.vertices))
     for name, values in ((_VERTEX, numbers), (_CHECK, _check_numbers(numbers))):

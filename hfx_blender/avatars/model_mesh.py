@@ -143,7 +143,7 @@ def hide(body: bpy.types.Object) -> list[str]:
 
 
 def _material(part: str) -> bpy.types.Material:
-    """Material of a body part, created on first use."""
+    """Material "HFX <Part>" of a body part, created if missing; its viewport colour is set."""
     name = f"HFX {part.replace('_', ' ').title()}"
     material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
     material.diffuse_color = (*_COLOURS[part], 1.0)

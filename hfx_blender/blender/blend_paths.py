@@ -68,7 +68,7 @@ def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
 
 
 def _paths_of(blend: Path) -> list[tuple[str, Path]]:
-    """Structure and absolute path of each file in a .blend; empty for an unreadable .blend."""
+    """Structure name and absolute path of each unpacked file of a .blend; empty if unreadable."""
     faults: tuple[type[Exception], ...] = _FAULTS
     with suppress(ImportError):  # bundled with Blender, except by some Linux distributions
         import zstandard
@@ -189,9 +189,8 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
 
 
 def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
-    """Numbers by a struct layout at the next part of DNA1, which must begin with ``mark``.
-
-    Parts are aligned to four bytes. Raises ValueError or EOFError for damaged data.
+    """Numbers by a struct layout at the next part of DNA1, which must begin with ``mark``. Parts
+    are aligned to four bytes. Raises ValueError or EOFError for damaged data.
     """
     file.seek(-file.tell() % 4, os.SEEK_CUR)
     if _exactly(file, 4) != mark:
@@ -200,9 +199,7 @@ def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
 
 
 def _strings(file: io.BytesIO, mark: bytes) -> list[str]:
-    """ASCII strings of the part ``mark`` of DNA1, its count first; EOFError or ValueError if
-    damaged.
-    """
+    """ASCII strings of the part ``mark`` of DNA1; EOFError or ValueError if damaged."""
     (count,) = _numbers(file, mark, "<i")
     texts = re.match(rb"(?:[^\0]*\0){%d}" % count, file.getbuffer()[file.tell() :])
     if texts is None:

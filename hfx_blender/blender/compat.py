@@ -60,9 +60,7 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """Collections of F-curves of a datablock's action and of its NLA strips' actions, with their
-    slots; each once.
-    """
+    """Collections of F-curves of the actions of a datablock and its NLA strips, each once."""
     data = owner.animation_data
     if data is None:
         return []
@@ -95,7 +93,7 @@ def new_fcurve(
 
 
 def own_fcurve(owner: bpy.types.ID, data_path: str, title: str, index: int = 0) -> bpy.types.FCurve:
-    """F-curve of a property in a datablock's own action; both are created if missing."""
+    """F-curve in a datablock's assigned action; both made if missing, the action with ``title``."""
     data = owner.animation_data or owner.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(f"{owner.name} {title}".rstrip())
@@ -121,9 +119,8 @@ def place_along_parent_bone(obj: bpy.types.Object) -> float:
 
 
 def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
-    """Settings shared by brushes of Weight Paint, and True if their size is a diameter.
-
-    Before 5.0 settings of the scene, and sizes are radii.
+    """Settings shared by brushes of Weight Paint, and True if their size is a diameter. Before 5.0
+    settings of the scene, and sizes are radii.
     """
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
@@ -160,10 +157,7 @@ def properties(owner: bpy.types.ID) -> object:
 
 
 def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
-    """Raw stored values of the registered properties of a datablock or bone, by name.
-
-    Before 5.0 custom properties.
-    """
+    """Raw stored values of the registered properties (before 5.0: all) of a datablock or bone."""
     if hasattr(owner, "bl_system_properties_get"):
         return owner.bl_system_properties_get() or {}
     return owner

@@ -118,10 +118,8 @@ _timers: dict[Callable[[], Any], tuple[Callable[[], Any], bool]] = {}
 
 @bpy.app.handlers.persistent
 def _before_loading(*_: object) -> None:
-    """Remove timers that do not outlive loading a file.
-
-    Blender itself only marks timers for removal, and the Python module 4.5 hangs at exit if marked
-    timers remain.
+    """Remove timers that do not outlive loading a file. Blender itself only marks timers for
+    removal, and the Python module 4.5 hangs at exit if marked timers remain.
     """
     remove_timers(*[timed for timed, (_, outlives_load) in _timers.items() if not outlives_load])
 

@@ -86,9 +86,7 @@ def warnings_of_files() -> list[str]:
 
 
 def _is_missing(path: Path) -> bool:
-    """Test that a path does not exist; for a sequence or tiles, that no file has the start of its
-    name.
-    """
+    """Test that no file has the path, or for a sequence or tiles the start of its name."""
     if path.exists():
         return False
     # A sequence or tiled image exists if any of the files does.

@@ -192,7 +192,8 @@ def end(effect: bpy.types.Object) -> int:
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
-    """Add whole body parts to an effect's area at full weight; return the number of vertices.
+    """Add body regions on ``side`` ("both", "left", "right") at full weight; return the vertex
+    count.
 
     ``parts`` are ids of ``engine.body.regions.REGIONS``; empty: the whole body.
     """

@@ -246,9 +246,7 @@ def sensation_of(
 
 
 def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
-    """Copy of a volume with location, path and swarm minus ``origin_m`` (3,); other effects as
-    given.
-    """
+    """Copy of a volume with all positions minus ``origin_m`` (3,); other effects as given."""
     volume = recipe.where
     if not isinstance(volume, VolumeRecipe):
         return recipe

@@ -90,7 +90,7 @@ def missing_body_reason(effect: bpy.types.Object) -> str:
 
 
 def store_body_names(objects: Iterable[bpy.types.Object]) -> None:
-    """Store the body's name on each effect; the name stays when the body is deleted."""
+    """Store the name of an assigned body on each unlinked effect, where it differs."""
     for effect in objects:
         # Raw stored values: reading the property erases a value of another type.
         body, name = (stored_at(effect, prop) for prop in ("body", "body_name"))

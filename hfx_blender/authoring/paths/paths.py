@@ -128,10 +128,10 @@ def check_editable(effect: bpy.types.Object) -> None:
 
 
 def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
-    """Store a path (n, 3), n > 0, on the skin, with control points (default: all points).
+    """Store a path (n, 3) on the skin with control points (None: all points); no extension stays.
 
-    Raises InputError: the effect is no point on the skin or belongs to another file, or a point is
-    not finite.
+    Raises InputError: the effect is no point on the skin or belongs to another file, n is not 1 to
+    100,000, or a point is not finite.
     """
     import numpy as np
 
@@ -252,10 +252,7 @@ def mirror(effect: bpy.types.Object) -> None:
 
 
 def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> PathRecipe:
-    """Path and motion of an effect, for a path file.
-
-    Raises InputError: the effect has no path.
-    """
+    """Path and motion of an effect, for a path file; InputError without a path."""
     import numpy as np
 
     from .path_file import PathRecipe

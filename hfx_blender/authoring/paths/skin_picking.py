@@ -104,10 +104,7 @@ def posed_vertices(
 
 
 class Picker:
-    """Ray picking on the skin in a pose of a body.
-
-    Raises InputError: the stored fit is outdated.
-    """
+    """Ray picking on the skin in a pose of a body; InputError if the stored fit is outdated."""
 
     def __init__(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
         import numpy as np

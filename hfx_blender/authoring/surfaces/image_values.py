@@ -113,10 +113,7 @@ def pixels_of(image: bpy.types.Image) -> F32:
 
 
 def load(path: str) -> bpy.types.Image:
-    """Load an image file.
-
-    Raises InputError: the file is missing, truncated, or no image for Blender.
-    """
+    """Load an image file; InputError if missing, truncated, or no image for Blender."""
     refuse_no_file(Path(path))
     try:
         image = bpy.data.images.load(path)

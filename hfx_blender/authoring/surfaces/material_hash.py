@@ -85,9 +85,7 @@ def _struct(struct: bpy.types.bpy_struct, depth: int, without: frozenset[str]) -
 
 
 def _plain(value: object, depth: int) -> object:
-    """Value as numbers, strings and nested lists; datablocks by name, structures to ``depth``
-    levels, then None.
-    """
+    """Value as plain data: datablocks by name, structures as lists, None below ``depth`` levels."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, bpy.types.Image):

@@ -55,10 +55,7 @@ class ReliefEstimation:
         return self._worker.is_running
 
     def result(self) -> EstimatedRelief:
-        """Estimated relief; waits for the process.
-
-        Raises InputError: the estimation failed.
-        """
+        """Estimated relief; waits for the process. InputError if the estimation failed."""
         try:
             # A refusal is a message of the worker; an exit code is a crash.
             refusal = self._worker.receive()

@@ -237,9 +237,7 @@ class _Scratch:
             return self.baked("EMIT")
 
     def normals(self, reliefs: list[ReliefNodes]) -> F64:
-        """Bake normals without the reliefs' heights, unit vectors (H, W, 3), tangent space; NaN off
-        faces.
-        """
+        """Bake unit normals (H, W, 3) without heights, tangent space; NaN outside of faces."""
         with _wired(self.materials, material_relief.diffuse, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         # Cycles stores normals as colours, 0 to 1; below half length there is no face.
@@ -248,9 +246,7 @@ class _Scratch:
         return np.divide(normals, lengths, out=np.full_like(normals, np.nan), where=lengths > 0.5)
 
     def baked(self, kind: str) -> F32:
-        """Bake a type such as "EMIT" to the target image, (H, W, 4), 0 outside of faces; InputError
-        if Cycles fails.
-        """
+        """Bake ``kind``, as EMIT, (H, W, 4), 0 outside of faces; InputError if Cycles fails."""
         image, layer = self._image, self.scene.view_layers[0]
         assert image is not None
         width, height = image.size

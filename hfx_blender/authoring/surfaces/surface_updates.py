@@ -33,7 +33,7 @@ last_edit_s: list[float] = [0.0]
 
 
 def request(obj: bpy.types.Object) -> None:
-    """Schedule an update of an object's maps; the first bake is not automatic."""
+    """Schedule an update of a surface's maps in 0.3 s, unless they were never made."""
     from . import surfaces
 
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
@@ -51,9 +51,7 @@ def on_shown(obj: bpy.types.Object) -> None:
 
 
 def may_bake(obj: bpy.types.Object) -> bool:
-    """Test that maps were displayed within 2 s and the last bake took 1.5 s at most; False if
-    never.
-    """
+    """Test that maps were displayed within 2 s, and the last bake took at most 1.5 s."""
     from . import surfaces
 
     is_shown = time.monotonic() - shown_s.get(obj.name, -_SHOWN_S) < _SHOWN_S

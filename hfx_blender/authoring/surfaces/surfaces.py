@@ -86,7 +86,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
 
 
 def remove_surface(obj: bpy.types.Object) -> None:
-    """Reset an object's haptic role and surface settings; remove images without further users."""
+    """Reset role, kind, id and surface settings; remove relief and map images without users."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
     for name in settings.bl_rna.properties.keys():
@@ -211,10 +211,7 @@ def ensure_maps(obj: bpy.types.Object) -> None:
 
 
 def field_of(obj: bpy.types.Object) -> HeightField | None:
-    """Stored relief of an object; None for an imported map.
-
-    Raises InputError: no relief is stored.
-    """
+    """Stored relief; None for an imported map. InputError if no relief is stored."""
     import numpy as np
 
     from ...engine.texture.height_field import HeightField
@@ -255,9 +252,8 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 
 
 def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
-    """Layer of an imported map, (rows, columns), clipped to 0 to 1.
-
-    Raises InputError: values are outside of 0 to 1, or NaN.
+    """Layer of an imported map, (rows, columns), clipped to 0 to 1. Raises InputError: values are
+    outside of 0 to 1, or NaN.
     """
     import numpy as np
 
@@ -312,19 +308,13 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
 
 
 def map_of(obj: bpy.types.Object) -> HapticMap:
-    """Up-to-date haptic map of an object.
-
-    Raises InputError: the map cannot be made.
-    """
+    """Up-to-date haptic map of an object; InputError if it cannot be made."""
     ensure_maps(obj)
     return _map_of(obj, field_of(obj))
 
 
 def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
-    """Up-to-date haptic material of an object.
-
-    Raises InputError: the maps cannot be made.
-    """
+    """Up-to-date haptic material; InputError without maps, or heights for the renderer."""
     from ...devices.configurations import surface_calibration
     from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 
@@ -365,10 +355,7 @@ def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> N
 
 
 def store_generated(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
-    """Store a generated relief as the object's surface, and make the map.
-
-    Raises InputError: the map cannot be made.
-    """
+    """Store a generated relief as the surface, and make the map; InputError if that fails."""
     settings = obj.hfx.surface
     settings.source = "GENERATED"
     _store_relief(obj, relief)
