@@ -65,7 +65,6 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
 
     Parameters
     ----------
-    folder : Path
     tag : str
         Last part of the zip's name, after the version: platform and Python.
     text : str
@@ -102,7 +101,6 @@ def build_for(
     ----------
     name : str
         Blender's name of the platform.
-    pythons : sequence of str
     folder, cache : Path
         Folders of the zip and of fetched wheels.
     zig : Path, optional

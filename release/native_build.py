@@ -190,7 +190,6 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
 
     Parameters
     ----------
-    target : Target
     folder : Path
         Folder of the finished library; all other files go to a temporary folder.
     zig : Path

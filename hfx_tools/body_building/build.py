@@ -78,10 +78,7 @@ def build(
     method : str
         Name from :data:`METHODS`.
 
-    Returns
-    -------
-    dict
-        The written manifest.
+    Returns the written manifest.
 
     Raises
     ------
@@ -160,10 +157,7 @@ def build(
 def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
     """Rebuild the levels of detail of a folder's models, without the source data.
 
-    Returns
-    -------
-    dict
-        Modality to the number of levels.
+    Returns modality to the number of levels.
 
     Raises
     ------

@@ -18,10 +18,7 @@ def nearest_ids(of: PerceptualModel, onto: PerceptualModel) -> I32:
     Candidates have the same part and side; without any, the same part; without any, all vertices.
     So a finger never maps to the palm next to it.
 
-    Returns
-    -------
-    (V,) int32
-        Ids in ``onto``.
+    Returns (V,) int32: ids in ``onto``.
     """
     from scipy.spatial import cKDTree
 

@@ -89,9 +89,7 @@ def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
 def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
     """Sample points in a regular grid on every quad, fine enough for the part's spacing.
 
-    Parameters
-    ----------
-    spacing_m : (parts,) float64
+    ``spacing_m`` (parts,) float64.
     """
     quads = skin.quads
     vertex = quads[:, 0]

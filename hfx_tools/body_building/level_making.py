@@ -29,10 +29,7 @@ def coarser(model: PerceptualModel, vertices: int) -> Level:
     and bindings of the model apply to its levels too.
     Source: Garland and Heckbert, SIGGRAPH 1997, in fast-simplification.
 
-    Parameters
-    ----------
-    vertices : int
-        Approximate number of remaining vertices; at least 8.
+    ``vertices``: approximate number of remaining vertices; at least 8.
 
     Raises
     ------

@@ -20,10 +20,7 @@ AVATAR_FILE: Final = "avatar.npz"
 def prepare(folder: Path, non_canonical: str | None) -> None:
     """Create the folder of a set of models.
 
-    Parameters
-    ----------
-    non_canonical : str or None
-        Description of the models in the error; None for the canonical models.
+    ``non_canonical``: description of the models in the error; None for the canonical models.
 
     Raises
     ------

@@ -16,10 +16,7 @@ from hfx_blender.files.atomic import atomic_file
 def save(fields: ShapeFields, mirror: I64, path: Path) -> None:
     """Write fields of one half of the body, as 8-bit steps with a scale for each field.
 
-    Parameters
-    ----------
-    mirror : (V,) int64
-        Id of the vertex at (-x, y, z); the fields must be symmetric.
+    ``mirror`` (V,) int64: id of the vertex at (-x, y, z); the fields must be symmetric.
     """
     half = np.flatnonzero(np.arange(len(mirror)) <= mirror)
     scale = np.abs(fields.fields).max(axis=(1, 2)) / 127.0

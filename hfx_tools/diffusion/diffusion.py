@@ -88,10 +88,7 @@ def generate(
 ) -> Generated:
     """Generate a surface from words.
 
-    Parameters
-    ----------
-    decoder : module, optional
-        Result of :func:`.touch_decoder.load`, from ``decoder_folder``.
+    ``decoder``: result of :func:`.touch_decoder.load`, from ``decoder_folder``.
 
     Raises
     ------

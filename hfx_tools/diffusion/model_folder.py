@@ -141,11 +141,7 @@ def libraries() -> tuple[Any, Any]:
 class ModelFolder:
     """Loaded diffusion model.
 
-    Parameters
-    ----------
-    folder : Path
-    device : str
-        ``cpu``, ``cuda``, ``mps``, or ``auto``: a graphics card if available.
+    ``device``: ``cpu``, ``cuda``, ``mps``, or ``auto``: a graphics card if available.
 
     Raises
     ------

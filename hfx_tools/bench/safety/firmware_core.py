@@ -77,11 +77,7 @@ def built(folder: Path) -> ctypes.CDLL:
 class Board:
     """Firmware of one board, called directly; time passes only in :meth:`wait`.
 
-    Parameters
-    ----------
-    library
-        Result of :func:`built`.
-    channels : int
+    ``library``: result of :func:`built`.
     """
 
     def __init__(self, library: Any, channels: int = 6) -> None:

@@ -72,12 +72,10 @@ def measure(
     ----------
     short : bool
         At most ten rounds.
-    rounds : int
     busy : bool
         Keep every processor busy during the trials.
     only : sequence of str
         Names from :data:`ROWS`.
-    progress : callable
 
     Raises
     ------
@@ -168,11 +166,8 @@ def as_text(result: dict[str, Any]) -> str:
 def as_markdown(records: Sequence[dict[str, Any]]) -> str:
     """Format records as a Markdown table, one line for each row and load (idle, busy).
 
-    Parameters
-    ----------
-    records : sequence of dict
-        Output of ``hfx bench safety --json``, idle or busy, with all rows or a part; the last
-        record of a row and load counts.
+    ``records``: output of ``hfx bench safety --json``, idle or busy, with all rows or a part; the
+    last record of a row and load counts.
     """
     lines = [
         "| silence after | machine | trials | median | p99 | max | at most |",

@@ -106,14 +106,10 @@ def run(
 
     Parameters
     ----------
-    name : str
     make : callable
         Builds :class:`Rounds` in a new folder.
     at_a_time : int
         Number of threads; 1: this thread.
-    folder : Path
-    rounds : int
-    progress : callable
 
     Raises
     ------

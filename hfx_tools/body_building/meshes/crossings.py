@@ -24,10 +24,8 @@ def crossings(points: F64, triangles: I64) -> I64:
     points : (V, 3) float64
     triangles : (F, 3) int64
 
-    Returns
-    -------
-    (N, 5) int64
-        Ends of the edge, then corners of the triangle; no vertex is common to both.
+    Returns (N, 5) int64: ends of the edge, then corners of the triangle; no vertex is common to
+    both.
     """
     from scipy.spatial import cKDTree
 
@@ -61,10 +59,7 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
     ends : (N, 2) int64
     corners : (N, 3) int64
 
-    Returns
-    -------
-    (M, 5) int64
-        Rows as in :func:`crossings`.
+    Returns (M, 5) int64: rows as in :func:`crossings`.
     """
     apart = (corners[:, :, None] != ends[:, None, :]).all(axis=(1, 2))
     ends, corners = ends[apart], corners[apart]
@@ -86,10 +81,7 @@ def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
 def depth_m(points: F64, crossing: I64) -> F64:
     """Smallest displacement that would end each crossing, (N,) metres.
 
-    Parameters
-    ----------
-    crossing : (N, 5) int64
-        From :func:`crossings`.
+    ``crossing`` (N, 5) int64: from :func:`crossings`.
     """
     start, end, a, b, c = (points[crossing[:, k]] for k in range(5))
     normal = np.cross(b - a, c - a)

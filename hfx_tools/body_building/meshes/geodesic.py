@@ -28,16 +28,10 @@ def owners(coarse: PerceptualModel, fine: PerceptualModel) -> I32:
     lines across two neighbouring triangles unfolded into a plane. A path stays in its body part,
     so the two sides of a thin limb are far from each other.
 
-    Parameters
-    ----------
-    coarse, fine : PerceptualModel
-        Models of one body.
+    ``coarse``, ``fine``: models of one body.
 
-    Returns
-    -------
-    (V,) int32
-        Ids in ``coarse``, of the same part. Left and right are exact mirror images; a fine vertex
-        on the midline belongs to the midline or to the left.
+    Returns (V,) int32: ids in ``coarse``, of the same part. Left and right are exact mirror images;
+    a fine vertex on the midline belongs to the midline or to the left.
     """
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.csgraph import dijkstra

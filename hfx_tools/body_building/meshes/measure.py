@@ -20,14 +20,9 @@ ERROR_STRIDE: Final = 41
 def gaps_m(samples: Samples, points: F64) -> F64:
     """Largest distance, by part, from a skin sample of the left half to the nearest vertex.
 
-    Parameters
-    ----------
-    points : (V, 3) float64
-        Vertices of the whole body, or of the left half alone.
+    ``points`` (V, 3) float64: vertices of the whole body, or of the left half alone.
 
-    Returns
-    -------
-    (parts,) float64
+    Returns (parts,) float64.
     """
     from scipy.spatial import cKDTree
 
@@ -39,9 +34,7 @@ def gaps_m(samples: Samples, points: F64) -> F64:
 def errors_m(samples: Samples, points: F64, triangles: I64, stride: int = ERROR_STRIDE) -> F64:
     """Area-weighted mean distance, by part, from skin samples of the left half to a mesh.
 
-    Returns
-    -------
-    (parts,) float64
+    Returns (parts,) float64.
     """
     every = slice(None, None, stride)
     points_, part, weight = samples.points[every], samples.part[every], samples.areas_m2[every]

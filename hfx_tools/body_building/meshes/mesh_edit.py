@@ -89,10 +89,7 @@ def collapse(triangles: I64, gone: I64, stays: I64, count: int) -> I64:
 def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
     """Put a new vertex on edges; an edge is skipped if its triangle is split by an earlier one.
 
-    Parameters
-    ----------
-    chosen : (N,) int64
-        Edges, in order of priority.
+    ``chosen`` (N,) int64: edges, in order of priority.
 
     Returns
     -------

@@ -29,9 +29,7 @@ _CLOSE: Final = 0.005  # of the target
 def decimate(skin: LeftSkin, spacing_m: F64) -> Half:
     """Decimate every part of the left half down to its mean target spacing, within 0.5 %.
 
-    Parameters
-    ----------
-    spacing_m : (parts,) float64
+    ``spacing_m`` (parts,) float64.
     """
     labels = skin.medium.part[skin.quads[:, 0]]
     points: list[F64] = []

@@ -234,10 +234,7 @@ class Remesher:
     def mean_spacing(self, points: F64) -> F64:
         """Mean distance between neighbours within each part, metres; 0 for a part without edges.
 
-        Parameters
-        ----------
-        points : (V, 3) float64
-            Positions of the vertices.
+        ``points`` (V, 3) float64: positions of the vertices.
         """
         edges = mesh_edges.edges_of(self.triangles, len(points))
         start, end = edges.ends.T
