@@ -141,8 +141,7 @@ def _world(evaluated: Any) -> F64:
     points = np.zeros(len(evaluated.data.vertices) * 3, np.float32)
     evaluated.data.vertices.foreach_get("co", points)
     matrix = np.array(evaluated.matrix_world, np.float64)
-    world: F64 = points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
-    return world
+    return points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _by_bvh(volume: Any, points: F64) -> Bool:
@@ -168,5 +167,4 @@ def _by_trimesh(volume: Any, points: F64) -> Bool:
     triangles = np.zeros(len(volume.data.loop_triangles) * 3, np.int32)
     volume.data.loop_triangles.foreach_get("vertices", triangles)
     mesh = trimesh.Trimesh(_world(volume), triangles.reshape(-1, 3), process=False)
-    is_inside: Bool = np.asarray(mesh.contains(points), np.bool_)
-    return is_inside
+    return np.asarray(mesh.contains(points), np.bool_)

@@ -209,8 +209,7 @@ def _near_surface(vertices: F64, triangles: I32, count: int, rng: np.random.Gene
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     reach = NEAR * float(np.ptp(vertices, axis=0).max())
     away = rng.uniform(-reach, reach, (count, 1)) * normals / np.where(lengths > 0, lengths, 1.0)
-    points: F64 = np.einsum("nk,nki->ni", shares, corners) + away
-    return points
+    return np.einsum("nk,nki->ni", shares, corners) + away
 
 
 def _against_winding(

@@ -130,8 +130,7 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
         around = facing[(triangles == vertex).any(axis=1)]
         sizes = np.linalg.norm(around, axis=1)
         total[vertex] = around[sizes.argmax()] if sizes.any() else (0.0, 0.0, 1.0)
-    normals: F64 = total / np.linalg.norm(total, axis=1, keepdims=True)
-    return normals
+    return total / np.linalg.norm(total, axis=1, keepdims=True)
 
 
 def model(

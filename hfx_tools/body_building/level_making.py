@@ -71,8 +71,7 @@ def _nearest_members(points: F64, optima: F64, coarse_of: I64) -> I64:
     distance = np.linalg.norm(points - optima[coarse_of], axis=1)
     order = np.lexsort((distance, coarse_of))
     first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))
-    nearest: I64 = order[first]
-    return nearest
+    return order[first]
 
 
 def save(model: PerceptualModel, folder: Path) -> int:

@@ -87,8 +87,7 @@ def _skin_uv(faces: I32, uv: F64, vertices: I32) -> F64:
     flat, corners = faces.ravel(), uv.reshape(-1, 2)
     order = np.argsort(flat, kind="stable")
     first = order[np.searchsorted(flat[order], vertices)]
-    corner: F64 = corners[first]
-    return corner
+    return corners[first]
 
 
 def _boundary(faces: I32) -> I32:

@@ -104,8 +104,7 @@ def _sides(skin: Skin) -> U8:
     x = skin.vertices[:, 0]
     side = np.where(x > 0.0, LEFT, RIGHT)
     side[skin.mirror == np.arange(len(x))] = CENTRE
-    sides: U8 = side.astype(np.uint8)
-    return sides
+    return side.astype(np.uint8)
 
 
 def _mirror_sign(skin: Skin) -> F64:
@@ -118,8 +117,7 @@ def _palm_axis(skeleton: Skeleton) -> F64:
     along = heads["finger3-1.L"] - heads["wrist.L"]
     across = heads["finger2-1.L"] - heads["finger5-1.L"]  # toward the thumb
     axis = np.cross(along, across)
-    unit: F64 = axis / np.linalg.norm(axis)
-    return unit
+    return axis / np.linalg.norm(axis)
 
 
 def _vertex_normals(skin: Skin) -> F64:
@@ -128,8 +126,7 @@ def _vertex_normals(skin: Skin) -> F64:
     normal = np.zeros_like(skin.vertices)
     for corner in range(4):
         np.add.at(normal, skin.faces[:, corner], face)
-    unit: F64 = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    return unit
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _adjacency(skin: Skin) -> Any:
@@ -171,8 +168,7 @@ class _HalfGraph:
         same = part[self.rows] == part[self.columns]
         edges = (self.rows[same], self.columns[same])
         graph = coo_array((np.ones(len(edges[0])), edges), self.shape)
-        ids: npt.NDArray[np.int32] = connected_components(graph, directed=False)[1]
-        return ids
+        return connected_components(graph, directed=False)[1]
 
     def distances_m(self, sources: npt.NDArray[Any]) -> tuple[F64, npt.NDArray[np.int32]]:
         """Distance along edges to the nearest source, and the predecessor on the path, negative at

@@ -162,8 +162,7 @@ def _retarget_error(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, 
     moved = matrices(avatar, bodies)
     truth = apply(np.linalg.inv(bodies.to_target), target.vertices)
     miss = np.linalg.solve(moved[..., :3], (truth - posed(avatar, moved))[..., None])[..., 0]
-    error: F64 = (miss + miss[mirror] * (-1.0, 1.0, 1.0)) / 2.0
-    return error
+    return (miss + miss[mirror] * (-1.0, 1.0, 1.0)) / 2.0
 
 
 def _mirror(vertices: F64) -> I64:
@@ -182,5 +181,4 @@ def _components(fields: F64) -> F64:
     largest = vectors[:, ::-1][:, :FIELDS]
     # The sign of an eigenvector is arbitrary: the largest component becomes positive.
     largest *= np.sign(largest[np.abs(largest).argmax(axis=0), np.arange(largest.shape[1])])
-    components: F64 = (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
-    return components
+    return (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])

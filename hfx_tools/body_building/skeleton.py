@@ -96,5 +96,4 @@ def joint(source: Source, end: dict[str, Any]) -> F64:
         point = source.vertices[end["vertex_index"]]
     else:
         point = source.vertices[end["vertex_indices"]].mean(axis=0)
-    joint_m: F64 = point
-    return joint_m
+    return point

@@ -171,8 +171,7 @@ def _islands(uv_corners: I32, uv_count: int) -> I32:
     label = connected_components(graph, directed=False)[1][uv_corners[:, 0]]
     _, first, index = np.unique(label, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    islands: I32 = rank[index].astype(np.int32)
-    return islands
+    return rank[index].astype(np.int32)
 
 
 def _mirror(base: F64) -> I32:

@@ -279,13 +279,11 @@ def _quaternions(matrices: F64) -> F64:
         axis=-1,
     ) / (4.0 * w[..., None])
     wxyz = np.concatenate((w[..., None], xyz), axis=-1)
-    unit: F64 = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
-    return unit
+    return wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
 
 
 def _head(bones: Skeleton, name: str) -> F64:
-    head: F64 = bones.rest[bones.bone_names.index(name), :3, 3].astype(float)
-    return head
+    return bones.rest[bones.bone_names.index(name), :3, 3].astype(float)
 
 
 def _about(axis: int, angle: float) -> F64:
@@ -295,8 +293,7 @@ def _about(axis: int, angle: float) -> F64:
 def _about_axis(axis: F64, angle: float) -> F64:
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: F64 = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    return turn
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
 def _shortest(start: F64, end: F64) -> F64:
@@ -316,8 +313,7 @@ def _mix(one: F64, other: F64, share: float) -> F64:
     if sine < 1e-9:
         return one
     angle = 2.0 * float(np.arctan2(sine, w))
-    mixed: F64 = one @ _about_axis(np.array(xyz) / sine, share * angle)
-    return mixed
+    return one @ _about_axis(np.array(xyz) / sine, share * angle)
 
 
 def _frame(along: F64, ahead: F64) -> F64:

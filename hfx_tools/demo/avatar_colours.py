@@ -25,5 +25,4 @@ def avatar_colours(
     colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
     most = np.max(list(shares.values()), axis=0)
     skin = (1.0 - most)[:, None] * np.array(SKIN)
-    colours: F64 = np.clip(skin + colour, 0.0, 1.0)
-    return colours
+    return np.clip(skin + colour, 0.0, 1.0)

@@ -77,8 +77,7 @@ def _measured(cloth: Cloth) -> list[float]:
 def _correlations(rows: F64) -> F64:
     """Correlation r of a set's rows of :func:`_measured`, (cut-off, speed, parameter)."""
     r = np.corrcoef(rows.T)[: -len(SPEEDS_M_S), -len(SPEEDS_M_S) :]
-    shaped: F64 = r.reshape(len(CUTOFFS_MM), len(PARAMETERS), len(SPEEDS_M_S)).transpose(0, 2, 1)
-    return shaped
+    return r.reshape(len(CUTOFFS_MM), len(PARAMETERS), len(SPEEDS_M_S)).transpose(0, 2, 1)
 
 
 def _as_row(cloth: Cloth, values: list[float]) -> dict[str, Any]:

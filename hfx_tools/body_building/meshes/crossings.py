@@ -74,8 +74,7 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
 
 
 def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
-    volumes: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
-    return volumes
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
 
 
 def depth_m(points: F64, crossing: I64) -> F64:

@@ -94,8 +94,7 @@ def _exchange_diagonals(mesh: Remesher) -> None:
     skin = cKDTree(mesh.samples.points)
 
     def depth(one: I64, other: I64) -> F64:
-        distance_m: F64 = skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
-        return distance_m
+        return skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
 
     for turn in range(8):
         edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
@@ -127,8 +126,7 @@ def _smallest_angle(points: F64, a: I64, b: I64, c: I64, d: I64) -> F64:
         u, v = points[one] - points[apex], points[second] - points[apex]
         area = np.linalg.norm(np.cross(u, v), axis=1)
         angles.append(np.arctan2(area, np.einsum("ij,ij->i", u, v)))
-    smallest: F64 = np.min(angles, axis=0)
-    return smallest
+    return np.min(angles, axis=0)
 
 
 def raised(mesh: Remesher) -> F64:

@@ -28,14 +28,12 @@ class Edges:
         """Test pairs of vertices for a common edge, (N,)."""
         keys = key(one, other, self.count)
         index = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        is_edge: Bool = self.keys[index] == keys
-        return is_edge
+        return self.keys[index] == keys
 
 
 def key(one: I64, other: I64, count: int) -> I64:
     """Unique number of an unordered pair of vertices."""
-    keys: I64 = np.minimum(one, other) * count + np.maximum(one, other)
-    return keys
+    return np.minimum(one, other) * count + np.maximum(one, other)
 
 
 def edges_of(triangles: I64, count: int) -> Edges:
@@ -61,5 +59,4 @@ def edges_of(triangles: I64, count: int) -> Edges:
 def triangle_normals(points: F64, triangles: I64) -> F64:
     """Normals (F, 3), of length twice the triangle's area."""
     corners = points[triangles]
-    normals: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normals
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

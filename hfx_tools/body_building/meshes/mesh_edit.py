@@ -37,8 +37,7 @@ def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
     around = own.copy()
     np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
     np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
-    is_lowest: Bool = (around[one] == rank) & (around[other] == rank)
-    return is_lowest
+    return (around[one] == rank) & (around[other] == rank)
 
 
 def collapsible(
@@ -82,8 +81,7 @@ def collapse(triangles: I64, gone: I64, stays: I64, count: int) -> I64:
         & (merged[:, 1] != merged[:, 2])
         & (merged[:, 2] != merged[:, 0])
     )
-    remaining: I64 = merged[alive]
-    return remaining
+    return merged[alive]
 
 
 def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
@@ -185,5 +183,4 @@ def flip(
 def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:
     u, v = points[one] - points[apex], points[other] - points[apex]
     area = np.linalg.norm(np.cross(u, v), axis=1)
-    cotangent: F64 = np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)
-    return cotangent
+    return np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)

@@ -83,5 +83,4 @@ def areas_m2(half: Half, samples: Samples) -> F64:
     share = sum(np.bincount(corner, size, minlength=count) for corner in half.triangles.T)
     of_mesh = np.bincount(half.part, share, minlength=len(PARTS))
     of_skin = np.bincount(samples.part, samples.areas_m2, minlength=len(PARTS))
-    scaled: F64 = share * (of_skin / np.maximum(of_mesh, 1e-30))[half.part]
-    return scaled
+    return share * (of_skin / np.maximum(of_mesh, 1e-30))[half.part]

@@ -249,8 +249,7 @@ class Remesher:
 
 
 def _squared(offsets: F64) -> F64:
-    squares: F64 = np.einsum("ij,ij->i", offsets, offsets)
-    return squares
+    return np.einsum("ij,ij->i", offsets, offsets)
 
 
 def _first_of_each(kinds: I64, limit: I64) -> I64:
@@ -258,5 +257,4 @@ def _first_of_each(kinds: I64, limit: I64) -> I64:
     order = np.argsort(kinds, kind="stable")
     sorted_kinds = kinds[order]
     start = np.searchsorted(sorted_kinds, sorted_kinds)
-    taken: I64 = np.sort(order[np.arange(len(order)) - start < limit[sorted_kinds]])
-    return taken
+    return np.sort(order[np.arange(len(order)) - start < limit[sorted_kinds]])

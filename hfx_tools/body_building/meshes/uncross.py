@@ -215,5 +215,4 @@ def _flatness(corners: F64) -> F64:
     """Twice the area of triangles, divided by the square of their longest side."""
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    flatness: F64 = np.linalg.norm(across, axis=1) / sides.max(axis=1) ** 2
-    return flatness
+    return np.linalg.norm(across, axis=1) / sides.max(axis=1) ** 2
