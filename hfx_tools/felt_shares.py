@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strengths of all haptic samples of one time, displayed at every vertex of an avatar."""
+"""Strengths and colours of all haptic samples of one time at the vertices of an avatar."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
-from hfx_blender.engine.colouring import COLD, Spread, colour_name, strengths
+from hfx_blender.engine.colouring import COLD, COLOURS, Spread, colour_name, strengths
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import Sample
 
@@ -44,3 +44,17 @@ def felt_shares(
         name: np.sqrt(np.clip(totals[name], 0.0, 1.0)) if name in totals else nothing
         for name in (*MODALITIES, COLD)
     }
+
+
+def avatar_colours(
+    samples: Iterable[Sample],
+    spreads: Mapping[str, Spread],
+    vertex_counts: Mapping[str, int],
+    contact_effects: frozenset[str] = frozenset(),
+) -> F64:
+    """Colours (A, 3) of an avatar's vertices at one time, linear RGB in 0..1, with bare skin."""
+    shares = felt_shares(samples, spreads, vertex_counts, contact_effects)
+    colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
+    most = np.max(list(shares.values()), axis=0)
+    skin = (1.0 - most)[:, None] * np.array(SKIN)
+    return np.clip(skin + colour, 0.0, 1.0)

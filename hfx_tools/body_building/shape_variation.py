@@ -9,6 +9,7 @@ basis of :mod:`...engine.retargeting.shape_fields`.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -21,14 +22,14 @@ from hfx_blender.engine.body.model import Avatar
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
 from hfx_blender.engine.retargeting.joints import skeletons_of
-from hfx_blender.engine.retargeting.shape_fields import SHAPES_FILE, ShapeFields
+from hfx_blender.engine.retargeting.shape_fields import FORMAT, SHAPES_FILE, VERSION, ShapeFields
 from hfx_blender.engine.retargeting.target import TargetAvatar
 from hfx_blender.engine.retargeting.turns import apply
 from hfx_blender.errors import InputError
+from hfx_blender.files.atomic import atomic_file
 
 from . import skeleton
 from . import source as source_data
-from .shape_file import save
 from .source import Source
 from .variant import _MACRO, _ORIGINS, Variant, target_shares
 
@@ -182,3 +183,23 @@ def _components(fields: F64) -> F64:
     # The sign of an eigenvector is arbitrary: the largest component becomes positive.
     largest *= np.sign(largest[np.abs(largest).argmax(axis=0), np.arange(largest.shape[1])])
     return (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
+
+
+def save(fields: ShapeFields, mirror: I64, path: Path) -> None:
+    """Write fields of one half of the body, as 8-bit steps with a scale for each field.
+
+    ``mirror`` (V,) int64: id of the vertex at (-x, y, z); the fields must be symmetric.
+    """
+    half = np.flatnonzero(np.arange(len(mirror)) <= mirror)
+    scale = np.abs(fields.fields).max(axis=(1, 2)) / 127.0
+    steps = np.round(fields.fields[:, half] / scale[:, None, None]).astype(np.int8)
+    meta = json.dumps({"format": FORMAT, "version": VERSION}, sort_keys=True).encode()
+    with atomic_file(path) as file:
+        np.savez_compressed(
+            file,
+            meta=np.frombuffer(meta, np.uint8),
+            steps=steps.transpose(0, 2, 1),
+            scale_m=scale.astype(np.float32),
+            half=half.astype(np.int32),
+            mirror=mirror.astype(np.int32),
+        )

@@ -21,7 +21,7 @@ from hfx_blender.engine.samples import Sample
 from hfx_blender.engine.track import TrackHeader, TrackReader
 from hfx_blender.processes import blender_session
 
-from .avatar_colours import avatar_colours
+from ..felt_shares import avatar_colours
 from .garage import FPS, TASKS, Task
 
 SIZE = (480, 600)

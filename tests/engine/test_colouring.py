@@ -10,8 +10,7 @@ from hfx_blender.engine import colouring
 from hfx_blender.engine.colouring import COLOURS, Spread
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import Sample, Stream
-from hfx_tools.demo.avatar_colours import avatar_colours
-from hfx_tools.felt_shares import SKIN, felt_shares
+from hfx_tools.felt_shares import SKIN, avatar_colours, felt_shares
 
 # Two avatar vertices, each at one of the two vertices of every model.
 SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}

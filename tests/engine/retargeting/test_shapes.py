@@ -21,7 +21,7 @@ from hfx_blender.engine.retargeting.shape_fields import ShapeFields
 from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.engine.stepwise import finish
 from hfx_blender.errors import InputError
-from hfx_tools.body_building.shape_file import save
+from hfx_tools.body_building.shape_variation import save
 
 
 def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> None:
