@@ -31,8 +31,7 @@ _log = logging.getLogger(__name__)
 _PLAYING_S, _RECORDED_S = 0.25, 1.0
 """Intervals between checks of the scene during playback, without and with a record, seconds.
 
-Scripts
-and drivers change the scene without an update; a record includes the motion of drivers.
+Scripts and drivers change the scene without an update; a record includes the motion of drivers.
 """
 
 _SHORT_S, _REST = 0.01, 10.0
@@ -97,7 +96,7 @@ class ViewportPreview:
         """Remove handlers and timers."""
         remove_handlers(self._handlers)
         remove_timers(
-            self.check_scene, self.schedule_check, self._reread, self._record, self._prepare
+            self.check_scene, self.schedule_check, self.reread, self._record, self._prepare
         )
 
     def begin_drawing(self) -> None:
@@ -127,7 +126,9 @@ class ViewportPreview:
         self._chart = None
 
     def switched(self) -> None:
-        """Apply a change of the preview's switches."""
+        """Apply a change of the preview's switches: invalidate, redraw, and schedule the timers of
+        a visible preview.
+        """
         self.invalidate()
         if self.is_on:
             call_soon(self.check_scene)
@@ -196,6 +197,7 @@ class ViewportPreview:
         from . import drawing
 
         manager, settings = bpy.context.window_manager, scene.hfx
+        # Only a valid record: an outdated one would show the scene before the last edit.
         now = settings.palette, recorder.valid, scene.frame_current_final
         if manager.hfx_preview:
             layers = self.content.layers(*now)
@@ -224,10 +226,11 @@ class ViewportPreview:
         if stepping.is_stepping():
             return
         if self.is_describing:
-            # Reading evaluates pending edits: an update here is an edit from just before.
+            # Reading evaluates pending edits: an update here is an edit from just before. A timer
+            # discards the record, whose own recording may be the reader.
             if scene == bpy.context.scene and recorder.has_relevant_update(depsgraph):
                 self.invalidate()
-                call_soon(self._reread)
+                call_soon(self.reread)
             return
         self.invalidate()
         recorder.on_update(depsgraph)
@@ -246,7 +249,7 @@ class ViewportPreview:
             call_soon(self._record)
 
     def _check_after_drawing(self) -> None:
-        """Schedule a check, at most a tenth of the time in scenes with slow checks."""
+        """Schedule a check: at once, or after a pause of ten times the duration of a slow check."""
         # Checks compare all effects: in large scenes, limit their share of the time.
         rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
         left_s = self._checked_s + rest_s - time.perf_counter()
@@ -255,9 +258,11 @@ class ViewportPreview:
         else:
             self.schedule_check()
 
-    def _reread(self) -> None:
-        """Handle an edit that Blender evaluated while the scene was read."""
+    def reread(self) -> None:
+        """Timer: discard record and colours after an edit that Blender evaluated during reading."""
         recorder.invalidate()
+        # A drawing between the edit and this timer has cached colours of the outdated record.
+        self.invalidate()
         self.schedule_check()
         self.redraw()
 
@@ -288,8 +293,7 @@ class ViewportPreview:
         """Timer: compute preview colours of recorded frames for some milliseconds.
 
         Returns the pause until the next call, seconds; None when all frames are cached, without a
-        valid
-        record, and while the preview is off.
+        valid record, and while the preview is off.
         """
         record, scene = recorder.valid, bpy.context.scene
         if record is None or not bpy.context.window_manager.hfx_preview:

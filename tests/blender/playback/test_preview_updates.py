@@ -15,6 +15,7 @@ from hfx_blender.blender.events import is_waiting, remove_timers
 from hfx_blender.operators.shared import HfxOperator
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.preview import preview
+from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
@@ -157,6 +158,27 @@ def test_a_change_that_is_evaluated_while_the_scene_is_read_is_told(
     monkeypatch.setattr(preview, "is_describing", True)
     bpy.context.view_layer.update()  # as reading does
     assert not preview.is_drawn
+
+
+def test_colours_of_the_old_record_go_with_an_edit_during_reading(
+    following: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bpy.ops.hfx.add_avatar()
+    ball = a_ball_in_the_chest()
+    redraw()
+    recorder.update_now(following)
+    idle()
+    ball.location.z = 9.0  # far above the avatar
+    with monkeypatch.context() as reading:
+        reading.setattr(preview, "is_describing", True)
+        bpy.context.view_layer.update()
+    frame = following.frame_current_final
+    # A redraw before the timer still has the record from before the edit.
+    assert preview.content.layers(following.hfx.palette, recorder.valid, frame)
+    preview.reread()
+    idle()
+    assert recorder.valid is None
+    assert preview.content.layers(following.hfx.palette, recorder.valid, frame) == []
 
 
 def operators() -> list[str]:
