@@ -94,8 +94,8 @@ class _FittingOperator(StepwiseOperator):
         body: bpy.types.Object,
         choosing: Callable[..., Generator[float, None, list[bpy.types.Object]]],
     ) -> Generator[float, None, str]:
-        """Choose the meshes of an armature and fit the body to the meshes, with one search for
-        bones.
+        """Choose meshes of armature ``body`` by ``choosing(context, body, mapping_of)``, and fit the
+        body to these; yields progress (0..1) and returns the report. Bones are searched once.
         """
         from ..avatars import bodies, bone_table
 
@@ -154,7 +154,7 @@ class HFX_OT_mark_body(_FittingOperator):
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active armature, the only selected armature, or the armature deforming the active mesh."""
+    """Active armature, only selected armature, or armature of the active mesh; None without any."""
     if context.object is not None and context.object.type == "ARMATURE":
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
@@ -162,8 +162,9 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
-    """Assign effects of deleted bodies to the only body of the scene; end of a sentence that names
-    these effects. No effect and empty with several bodies.
+    """Assign effects of deleted bodies to ``body``, if the only body of the scene.
+
+    Returns the end of a sentence with the names of these effects; empty without any.
     """
     bodiless = effects.effects_without_body(context.scene)
     if effects.bodies_of(context.scene) != [body] or not bodiless:

@@ -12,7 +12,7 @@ from .shared import FileOperator, HfxOperator, active_armature
 
 
 class _BonesOperator(HfxOperator):
-    """Works on the table of the active armature."""
+    """Base of operators on the bone table of the active armature."""
 
     requires = ((active_armature, "Select an armature, or a mesh that has one"),)
 

@@ -60,7 +60,7 @@ last_written: list[LastExport] = []  # at most one entry
 
 
 def _box_of(flags: str, name: str) -> str:
-    """Name of the check box of an item of a set of flags."""
+    """Property name of the check box of item ``name`` of an enum of flags, as ``formats_csv``."""
     return f"{flags}_{name.replace('-', '_')}"
 
 
@@ -132,7 +132,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             column.prop(self, _box_of("record", name))
 
     def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
-        """Draw check boxes of formats; disabled formats are followed by the reason."""
+        """Draw check boxes of formats; the reasons of disabled formats follow, once each."""
         from ..devices.configurations.device_facts import facts_of
         from ..formats.writing import why_nothing
 

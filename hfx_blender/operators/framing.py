@@ -50,7 +50,7 @@ def views(area: bpy.types.Area) -> list[bpy.types.Region]:
 
 
 def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
-    """Zoom the view to objects, keeping the direction."""
+    """Zoom the view to objects, keeping direction and selection; no effect without a viewport."""
     area = None if bpy.app.background else viewport(context)
     if area is None:
         return
@@ -78,14 +78,17 @@ def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]
 
 
 def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
-    """Execute an operator for a user, and enlarge the timeline for the added clips."""
+    """Execute an operator, then :func:`make_room_for_clips`; returns the operator's result."""
     done: set[str] = operator.execute(context)
     make_room_for_clips(context)
     return done
 
 
 def make_room_for_clips(context: bpy.types.Context) -> None:
-    """Enlarge a timeline too low for clips, unless an NLA editor is open."""
+    """Enlarge the tallest timeline if too low for its clips.
+
+    No effect with an open NLA editor, and without an area of three times the missing height above.
+    """
     global _joining
     is_busy = _joining is not None and bpy.app.timers.is_registered(_joining)
     if bpy.app.background or is_busy or not compat.CAN_JOIN_AREAS:
@@ -114,8 +117,8 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
 
 
 def _join(window: bpy.types.Window, x: int, y: int) -> None:
-    """Join the areas on both sides of an edge; run by a timer, after Blender has updated the
-    sizes.
+    """Join the areas above and below an edge at a window pixel; run by a timer, after Blender has
+    updated the sizes.
     """
     with bpy.context.temp_override(window=window):
         bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))

@@ -71,9 +71,10 @@ class HfxOperator(bpy.types.Operator):
         return self.work(context)
 
     def reported(self, work: Callable[[], str | None]) -> set[str]:
-        """Call a function and report the result; errors become error reports.
+        """Call a function and report the returned text, if any.
 
-        Returns the operator's result, ``{"FINISHED"}`` or ``{"CANCELLED"}``.
+        :class:`HfxError`, errors of files and missing bundled packages become error reports; other
+        exceptions pass. Returns the operator's result, ``{"FINISHED"}`` or ``{"CANCELLED"}``.
         """
         source = bpy.data.filepath
         try:
@@ -210,7 +211,9 @@ EnumItems = list[tuple[str, str, str]]
 
 
 def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
-    """Items function of a dynamic enum; keeps the strings alive, as Blender requires."""
+    """Items function of a dynamic enum from a function of its entries, called at each query; keeps
+    the strings alive, as Blender requires.
+    """
     cached: EnumItems = []
 
     def items(_self: object, _context: object) -> EnumItems:
@@ -237,9 +240,10 @@ def to_object_mode(context: bpy.types.Context) -> None:
 
 
 def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
-    """Deselect all objects, then select the given ones in the view layer; the first becomes active.
+    """Deselect all objects, then select the given ones in the view layer.
 
-    In a local view, the objects are added to the view.
+    The first becomes active, if in the view layer. In a local view, the objects are added to the
+    view.
     """
     for selected in context.selected_objects:
         selected.select_set(False)

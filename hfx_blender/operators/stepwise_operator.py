@@ -67,7 +67,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
         return ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Handle events while the work runs."""
+        """Run steps at timer events and report the end; Esc cancels; other input is blocked."""
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
             self.report({"WARNING"}, self.cancelled)
@@ -106,7 +106,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
         context.workspace.status_text_set(draw)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the work early or late: close the generator, remove timer and status text."""
+        """Close an unfinished generator, and remove timer and status text; also after the end."""
         self._is_invoked = False  # Blender's redo reuses this operator, without invoke
         if self._steps is not None:
             self._steps.close()

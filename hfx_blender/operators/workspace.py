@@ -73,7 +73,8 @@ def ask_and_load_empty_file() -> None:
     """Load Blender's start-up file as *File > New > General* does, with the question about unsaved
     changes.
 
-    Blender gives no sign of *Cancel*. The next drawing of the menu of new files ends the wait.
+    The cube is replaced after loading. Blender gives no sign of *Cancel*: the next drawing of the
+    menu of new files ends the wait for a loaded file.
     """
     load_empty_file("INVOKE_DEFAULT")
 
@@ -111,7 +112,7 @@ def _go_to_workspace() -> None:
 
 
 def _frame_avatar() -> float | None:
-    """Frame the avatar from the front, in the active workspace."""
+    """Timer: frame the selected avatar from the front, once the HFX workspace is active."""
     window = bpy.context.window_manager.windows[0]
     if window.workspace.name != NAME:
         return _AGAIN_S
@@ -138,7 +139,10 @@ def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> N
 
 
 def _arrange(window: bpy.types.Window) -> None:
-    """Arrange a screen: viewport with the HFX tab above an NLA editor."""
+    """Arrange a window's screen: largest viewport, or area, with the HFX tab above an NLA editor.
+
+    An existing NLA editor stays as it is.
+    """
     areas = window.screen.areas
     viewports = [area for area in areas if area.type == "VIEW_3D"]
     viewport = max(viewports or areas, key=lambda area: area.width * area.height)

@@ -26,6 +26,8 @@ class Evaluation:
         Error of the last description; empty without an error.
     generation : int
         Rises with each description.
+    with_positions : bool
+        True while a device needs the positions of samples.
     before_describing : callable
         Called before a description, which may load body models.
     """
@@ -34,7 +36,7 @@ class Evaluation:
         self.scene: LiveScene | None = None
         self.fault = ""
         self.generation = 0
-        self.with_positions = False  # whether a device needs to know where samples are
+        self.with_positions = False
         self.before_describing: Callable[[], None] = lambda: None
         self._key: tuple[object, ...] = ()
         self._runs: list[SampleRun] | None = None
@@ -44,14 +46,16 @@ class Evaluation:
         self._runs = None
 
     def forget(self) -> None:
-        """Discard samples and description; raise :attr:`generation`."""
+        """Discard samples, description and fault; raise :attr:`generation`."""
         self.invalidate()
         self.scene, self._key, self.fault = None, (), ""
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene unless the signature is unchanged; never call this during a depsgraph
-        update.
+        """Describe the scene after a change of bodies, effects, tolerance, scene or view layer.
+
+        No effect without such a change. Errors become :attr:`fault`. Never call this during a
+        depsgraph update.
         """
         from ..reading.description.scene_settings import live_tolerance
         from ..reading.live.live_scene import LiveScene, signature_of
@@ -65,6 +69,7 @@ class Evaluation:
         if key == self._key:
             return
         self.forget()
+        # Stored before the attempt: a faulty scene is described again only after a change.
         self._key = key
         self.before_describing()
         try:
@@ -76,7 +81,7 @@ class Evaluation:
     def runs(self) -> list[SampleRun]:
         """Samples of the current frame: at most one run of one sample for each effect and body.
 
-        Empty without a description.
+        Cached until :meth:`invalidate`; empty without a description.
 
         Raises
         ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shipped sensations as an asset library of the user's preferences, while we are enabled."""
+"""Asset library of the built-in sensations in the user's preferences, while HFX is enabled."""
 
 from __future__ import annotations
 

@@ -37,7 +37,9 @@ def offset(effect: bpy.types.Object, axis: int) -> float:
 
 
 def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
-    """Set the boundary's distance from the centre; Auto Keying adds a keyframe."""
+    """Set the size whose boundary is at a distance (world units, 0 at least) along a local axis;
+    Auto Keying adds a keyframe.
+    """
     name, component, share = _AXES[effect.hfx.shape][axis]
     length = max(distance, 0.0) / (share * _scale(effect, axis))
     if component < 0:
@@ -126,7 +128,9 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
 
 
 def along(world: Matrix, axis: int) -> Matrix:
-    """Rigid matrix at an object's origin, with Z along one of the object's axes."""
+    """Rigid matrix at an object's origin, with Z along an axis of the object; world Z for an axis
+    scaled to 0.
+    """
     direction = Vector(world.col[axis].to_3d())
     if direction.length < 1e-9:
         direction = Vector((0.0, 0.0, 1.0))
@@ -192,7 +196,9 @@ class HFX_GGT_spot(bpy.types.GizmoGroup):
 
 
 def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matrix | None:
-    """Matrix of a point on the posed body, Z along the skin's normal; None without a position."""
+    """World matrix of a point on the posed body, Z along the skin's normal; None without a position
+    or body, and after an error.
+    """
     import numpy as np
 
     from ..engine.areas.spot import places_on
@@ -212,7 +218,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
 
 
 def pixel_size(context: bpy.types.Context, point: Vector) -> float:
-    """Width of a viewport's pixel at a point of the world."""
+    """Width of a viewport's pixel at a point of the world, Blender's units."""
     view = context.region_data.perspective_matrix
     # The homogeneous coordinate of a projected point is the depth; 1 in orthographic views.
     depth = abs((view @ point.to_4d()).w)

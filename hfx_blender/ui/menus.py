@@ -83,7 +83,7 @@ def draw_add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw our entry in the context menus of objects, for effects, bodies and avatars."""
+    """Draw the menu Haptic in context menus of objects, for effects, armatures and avatars."""
     if active_effect(context) is not None or active_armature(context) is not None:
         self.layout.separator()
         self.layout.menu(HFX_MT_object.bl_idname, icon="VIEW_PAN")

@@ -33,7 +33,7 @@ def draw_first(context: bpy.types.Context, layout: bpy.types.UILayout) -> bool:
 
 
 def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the button of the next step for the active effect."""
+    """Draw the next step of the active effect: paint, transfer the area, add a clip, export."""
     effect = active_effect(context)
     if effect is None:
         return

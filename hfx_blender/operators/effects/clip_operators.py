@@ -36,7 +36,7 @@ def label_of(time: str) -> str:
 
 
 def _seconds(time: str, default: float, least: float) -> FloatProperty:
-    """Property of a time in seconds."""
+    """Property of a time in seconds, a key of :data:`TIMES`; ``least`` is the lower limit."""
     return FloatProperty(
         name=label_of(time),
         description=TIMES[time],
@@ -47,7 +47,7 @@ def _seconds(time: str, default: float, least: float) -> FloatProperty:
 
 
 def _shown(time: str, **limits: float) -> FloatProperty:
-    """Property that converts a start frame or a length in seconds to the scene's time unit."""
+    """Property, in the scene's time unit, of the operator's start frame or a length in seconds."""
 
     def shown(operator: bpy.types.Operator) -> float:
         scene, value = bpy.context.scene, float(getattr(operator, time))
@@ -155,7 +155,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
 
 def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
-    """Draw the buttons that add a clip and a heartbeat, with a prefix before the labels."""
+    """Draw the buttons that add a clip and a heartbeat; a prefix replaces "Add" in the labels."""
     for operator, icon in ((HFX_OT_add_clip, "NLA"), (HFX_OT_add_heartbeat, "HEART")):
         text = operator.bl_label.replace("Add", prefix) if prefix else operator.bl_label
         layout.operator(operator.bl_idname, text=text, icon=icon)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
-    """Origin of the volumes of a sensation: location of the body, or the 3D cursor."""
+    """World origin of a sensation's volumes: location of the body, without a body the 3D cursor."""
     return body.matrix_world.translation if body is not None else context.scene.cursor.location
 
 
@@ -58,7 +58,10 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
 
 
 def _selected(context: bpy.types.Context, title: str) -> Sensation:
-    """Sensation made of the selected effects and of volumes emitted by selected objects."""
+    """Sensation of the selected effects and of volumes emitted by selected objects, by name.
+
+    The body of the first effect with a body is the origin, or else the target body.
+    """
     from ...authoring.effects import effect_exchange, swarms
 
     selected = context.selected_objects

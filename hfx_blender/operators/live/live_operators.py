@@ -44,7 +44,7 @@ class _OfDevice(_LiveOperator):
 
 
 def title_of(name: str) -> str:
-    """Title of a device in the panel."""
+    """Title of a device in the panel, from its configuration."""
     from ...devices.configurations.device_facts import facts_of
 
     return facts_of(name).title

@@ -36,7 +36,7 @@ class DeviceSearch:
         self.items: EnumItems = []
 
     def run(self) -> list[str]:
-        """Search for devices; returns the names of all serial ports."""
+        """Replace :attr:`found` and :attr:`items`; returns the names of all serial ports."""
         from ...devices.live.discovery import found_at
 
         # Adding a device reports errors of its configuration.

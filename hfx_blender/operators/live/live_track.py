@@ -88,7 +88,7 @@ class HFX_OT_hide_meshes(HfxOperator):
 
 
 def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """Bodies with avatars, effects with emitters."""
+    """Objects to keep visible: bodies, their avatars and children; effects and their emitters."""
     listed = swarms.listed_effects(scene)
     needed = {obj for effect in listed for obj in swarms.objects_showing(scene, effect)}
     for body in effects.bodies_of(scene):

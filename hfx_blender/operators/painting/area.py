@@ -44,7 +44,9 @@ class _AreaOperator(HfxOperator):
 
 
 def _blend(effect: bpy.types.Object, weights: F64, how: str) -> int:
-    """Combine weights (V,) with the area of an effect; returns the number of painted vertices."""
+    """Combine weights (V,) with an effect's area, by a key of :data:`BLENDS`; returns the number
+    of painted vertices.
+    """
     from ...engine.body import areas
 
     blended = areas.blended(painting.weights_of(effect), weights, how)

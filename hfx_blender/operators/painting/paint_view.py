@@ -67,7 +67,7 @@ def layers_of(canvas: bpy.types.Object) -> list[bpy.types.ViewLayer]:
 
 
 def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
-    """Show objects hidden during painting, by full name."""
+    """Show objects, given by full name, in view layers that have them."""
     for obj in [candidate for candidate in bpy.data.objects if candidate.name_full in hidden]:
         for layer in layers:
             with suppress(RuntimeError):  # not in this view layer
@@ -75,7 +75,9 @@ def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
 
 
 def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Save the view and frame the painted mesh."""
+    """Save views and opacity of the viewport, make the colours paler, and frame the mesh; no effect
+    without a viewport.
+    """
     area = framing.viewport(context)
     if area is None:
         return
@@ -86,7 +88,7 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 
 
 def leave() -> None:
-    """Restore the views from before painting."""
+    """Restore views and opacity from before painting, in all workspaces."""
     for screen in bpy.data.screens:  # includes other workspaces
         for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)
@@ -123,7 +125,11 @@ class SceneBrush:
     def fit(
         self, context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
     ) -> None:
-        """Set the brush's pixels for the present view under the mouse."""
+        """Set the brush's pixels for the view under the mouse, from the radius on the skin.
+
+        Pixels changed since the last call are the user's: the radius follows these first. No effect
+        for a mesh behind the viewer.
+        """
         scale = _pixels_per_unit(context, canvas, event)
         if scale is None:
             return
@@ -146,8 +152,8 @@ def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
 def _pixels_per_unit(
     context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
 ) -> float | None:
-    """Pixels of one Blender unit at the middle of a mesh; None without a viewport, or behind the
-    viewer.
+    """Pixels of one Blender unit at the middle of a mesh, in perspective at the view's pivot; None
+    without a viewport, or behind the viewer.
     """
     area = framing.viewport(context)
     if area is None:
@@ -247,7 +253,7 @@ def _after_loading(*_: object) -> None:
 def _vertex_under(
     context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
 ) -> int | None:
-    """Vertex of the painted mesh under the mouse; None outside of the body."""
+    """First vertex of the painted mesh's face under the mouse; None outside of the body."""
     for area in context.screen.areas:
         if area.type != "VIEW_3D":
             continue

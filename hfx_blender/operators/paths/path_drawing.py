@@ -187,8 +187,8 @@ class HFX_OT_draw_path(HfxOperator):
         return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        """Add the point under the mouse; outside of the body, repeat the last point while
-        recording.
+        """Append the point under the mouse with its time; outside of the body nothing, or the last
+        point while recording. Freehand points closer than 1 mm are left out.
         """
         import numpy as np
 
@@ -221,7 +221,10 @@ class HFX_OT_draw_path(HfxOperator):
         context.area.tag_redraw()
 
     def _path_through(self, places: np.ndarray) -> np.ndarray | None:
-        """Smooth path through the points drawn so far; None for straight segments."""
+        """Path (m, 3) on the skin through clicked points (n, 3), for display.
+
+        None with fewer than two points, in other modes, and without a path between the points.
+        """
         if self.mode not in ("STRAIGHT", "CURVE") or len(places) < 2:
             return None
         try:

@@ -94,7 +94,10 @@ def _ring(
     radius_m: float,
     unit_m: float,
 ) -> F32:
-    """Rim of a disc, projected to the canonical skin and posed with the body."""
+    """Rim of a disc (m, 3), lifted a little above the posed skin; world space.
+
+    ``centre`` (1, 3) in metres on the canonical body; the radius is at least 4 mm.
+    """
     import numpy as np
 
     around = skin_picking.Anchors.of(centre)

@@ -206,7 +206,9 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         self.place = spot_placing.place_of(effect).tolist()
         seen = self._window_place(context, spot_placing.place_of(effect))
         if seen is not None:
-            self._at = seen  # keep the offset between mouse and point
+            # From here the mouse moves a virtual pointer that starts on the point: the offset
+            # between mouse and point stays, also with the precise speed.
+            self._at = seen
 
     def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         anchor = self._under_mouse(context)
@@ -232,7 +234,9 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         return self._picker.nearest(beside, float("inf"))
 
     def _show(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
-        """Show the uncommitted position, and the point's path."""
+        """Move the effect to :attr:`place`, or the nearest place of its path, for display; draw the
+        point's former path.
+        """
         import numpy as np
 
         from ...authoring.paths import spot_placing
@@ -352,7 +356,9 @@ class HFX_OT_key_spot(PathOperator):
 
 
 def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Move the effect's object to the position of its point."""
+    """Move the effect's object to its point on the posed body; no effect for a child object, and
+    without a body or position.
+    """
     from ...authoring.paths import spot_placing
 
     anchor = spot_placing.place_of(effect)

@@ -88,7 +88,7 @@ def _of_picture(settings: Any, folder: Path) -> dict[str, Any]:
 
 
 def _forget(except_folder: str = "") -> None:
-    """Remove the folders of earlier results; used results are packed into the .blend file."""
+    """Remove the folders of results, but for one; used results are packed into the .blend file."""
     for folder in [path for path in _folders if path != except_folder]:
         shutil.rmtree(folder, ignore_errors=True)
         _folders.remove(folder)
@@ -206,7 +206,7 @@ class HFX_OT_use_generated(HfxOperator):
 
 
 def stop() -> None:
-    """Cancel a running generation."""
+    """Cancel a running generation and end its process; otherwise no effect."""
     global running
     if running is not None:
         running.cancel()

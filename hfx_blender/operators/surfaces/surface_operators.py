@@ -25,7 +25,9 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
-    """Make an object's maps; returns notes, and reports faults as a warning."""
+    """Make the maps of an object's surface; returns notes. A warning of the surface is reported by
+    the operator.
+    """
     note = surfaces.make_maps(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."
@@ -254,7 +256,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return context.window_manager.invoke_props_dialog(self)  # type: ignore[no-any-return]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Estimate while a script waits; in a window while Blender goes on."""
+        """Estimate at once for a script, or start the modal estimation after the dialog."""
         if not self._is_invoked or bpy.app.background:
             return super().execute(context)
         begun = self.reported(lambda: self.begin(context))
@@ -279,7 +281,9 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Wait for the result; other input passes through."""
+        """Check the estimation process at timer events and apply its result; Esc cancels; other
+        input passes through.
+        """
         assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
@@ -301,7 +305,10 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return relief_estimation.apply_estimate(obj, estimation)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the waiting, with a result or without."""
+        """Stop a running estimation without a result, and remove timer and status text.
+
+        Also called before a finished estimation is applied.
+        """
         if self.estimation is not None:
             self.estimation.stop()
             self.estimation = None

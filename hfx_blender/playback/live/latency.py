@@ -32,9 +32,10 @@ class Playback:
     def frames_after(
         self, scene: bpy.types.Scene, delays_ms: Iterable[float], *, is_playing: bool
     ) -> dict[float, float]:
-        """Map delays in milliseconds to the frames shown after them; empty without playback.
+        """Map delays in milliseconds to the frames (fractional) shown after them.
 
-        Call this once a frame: the direction of playback is inferred from successive frames.
+        Empty without playback. Call this at each frame, also without playback: the direction is
+        inferred from successive frames. Frames wrap at the ends of the played range.
         """
         first, last = played_range(scene)
         frame = scene.frame_current_final
@@ -45,16 +46,23 @@ class Playback:
         return {ms: self._wrapped(then, frame, first, last) for ms, then in frames.items()}
 
     def _infer_direction(self, frame: float, length: int, is_playing: bool) -> None:
-        """Update the direction: one opposite frame is a jump, two are a reversal."""
+        """Update the direction ``_step`` from the current frame and the last one.
+
+        One step against the direction is a jump, two in succession are a reversal; a step of more
+        than half of ``length``, the played range in frames, counts as a step of the other sign. A
+        repeated frame changes nothing. Forwards at the first frame, and without playback.
+        """
         before, self._frame = self._frame, frame
         if not is_playing or before is None:
             self._step, self._is_doubtful = 1, False
             return
-        # Blender gives no direction of playback. A step over more than half of the range is a
-        # wrap at an end, in the opposite direction of the apparent step.
+        # Blender gives no direction of playback. At a wrap, the frame jumps by almost the whole
+        # range against the direction; dropped frames rarely exceed half of the range.
         moved = frame - before
         if abs(moved) > length / 2:  # playback wrapped around
             moved = -moved
+        # A single contrary step may be a click in the timeline: a wrong direction would give slow
+        # actuators samples from the past, so wait for a second one.
         is_contrary = moved * self._step < 0
         if is_contrary and self._is_doubtful:
             self._step = -self._step
@@ -62,7 +70,10 @@ class Playback:
             self._is_doubtful = is_contrary and not self._is_doubtful
 
     def _wrapped(self, then: float, now: float, first: int, last: int) -> float:
-        """Wrap a frame at the ends of the played range, in the current direction."""
+        """Frame ``then``, wrapped at the end of ``first..last`` in the direction of playback.
+
+        Unchanged within the range, and if the current frame ``now`` is beyond this end already.
+        """
         length = last + 1 - first
         # Frame `last` lasts until `last + 1`; frames of an edit outside of the range do not wrap.
         if self._step > 0 and then >= last + 1 and now <= last:
@@ -82,16 +93,16 @@ def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
 def recorded_runs(
     frames: Mapping[float, float], streams: Sequence[Stream]
 ) -> dict[float, list[SampleRun]]:
-    """Recorded samples at the given frames, by the same keys.
+    """Recorded samples at the given frames, by the same keys; an empty list for silence.
 
-    Keys without a valid record, or outside of the recorded frames, are missing.
+    Empty without a valid record. Keys of frames that are not recorded or not cached are missing.
 
     Parameters
     ----------
     frames : mapping
         Key -> frame of the scene.
     streams : sequence of Stream
-        Streams of the live scene; instances are renumbered to these.
+        Streams of the live scene; recorded instances are renumbered to these.
     """
     record = recorder.valid
     if record is None:
@@ -102,9 +113,13 @@ def recorded_runs(
 
 
 def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRun]:
-    """Rename streams of instances to those of the live scene; runs without a live stream are
-    dropped.
+    """Rename instances missing in ``streams`` to ``EFFECT:~0``, ``EFFECT:~1``, ... per body.
+
+    Runs whose new name is missing as well are dropped.
     """
+    # Names of instances are names of emitting particles or objects, which differ between frames.
+    # The live scene has numbered slots instead: which instance gets which slot does not matter,
+    # as all instances of an effect have the same settings.
     known = set(streams)
     if all(run.stream in known for run in runs):
         return runs
@@ -122,8 +137,8 @@ def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRu
 
 
 def uncompensated(scene: bpy.types.Scene) -> str:
-    """Sentences naming frames without latency compensation, and the cure; empty without such
-    frames.
+    """Sentences for the panel: frames without latency compensation, or the reason for a missing
+    record, and the cure. Empty if all played frames are compensated.
     """
     if recorder.must_step:
         return f"Latency is not compensated. {recorder.fault} Press Update Values."

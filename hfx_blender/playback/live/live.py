@@ -40,7 +40,7 @@ class Connected:
 
     device: DeviceConfig
     has_script: bool
-    offset_ms: float
+    offset_ms: float  # delay set by the user
 
     def __post_init__(self) -> None:
         self.latencies_ms = live_settings.latencies_ms(self.device)  # read with every frame
@@ -52,7 +52,7 @@ class Sent:
 
     at_s: float  # of the monotonic clock
     time_s: float = 0.0  # of the scene
-    muted: frozenset[str] = frozenset()
+    muted: frozenset[str] = frozenset()  # names of devices
 
 
 class Live:
@@ -96,7 +96,7 @@ class Live:
 
     @property
     def states(self) -> dict[str, DeviceState]:
-        """States of the connected devices, by name."""
+        """States of the connected devices, by name; empty before the first connection."""
         return {} if self.client is None else self.client.devices
 
     @property
@@ -118,7 +118,7 @@ class Live:
         return self.states.get(name) if name in self.connected else None
 
     def device(self, name: str) -> DeviceConfig | None:
-        """Configuration of a connected device."""
+        """Configuration of a connected device; otherwise None."""
         connected = self.connected.get(name)
         return None if connected is None else connected.device
 
@@ -185,7 +185,7 @@ class Live:
                 self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence all devices now; :meth:`arm` ends this state."""
+        """Silence all devices until :meth:`arm`; the panel shows the reason."""
         if self.client is not None:
             self.client.stop_all(reason)
 
@@ -250,7 +250,9 @@ class Live:
         evaluation.invalidate()
 
     def forget(self) -> None:
-        """Discard the scene's description and the open track."""
+        """Discard the scene's description and the open track; no samples are sent until the next
+        :meth:`describe`.
+        """
         evaluation.forget()
         self.tracks.forget()
         self.described = None
@@ -312,7 +314,9 @@ class Live:
         return bool(news)
 
     def fade(self, sent: Sent) -> None:
-        """Send neutral values. Scripts get empty samples and decide on the fade."""
+        """Send neutral values to all devices; an unmuted device with a script gets empty samples
+        instead, at the time of the last message ``sent``, and the script decides on the fade.
+        """
         from ...devices.workers.haptics import encode_haptics
 
         if self.client is None:
@@ -336,6 +340,7 @@ class Live:
         from ...engine.rendering.room import needs_positions
 
         self._choose_schemes(context.scene)
+        # Before the source opens: positions are part of the description's fingerprint.
         evaluation.with_positions = needs_positions(
             [connected.device for connected in self.connected.values()]
         )
@@ -362,8 +367,10 @@ class Live:
         source = self._source(scene)
         if self.client is None or not self.is_armed or not source.is_open:
             return
+        # Samples refer to streams by their number in a description: samples of a new description
+        # would drive other effects' streams until a timer has sent it.
         if source.generation != self.described:
-            return  # the new description is sent by a timer
+            return
         is_playing = live_handlers.is_playing()
         # Called also while nothing plays: the direction is inferred from every frame.
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
@@ -383,7 +390,9 @@ class Live:
             self.handlers.request_update()
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        """Gains other than 1, by device number; 0 for a muted device."""
+        """Gains other than 1, by device number; 0 for a muted device. Devices missing in the scene
+        are left out.
+        """
         gains = {}
         for name, state in self.states.items():
             item = scene.hfx.devices.get(name)

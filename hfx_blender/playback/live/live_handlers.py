@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 
 
 def is_playing() -> bool:
-    """Test for animation playback in the current window."""
+    """Test for animation playback in the current window; False without a window."""
     screen = bpy.context.screen
     return screen is not None and screen.is_animation_playing
 
@@ -81,7 +81,10 @@ class LiveHandlers:
         call_soon(self.describe)
 
     def describe(self) -> None:
-        """Send description and current samples; errors become the follower's fault."""
+        """Send description and current samples; errors become the follower's fault.
+
+        Without a scene, and after the deletion of an object, the description is discarded.
+        """
         if getattr(bpy.context, "scene", None) is None:  # at this moment
             self._listener.forget()
             return
@@ -102,7 +105,11 @@ class LiveHandlers:
 
     @persistent
     def on_change(self, scene: bpy.types.Scene, *_: object) -> None:
-        """Send samples after a frame change or an edit."""
+        """Discard cached samples and send new ones, after a frame change or an edit.
+
+        Nothing is sent while no device is armed, while the scene is described, stepped or rendered,
+        and for other scenes. Without playback, a description is scheduled.
+        """
         self._listener.invalidate()  # disarmed devices need fresh samples on Play
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
@@ -122,6 +129,7 @@ class LiveHandlers:
     @persistent
     def on_update(self, scene: bpy.types.Scene, *_: object) -> None:
         """Send samples after an edit; during playback, check the description as well."""
+        # Asked first: sending samples may evaluate the scene, and an edit is not due to that.
         is_edit = not stepping.is_stepping()
         self.on_change(scene)
         if is_edit and not self._is_describing and is_playing():
@@ -190,7 +198,7 @@ class SlowFrames:
         self._sign_s, self._own_s = time.monotonic(), 0.0
 
     def sign(self) -> None:
-        """Record the time of a heartbeat."""
+        """Note a heartbeat; an interval above :data:`SLOW_S` becomes :attr:`newest`."""
         now = time.monotonic()
         if now - self._sign_s > SLOW_S:
             self.newest = SlowFrame(now - self._sign_s, self._own_s)
@@ -198,7 +206,7 @@ class SlowFrames:
 
     @contextmanager
     def own_work(self) -> Iterator[None]:
-        """Context that measures the duration of haptic evaluation."""
+        """Context whose duration counts as haptic evaluation in the current interval."""
         begun = time.monotonic()
         try:
             yield

@@ -156,6 +156,7 @@ class TrackSource:
         bodies = effects.bodies_of(scene)
         wearer = bodies[0].hfx.uid if bodies else None
         refuse_no_file(path)
+        # A new recording under the same name has other times and size: open the file again.
         status = path.stat()
         key = str(path), status.st_mtime_ns, status.st_size, wearer
         if self.track is None or key != self._key:
@@ -172,8 +173,7 @@ class TrackSource:
         ------
         InputError
             No track is selected, the file is no track, or the path is on another machine and was
-            not
-            selected in this session.
+            not selected in this session.
         """
         from ...engine.track import SUFFIX
 

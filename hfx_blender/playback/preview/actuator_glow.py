@@ -68,21 +68,20 @@ class Discs:
 
 @dataclass(eq=False)
 class _DeviceOnBody:
-    """A device on a body."""
+    """Actuators of a device on one body; A strength values are chosen from all device values."""
 
     device: DeviceConfig
     body_id: str
     places: ActuatorPlaces
-    columns: npt.NDArray[np.int64]  # (A,) of the strengths
-    neutral: F64  # (A,)
+    columns: npt.NDArray[np.int64]  # (A,) of the strengths among the values
+    neutral: F64  # (A,) silent strength
     reach: F64  # (A,) from neutral to full strength
     renderer: MomentRenderer
     fault: str = ""  # why it cannot be rendered
 
     def recorded(self, recorded: TimelineRecord) -> F32:
-        """Deviation of the actuators from silence at a recorded sample, (A,) in -1..1.
-
-        0 for devices without recorded values.
+        """Strengths at all T times of a record, (T, A): 0 at neutral, 1 at full strength, clipped
+        to -1..1. Zeros without recorded values of this device.
         """
         for device, raster in recorded.devices:
             if device.id == self.device.id and raster.body_id == self.body_id:
@@ -90,7 +89,11 @@ class _DeviceOnBody:
         return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Deviation of the actuators from silence for these samples, (A,) in -1..1."""
+        """Strengths for samples of one time, (A,) in -1..1.
+
+        Zeros without a sample of this body. An error of the renderer becomes :attr:`fault`; zeros
+        from then on.
+        """
         is_felt = any(run.stream.body_id == self.body_id and len(run) for run in runs)
         if self.fault or not is_felt:
             return np.zeros(len(self.columns), np.float32)
@@ -134,12 +137,13 @@ class ActuatorGlow:
         return "; ".join(dict.fromkeys(filter(None, faults)))
 
     def recorded(self, recorded: TimelineRecord, index: int) -> F32:
-        """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
+        """Strengths of all actuators at sample ``index`` of a record, (A,) in -1..1.
 
-        That of devices whose values could not be recorded is zero.
+        Zeros for devices without recorded values.
         """
-        of, shares = self._known
-        if of is not recorded or shares is None:
+        # Convert the whole record once: playback then takes one row a frame.
+        record, shares = self._known
+        if record is not recorded or shares is None:
             parts = [glow.recorded(recorded) for glow in self._on_bodies]
             shares = np.concatenate([np.zeros((len(recorded.frames), 0), np.float32), *parts], 1)
             self._known = recorded, shares
@@ -147,7 +151,7 @@ class ActuatorGlow:
         return row
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
+        """Strengths of all actuators for samples of one time, (A,) in -1..1."""
         return np.concatenate(
             [np.zeros(0, np.float32), *(glow.now(runs) for glow in self._on_bodies)]
         )
@@ -155,7 +159,15 @@ class ActuatorGlow:
     def discs(
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
     ) -> list[Discs]:
-        """Drawable discs of all actuators at present."""
+        """Drawable discs of all actuators in the current pose.
+
+        Parameters
+        ----------
+        strengths : (A,) float32
+            As of :meth:`recorded` and :meth:`now`.
+        unit_m : float
+            Metres of one Blender unit.
+        """
         discs = []
         first = 0
         for body in self._bodies:
@@ -181,7 +193,7 @@ def _on_body(
 
 
 class _BodyWithDevices:
-    """A body with all of its actuators."""
+    """A body with the actuators of all its devices, in the order of the devices."""
 
     def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
         self._body = body
@@ -213,7 +225,10 @@ class _BodyWithDevices:
         palette: Mapping[str, Colour],
         unit_m: float,
     ) -> list[Discs]:
-        """Discs of the actuators on displayed skin, and of those in the room."""
+        """Discs of each displayed mesh, then of the room; ``share`` (A,) has the strengths.
+
+        Meshes are skipped while hidden, in other modes, and with too few vertices after an edit.
+        """
         graph, discs = live.objects.layer.depsgraph, []
         *on_skin, in_room = self._looks_of(palette, unit_m)
         for (mesh, mine, vertices), looks in zip(self._on, on_skin, strict=True):
@@ -233,7 +248,10 @@ class _BodyWithDevices:
         return discs
 
     def _looks_of(self, palette: Mapping[str, Colour], unit_m: float) -> list[Looks]:
-        """Appearances: one for the actuators of each mesh, one for actuators in the room."""
+        """Appearances: one for each mesh with actuators, then one for actuators in the room.
+
+        The same objects until palette or unit change.
+        """
         known, looks = self._looks
         key = (unit_m, *palette.values())  # users may edit their palette
         if known != key:
@@ -291,9 +309,11 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     in_room = np.zeros(count, np.bool_)
     for k, actuator in enumerate(device.actuators):
         model_id = effects.model_id_for(actuator.type.modality)
-        canonical[k], radius, in_room[k] = _place(actuator.place, model_id, avatar)
+        canonical[k], radius, in_room[k] = _canonical_place(actuator.place, model_id, avatar)
         radii[k] = min(max(radius, SMALLEST_M), LARGEST_M)
     _spread_room(canonical, in_room)
+    # Fitted bodies have a model of their own for each modality: move the places of a modality with
+    # the vertices of its model, so that a disc is where the actuator's effects are felt.
     rest = np.zeros((count, 3))
     for modality in device.modalities:
         mine = [k for k, each in enumerate(device.actuators) if each.type.modality == modality]
@@ -303,34 +323,36 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     return ActuatorPlaces(mesh, vertex, radii, rest)
 
 
-def _place(vertices: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, bool]:
-    """Points on the canonical avatar (metres), radius (metres), and True for a place in the
-    room.
+def _canonical_place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, bool]:
+    """Point (3,) on the canonical avatar and radius, metres; True for a place in the room.
+
+    The mean of a vertex set, of the first set if none is of ``model_id``; the vertex nearest to a
+    body place; a point in front of body parts in the room.
     """
-    if isinstance(vertices, VertexPlace):
-        vertex_set = next((s for s in vertices.sets if s.model_id == model_id), vertices.sets[0])
+    if isinstance(place, VertexPlace):
+        vertex_set = next((s for s in place.sets if s.model_id == model_id), place.sets[0])
         model = load_model(vertex_set.model_id)
         chosen = model.vertices[vertices_of(VertexPlace((vertex_set,)), model)].astype(np.float64)
         middle = chosen.mean(axis=0)
         return middle, float(np.linalg.norm(chosen - middle, axis=1).mean()), False
-    if isinstance(vertices, BodyPlace):
+    if isinstance(place, BodyPlace):
         # The avatar's vertices are closer together than any model's.
-        point = BodyPlace(vertices.parts, vertices.centre_m, 0.0, vertices.side)
+        point = BodyPlace(place.parts, place.centre_m, 0.0, place.side)
         (nearest,) = vertices_of(point, avatar)
-        return avatar.vertices[nearest].astype(np.float64), vertices.radius_m, False
-    chosen = avatar.vertices[on_parts(vertices.parts, avatar)]
+        return avatar.vertices[nearest].astype(np.float64), place.radius_m, False
+    chosen = avatar.vertices[on_parts(place.parts, avatar)]
     return chosen.mean(axis=0).astype(np.float64) - (0.0, _ROOM_M, 0.0), 2 * LARGEST_M, True
 
 
 def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
-    """Move actuators of the room apart, side by side."""
+    """Shift the points (P, 3) in the room along X, in place: 0.12 m apart, centred."""
     which = np.flatnonzero(in_room)
     points[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
 
 
 def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
-    """Map points (P, 3) from the canonical avatar to a body's rest space, by nearby model
-    vertices.
+    """Map points (P, 3) from the canonical avatar to a body's rest space, by the nearest four
+    model vertices, weighted by inverse distance.
     """
     model, own = load_model(model_id), stored_fits.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
@@ -341,12 +363,15 @@ def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
         near = np.argpartition(distances, _NEAREST)[:_NEAREST]
         share = 1.0 / np.maximum(distances[near], 1e-6)
         share /= share.sum()
+        # The mean of the vertices moves with the fit; the point's offset from it is scaled.
         bound[k] = share @ after[near] + scale * (point - share @ before[near])
     return bound
 
 
 def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
-    """Mesh number and vertex nearest to points (P, 3) at rest."""
+    """Nearest mesh, by number, and vertex of points (P, 3) in rest space, (P,) each; -1 without
+    vertices.
+    """
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
     best = np.full(len(points), np.inf)
     for number, part in enumerate(avatar_meshes.meshes_of(body)):

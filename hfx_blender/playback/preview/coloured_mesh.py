@@ -75,6 +75,7 @@ class ColouredMesh:
         palette: Mapping[str, Colour],
     ) -> Shown | None:
         """Visible part with the colours of samples; None without a visible colour."""
+        # Contacts rarely change their vertices: the same arrays spare the graphics card an upload.
         coloured, colours = self._colours.of(samples, contact_effects, palette)
         if not len(coloured):
             return None
@@ -85,7 +86,7 @@ class ColouredMesh:
         return Shown(self._drawn, self._indices, bytes_)
 
     def layer(self, skin: DisplayedSkin, shown: Shown, unit_m: float) -> Layer:
-        """Position the visible part on the posed skin."""
+        """Place a visible part on the posed skin; ``unit_m``: metres of one Blender unit."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale
         if len(skin.positions) > skin.size:  # a modifier has rounded the straight edges
@@ -99,7 +100,8 @@ class ColouredMesh:
         )
 
     def _choose(self, coloured: I64) -> None:
-        """Triangles with a coloured vertex, and all vertices of these triangles."""
+        """Store the triangles with a vertex among ``coloured`` (n,), and all vertices to draw."""
+        # Flags of all vertices, reset after use, need no sorting and no new arrays.
         entries, _ = self._around.of(coloured)
         self._is_chosen[self._triangle_of.take(entries)] = True
         chosen = self._is_chosen.nonzero()[0]
@@ -116,8 +118,8 @@ class ColouredMesh:
 def _sagitta(mesh: bpy.types.Object, triangles: I32) -> float:
     """Largest height of a curved surface over 98 % of a mesh's flat triangles, from their normals.
 
-    An arc of angle t over a chord c has the height c/2 tan(t/4); the middle of a triangle 4/3 of
-    it.
+    Mesh units; 0 without triangles. An arc of angle t over a chord c has the height c/2 tan(t/4);
+    the middle of a triangle 4/3 of this.
     """
     if not len(triangles):
         return 0.0

@@ -83,7 +83,7 @@ def draw_discs(parts: Sequence[Discs]) -> None:
 
 @contextmanager
 def _over_skin(blend: str) -> Iterator[None]:
-    """Context with a depth test for surfaces just above the skin."""
+    """Context of surfaces just above the skin: depth test without writing, and a blend mode."""
     import gpu
 
     writes = gpu.state.depth_mask_get()
@@ -97,13 +97,17 @@ def _over_skin(blend: str) -> Iterator[None]:
 
 
 class _OnCard:
-    """Cache of objects on the graphics card, by the source object."""
+    """Cache of buffers on the graphics card, by identity of the source object.
+
+    ``send`` creates a buffer; the cache is emptied when it has ``most`` entries.
+    """
 
     def __init__(self, send: Callable[[Any], Any], most: int) -> None:
         self._send, self._most = send, most
         self._sent: dict[int, tuple[object, Any]] = {}
 
     def __getitem__(self, made_of: object) -> Any:
+        # The entry holds the source: its id cannot pass to a new object while cached.
         known = self._sent.get(id(made_of))
         if known is None or known[0] is not made_of:
             if len(self._sent) >= self._most:
@@ -134,7 +138,7 @@ def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
 
 
 def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
-    """Vertex buffer of one attribute, filled in one copy."""
+    """Vertex buffer of one attribute, filled in one copy; bytes become 0..1 in the shader."""
     import gpu
 
     layout = gpu.types.GPUVertFormat()
@@ -146,7 +150,9 @@ def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
 
 
 def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
-    """Batches of at most :data:`MOST_DISCS` discs, with a uniform buffer each."""
+    """Batches of at most :data:`MOST_DISCS` discs: number of the first disc, batch, and the uniform
+    buffer of the moving rows.
+    """
     import gpu
 
     from . import card_shaders
@@ -202,7 +208,17 @@ class ChartDrawing:
         self._batches: list[object] = []
 
     def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
-        """Draw the chart at the lower end of a viewport, with the playhead at a frame."""
+        """Draw the chart at the lower end of a viewport, with the playhead at a frame.
+
+        Parameters
+        ----------
+        left : float
+            Pixels from the viewport's left end.
+        fresh : bool
+            False dims the labels.
+        note : str
+            Sentence above the chart; empty for none.
+        """
         import blf
         import gpu
         from gpu_extras.batch import batch_for_shader
@@ -250,7 +266,10 @@ class ChartView:
         self._charts: dict[tuple[object, ...], ChartDrawing] = {}
 
     def draw(self, context: bpy.types.Context, recorder: TimelineRecorder) -> None:
-        """Draw the newest record into the current region."""
+        """Draw the newest record into the current region, or a sentence without a record.
+
+        No effect without overlays, in narrow regions, and in all views of a quad view but one.
+        """
         area, region, scene = context.area, context.region, context.scene
         if not context.space_data.overlay.show_overlays:
             return

@@ -25,49 +25,59 @@ MOST_BYTES = 96_000_000
 """Memory limit of the cache, bytes; frames beyond the limit are computed when drawn."""
 
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
+"""Coloured parts of all displayed meshes at one time; empty without a visible colour."""
 
 
 class PreviewFrameCache:
-    """Cache of the visible parts at the samples of one record, for one palette."""
+    """Cache of coloured mesh parts by sample index of one record, for one palette."""
 
     def __init__(self) -> None:
-        self._of: TimelineRecord | None = None
+        self._record: TimelineRecord | None = None
         self._colours: tuple[Colour, ...] = ()  # users may edit their palette
-        self._known: dict[int, Meshes] = {}  # by the record's samples
+        self._meshes: dict[int, Meshes] = {}  # by sample index of the record
         self._bytes = 0
-        self._asked = 0  # number of frames searched already
+        self._searched_count = 0  # frames of the range that `missing` has searched
 
     def forget(self) -> None:
         """Empty the cache, for another file or edited meshes."""
         self.__init__()  # type: ignore[misc]
 
     def at(self, recorded: TimelineRecord, palette: str, index: int) -> Meshes | None:
-        """Visible parts at a sample of a record; None if not cached."""
+        """Mesh parts at sample ``index`` of a record; None if not cached.
+
+        Another record or other colours than in the last call empty the cache.
+        """
         colours = tuple(PALETTES[palette].values())
-        if self._of is not recorded or self._colours != colours:
+        if self._record is not recorded or self._colours != colours:
             self.forget()
-            self._of, self._colours = recorded, colours
-        return self._known.get(index)
+            self._record, self._colours = recorded, colours
+        return self._meshes.get(index)
 
     def keep(self, index: int, meshes: Meshes) -> None:
-        """Store the visible parts at a sample of the record of the last query."""
+        """Store mesh parts under a sample index of the record last passed to :meth:`at`.
+
+        No effect while :attr:`is_full`.
+        """
         if self.is_full:
             return
-        self._known[index] = meshes
+        self._meshes[index] = meshes
         self._bytes += sum(shown.nbytes for _, shown in meshes)
 
     @property
     def is_full(self) -> bool:
-        """Test for the memory limit."""
+        """Test for more than :data:`MOST_BYTES` of cached arrays."""
         return self._bytes > MOST_BYTES
 
     def missing(self, recorded: TimelineRecord, palette: str, first: int, last: int) -> int | None:
-        """Next sample of a frame range without a cache entry; None if all are cached."""
-        self.at(recorded, palette, 0)
-        while first + self._asked <= last and not self.is_full:
-            index = recorded.index(first + self._asked)
-            self._asked += 1
-            if index is not None and index not in self._known:
+        """Sample index of the next uncached frame of ``first..last``, both inclusive.
+
+        Each frame is searched once for a record and palette. None at the end, or when full.
+        """
+        self.at(recorded, palette, 0)  # empties the cache of another record
+        while first + self._searched_count <= last and not self.is_full:
+            index = recorded.index(first + self._searched_count)
+            self._searched_count += 1
+            if index is not None and index not in self._meshes:
                 return index
         return None
 
@@ -84,7 +94,7 @@ class Preview:
         self.key: tuple[object, ...] = ()  # changes with each description
         self._spreads: dict[tuple[str, str], Spread] = {}
         self._meshes: dict[str, ColouredMesh] = {}
-        self._kept = PreviewFrameCache()
+        self._frames = PreviewFrameCache()
         self._skins = DisplayedSkins()
         self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None
@@ -99,7 +109,7 @@ class Preview:
         return self._scene is not None and bool(self._scene.engine.notes)
 
     def forget(self) -> None:
-        """Discard everything: another file, or an undo."""
+        """Discard everything, and the shared evaluation: another file, or an undo."""
         self.__init__()  # type: ignore[misc]
         evaluation.forget()
 
@@ -110,8 +120,10 @@ class Preview:
         evaluation.invalidate()
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene unless the signature is unchanged; never call this while Blender
-        draws.
+        """Describe the scene after a change of effects, bodies, devices or tolerance.
+
+        Discards all cached colours then; otherwise no effect. Errors become :attr:`fault`. Never
+        call this while Blender draws.
         """
         scene = context.scene
         devices = tuple((device.name, device.scheme) for device in scene.hfx.devices)
@@ -124,7 +136,7 @@ class Preview:
         self._layers = self._discs = None
         # Bodies, meshes and models may differ from the last description.
         self._spreads, self._meshes = {}, {}
-        self._kept.forget()
+        self._frames.forget()
         described = () if self._scene is None else self._scene.description.effects
         self._contact = frozenset(effect.id for effect in described if effect.is_contact)
         try:
@@ -159,10 +171,12 @@ class Preview:
         return self._layers
 
     def prepare(self, palette: str, recorded: TimelineRecord, first: int, last: int) -> bool:
-        """Compute one more frame of a record; returns False if all are cached, and after an
-        error.
+        """Cache the next missing frame of ``first..last`` (inclusive) of a record.
+
+        Returns False if all are cached or the cache is full, after an error, and without a
+        description.
         """
-        index = self._kept.missing(recorded, palette, first, last)
+        index = self._frames.missing(recorded, palette, first, last)
         if self._scene is None or index is None:
             return False
         try:
@@ -206,6 +220,7 @@ class Preview:
     def _laid_over(
         self, live: LiveScene, palette: str, recorded: TimelineRecord | None, frame: float
     ) -> list[Layer]:
+        # Frames outside of the record, and samples beyond its memory limit, are evaluated.
         index = None if recorded is None else recorded.index(frame)
         shown = None
         if recorded is not None and index is not None:
@@ -223,12 +238,14 @@ class Preview:
     def _recorded(
         self, live: LiveScene, palette: str, recorded: TimelineRecord, index: int
     ) -> Meshes | None:
-        """Visible parts at a recorded sample; None where the record has no samples."""
-        known = self._kept.at(recorded, palette, index)
+        """Mesh parts at sample ``index`` of a record, cached; None if the record has no samples
+        there, beyond its memory limit.
+        """
+        known = self._frames.at(recorded, palette, index)
         runs = recorded.runs(index) if known is None else None
         if runs is not None:
             known = self._shown(live, palette, runs)
-            self._kept.keep(index, known)
+            self._frames.keep(index, known)
         return known
 
     def _shown(self, live: LiveScene, palette: str, runs: list[SampleRun]) -> Meshes:
@@ -251,6 +268,8 @@ class Preview:
         if known is not None and known.size != len(mesh.data.vertices):  # the mesh was edited
             known = None
             self._spreads = {k: s for k, s in self._spreads.items() if k[0] != mesh.name_full}
+        # Rebuild for a new model, with the models so far: alternating modalities in successive
+        # frames would otherwise rebuild the mesh in each frame.
         if known is None or not known.models.issuperset(models):
             models |= known.models if known else set()
             spreads = {model: self._spread(body, mesh, model) for model in models}

@@ -33,8 +33,7 @@ class Incidence:
     ----------
     places : (E,) int64
         Indices into the flattened table, sorted by vertex. Data of the table's entries is reordered
-        by
-        these once, then selected by :meth:`of`.
+        by these once, then selected by :meth:`of`.
     """
 
     def __init__(self, table: Numbers, vertex_count: int) -> None:
@@ -57,7 +56,7 @@ class Incidence:
 
 
 class _Spreading:
-    """A model's vertices on a mesh."""
+    """Interpolation from a model of ``vertex_count`` vertices to a mesh, by model vertex."""
 
     def __init__(self, spread: Spread, vertex_count: int) -> None:
         self._where = Incidence(spread.nearest, vertex_count)
@@ -65,7 +64,9 @@ class _Spreading:
         self._shares = spread.shares.ravel()[self._where.places]
 
     def of(self, sample: Sample, is_contact: bool) -> tuple[I64, F64]:
-        """Spread a sample over the mesh: vertices (E,), perhaps repeated, and the share of each."""
+        """Mesh vertices (E,) of a sample, repeated for several model vertices, and the addend of
+        each to the vertex's strength (E,).
+        """
         entries, counts = self._where.of(sample.vertices)
         strength = np.repeat(strengths(sample, is_contact), counts)
         strength *= self._shares.take(entries)
@@ -105,6 +106,7 @@ class SkinColours:
         shown = self._shown(parts_by_colour)
         if not len(shown):
             return shown, np.zeros((0, 4))
+        # Sum in rows of the coloured vertices only: a contact colours few of many thousands.
         self._place[shown] = np.arange(len(shown))
         shares = {}
         for name, parts in parts_by_colour.items():
@@ -130,7 +132,7 @@ _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "
 
 
 class DisplayedSkin:
-    """Evaluated mesh at the current frame.
+    """Evaluated mesh at the current frame, copied from Blender.
 
     Attributes
     ----------
@@ -164,7 +166,10 @@ class DisplayedSkins:
         self._known.clear()
 
     def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> DisplayedSkin | None:
-        """Skin of a mesh; None where the mesh is not displayed."""
+        """Skin of a mesh; None while the mesh is hidden or in another mode than Object Mode.
+
+        Without modifiers if these may renumber the vertices.
+        """
         if not mesh.visible_get() or mesh.mode != "OBJECT":
             return None
         key = mesh.name_full
@@ -190,7 +195,7 @@ def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
 
 
 def triangles_of(mesh: bpy.types.Object) -> npt.NDArray[np.int32]:
-    """A mesh's triangles, (F, 3)."""
+    """Vertices of a mesh's triangles, (F, 3); Blender's triangulation of its faces."""
     data = mesh.data
     if not len(data.loop_triangles):
         data.calc_loop_triangles()

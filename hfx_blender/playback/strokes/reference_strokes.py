@@ -30,7 +30,9 @@ def fabric(name: str) -> HeightField:
 
 
 def felt(name: str, speed_m_s: float, drive_per_m: float) -> StrokeSignal:
-    """Render an even stroke over a reference fabric."""
+    """Signal of an even stroke of :data:`SECONDS` over a reference fabric, at a calibration c_v
+    of ``drive_per_m``.
+    """
     texture = SurfaceTexture(fabric(name), None, SurfaceRenderer.TEXTILE, drive_per_m)
     stroke = line((0.0, 0.0), float(_DIRECTION_RAD), speed_m_s * SECONDS, speed_m_s)
     return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
@@ -53,7 +55,7 @@ class ReferenceStroke:
         self._sound: StrokeSound | None = None
 
     def play(self, signal: StrokeSignal, full_m_s2: float) -> None:
-        """Play a stroke; needs a window to go on."""
+        """Play a stroke by a timer; acceleration ``full_m_s2`` is the full volume of its sound."""
         self.stop()
         self.signal, self.step = signal, 0
         self._sound = StrokeSound(full_m_s2)
@@ -61,7 +63,7 @@ class ReferenceStroke:
         call_soon(self._next)
 
     def stop(self) -> None:
-        """Stop the stroke."""
+        """Stop stroke and sound, and send silence to the devices; no effect between strokes."""
         remove_timers(self._next)
         if self._sound is not None:
             self._sound.close()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stroke pad: a surface stroked by the mouse, with vibration and friction sound.
 
-No drawing and no window here; :mod:`..ui.stroke_pad_view` draws the pad.
+No drawing and no window here; ``operators/surfaces/stroke_pad_view.py`` draws the pad.
 """
 
 from __future__ import annotations
@@ -117,7 +117,8 @@ class StrokePad:
     def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
         """Move the pointer through points since the last call, at equal intervals.
 
-        A busy window delivers several mouse events at once, without their times.
+        A busy window delivers several mouse events at once, without their times. No effect between
+        strokes, at a time not after the last, and after :data:`LONGEST_S`, which is a fault.
         """
         now = time_s - self._begin_s
         if not self._times or now <= self._times[-1]:
@@ -138,7 +139,7 @@ class StrokePad:
                 self._feel(at_s)
 
     def rest(self, time_s: float) -> None:
-        """Let time pass while the pointer stands still."""
+        """Extend the stroke to a time, with the pointer at rest; no effect between strokes."""
         if self._times:
             self.move(time_s, self._points[-1])
 
@@ -147,13 +148,16 @@ class StrokePad:
         step = self.texture.device.update_s
         if not self._times or self._times[-1] - self._rendered_s < step:
             return None
+        # The factor keeps a whole step that rounding has made slightly too short.
         count = int((self._times[-1] - self._rendered_s) / step * (1.0 + 1e-9))
         signal = self._render(self._rendered_s, self._rendered_s + count * step)
         self._rendered_s += count * step
         return signal
 
     def release(self, time_s: float) -> Take | None:
-        """End the stroke and return it; None for a stroke below the shortest duration."""
+        """End the stroke and return it, also as :attr:`take`; None for a stroke below the shortest
+        duration, with a :attr:`fault`.
+        """
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
         self.cancel()
@@ -179,6 +183,7 @@ class StrokePad:
 
     def _feel(self, time_s: float) -> None:
         self._felt_s = time_s
+        # Speed over a window of past time: pointer events are too coarse for a difference quotient.
         begin = max(time_s - SPEED_WINDOW_S, 0.0)
         stroke = self._since(begin)
         grid = np.linspace(begin, time_s, 16)
@@ -206,7 +211,7 @@ class StrokePad:
             return None  # shorter than a step, by rounding
 
     def _since(self, time_s: float) -> Stroke:
-        """Part of the stroke from the last point before a time."""
+        """Part of the stroke from the last point at or before a time: two points or more."""
         first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
         return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
 
@@ -239,7 +244,7 @@ class StrokeSound:
             self._device = None
 
     def play(self, waveform_m_s2: npt.ArrayLike, rate_hz: float) -> None:
-        """Play a piece of a waveform."""
+        """Play a piece of a waveform, clipped at full volume; no effect without a sound device."""
         if self._device is None:
             return
         samples = np.clip(np.asarray(waveform_m_s2, np.float32) / self._full, -1.0, 1.0)

@@ -45,7 +45,9 @@ def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
 
 
 def wanted_height(context: bpy.types.Context) -> float:
-    """Height of a timeline region with room for all clips, pixels; 0 without clips."""
+    """Height of a timeline region for the rows of all clips, at most four, pixels; 0 without
+    clips.
+    """
     rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
     scale = context.preferences.system.ui_scale
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
@@ -72,6 +74,7 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
         for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
             colour = palette[effect.hfx.modality]
             is_off = strip.mute or track.mute or effect.hfx.is_muted
+            # The envelope in pixels, piecewise linear: the NLA's own curve is not public.
             points = [
                 (region.view2d.view_to_region(frame, 0.0, clip=False)[0], value)
                 for frame, value in clips.envelope(strip, _POINTS)
@@ -104,14 +107,14 @@ def _quad(
     quad: tuple[tuple[float, float], ...],
     colour: tuple[float, ...],
 ) -> None:
-    """Add the two triangles of a quad."""
+    """Append the two triangles of a quad to ``corners``, and six times ``colour``."""
     a, b, c, d = quad
     corners += (a, b, c, a, c, d)
     colours += [colour] * 6
 
 
 def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
-    """Write an effect's name into the clip if the name fits."""
+    """Write an effect's name at (x, y), pixels, if the name ends before ``right``."""
     import blf
 
     blf.size(0, 10.0 * scale)

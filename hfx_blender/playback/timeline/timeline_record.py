@@ -105,6 +105,7 @@ class TimelineRecord:
             key = group, "" if group else stream.effect_id, stream.body_id, stream.modality
             if key in rows:
                 values = rows[key].values
+                # By magnitude: in a group of warm and cold effects, the cold must not get lost.
                 strongest = np.where(np.abs(effect.values) > np.abs(values), effect.values, values)
                 rows[key] = replace(effect, name=group, values=strongest)
             else:
@@ -115,6 +116,7 @@ class TimelineRecord:
         """Index of the sample nearest to a frame; None more than a sample outside of the
         timeline.
         """
+        # A sample more than the ends: frame `last + 0.9` still belongs to the last frame's sample.
         position, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
         return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None
 
@@ -132,7 +134,7 @@ class TimelineRecord:
         return present
 
     def add(self, runs: Sequence[SampleRun]) -> None:
-        """Add the samples of the next block of times."""
+        """Add the samples of the next block of times: peaks always, samples within the limit."""
         runs = [run for run in runs if len(run)]
         for run in runs:
             effect = next(effect for effect in self.effects if effect.stream == run.stream)
@@ -158,8 +160,7 @@ def record(
     ----------
     may_step : bool
         Allow setting frames of scenes. The generator must then run to its end without a pause, as
-        it
-        restores the frame there.
+        it restores the frame there.
     with_positions : bool
         Record positions of samples, for devices in the room.
 
@@ -283,7 +284,9 @@ def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecor
 
 
 def _peaks(run: SampleRun, neutral: float) -> F64:
-    """Largest strength of each sample of a run over all vertices, (n,)."""
+    """Largest strength of each sample of a run over all vertices, (n,); for temperatures the signed
+    difference from neutral. 0 for samples without vertices.
+    """
     modality = MODALITIES[run.stream.modality]
     strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
     starts = run.offsets[:-1]

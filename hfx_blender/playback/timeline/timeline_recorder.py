@@ -103,12 +103,13 @@ class TimelineRecorder:
 
     @property
     def has_work(self) -> bool:
-        """Test for an unfinished recording."""
+        """True from a change until a record, an error, or the need of *Update Values*."""
         return not self._is_settled
 
     def work(self, scene: bpy.types.Scene) -> float:
-        """Record one piece; returns the seconds until the next call. Errors become
-        :attr:`fault`.
+        """Record one block of frames, unless the last edit is newer than :data:`QUIET_S`.
+
+        Returns the seconds until the next call. Errors become :attr:`fault`.
         """
         # Each edit restarts the recording: wait for a pause in the user's work.
         quiet_s = time.monotonic() - self._changed_s
@@ -122,6 +123,7 @@ class TimelineRecorder:
                 self._done(None, str(error))
             except (ReferenceError, AttributeError):  # an undo removed objects
                 self._stop()
+        # Pauses of twice the work leave Blender two thirds of the time for the user.
         return 0.02 + 2.0 * (time.perf_counter() - begin)
 
     def update_now(self, scene: bpy.types.Scene) -> None:
@@ -161,6 +163,8 @@ class TimelineRecorder:
     def _piece(self, scene: bpy.types.Scene) -> None:
         from .timeline_record import NeedsSteppingError, record
 
+        # Each call advances the generator by a block. An edit closes the generator (`_stop`), as
+        # its blocks would mix states of the scene.
         if self._running is None:
             if not (has_effects(scene) and effects.bodies_of(scene)):
                 self._done(None, "")

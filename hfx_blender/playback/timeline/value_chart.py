@@ -22,7 +22,7 @@ _BACKGROUND = (0.08, 0.08, 0.09, 0.82)
 
 @dataclass(frozen=True)
 class Label:
-    """Label of a row."""
+    """Label of a row; position in pixels of the chart."""
 
     text: str
     left: float
@@ -125,6 +125,7 @@ def _columns(values: F64, count: int) -> F64:
     """Value of the largest magnitude in each of ``count`` equal parts, signed, (count,)."""
     if len(values) <= count:
         return values[np.minimum(np.arange(count) * len(values) // count, len(values) - 1)]
+    # The extreme of each column, not the mean: an impact of one sample stays visible.
     starts = np.arange(count) * len(values) // count
     high, low = np.maximum.reduceat(values, starts), np.minimum.reduceat(values, starts)
     return np.where(-low > high, low, high)
@@ -140,6 +141,7 @@ def _tints(shares: F64, modality: str, palette: Mapping[str, Colour]) -> F64:
 
 def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> tuple[F64, F64]:
     """A bar for each run of equal columns: boxes (n, 4) as left, top, right, bottom; colours."""
+    # Rounded before the comparison: a slowly changing curve becomes few boxes.
     heights = np.round(np.abs(shares) * height, 1)
     shown = np.concatenate([heights[:, None], np.round(colours, 2)], axis=1)
     cuts = np.flatnonzero((np.diff(shown, axis=0) != 0.0).any(axis=1)) + 1
@@ -162,6 +164,6 @@ def _triangles(quads: list[tuple[F64, F64]]) -> tuple[F32, F32]:
 
 
 def background(width: float, height: float) -> tuple[F32, F32]:
-    """Two triangles behind a chart."""
+    """Background of a chart: two triangles as positions (6, 2) and colours (6, 4)."""
     boxes = np.array([[0.0, 0.0, width, height]])
     return _triangles([(boxes, np.array([_BACKGROUND]))])

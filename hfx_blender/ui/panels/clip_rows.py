@@ -39,7 +39,9 @@ def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
 
 
 def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
-    """Property that reads and sets a time of the row's NLA strip."""
+    """Property of a row for attribute ``of_strip`` of its NLA strip, in the scene's time unit; 0
+    without a strip.
+    """
     is_length = time.startswith("fade")
 
     def get(row: HfxClipRow) -> float:
@@ -68,7 +70,7 @@ def _frames() -> float:
 
 
 def active_group() -> list[bpy.types.Object]:
-    """Effects of the active effect's group."""
+    """Listed effects of the active effect's group; empty without a group."""
     effect = active_effect(bpy.context)
     name = "" if effect is None else effects.group_of(effect)
     listed = swarms.listed_effects(bpy.context.scene) if name else []

@@ -110,7 +110,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
 
 
 def _draw_latency(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the frames without latency compensation, and the cure."""
+    """Draw the frames without latency compensation, and the cure; nothing without such frames."""
     text = uncompensated(context.scene)
     if text:
         draw_text(context, layout, text, "INFO")
@@ -204,7 +204,7 @@ _loaded: list[Any] = []  # a collection of previews, or none yet
 
 
 def icon_of(picture: Path) -> int:
-    """Number of a picture's icon."""
+    """Icon number of a picture file, which is loaded on first use."""
     if not _loaded:
         _loaded.append(bpy.utils.previews.new())
     known, name = _loaded[0], str(picture)

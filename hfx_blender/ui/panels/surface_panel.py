@@ -239,7 +239,7 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
 
 
 def _icon(record: Any) -> int:
-    """Number of the icon of a result's colour picture."""
+    """Icon number of a result's colour picture; frees the pictures of other folders."""
     path = str(record.with_name(record.name.removesuffix(GENERATED) + ".colour.png"))
     if path not in _previews:
         for old in [
