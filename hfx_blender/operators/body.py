@@ -94,8 +94,8 @@ class _FittingOperator(StepwiseOperator):
         body: bpy.types.Object,
         choosing: Callable[..., Generator[float, None, list[bpy.types.Object]]],
     ) -> Generator[float, None, str]:
-        """Choose meshes of armature ``body`` by ``choosing(context, body, mapping_of)``, and fit the
-        body to these; yields progress (0..1) and returns the report. Bones are searched once.
+        """Choose meshes of armature ``body`` by ``choosing(context, body, mapping_of)``, then fit
+        the body to these; yields progress (0..1) and returns the report. Bones are searched once.
         """
         from ..avatars import bodies, bone_table
 
@@ -154,7 +154,7 @@ class HFX_OT_mark_body(_FittingOperator):
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active armature, only selected armature, or armature of the active mesh; None without any."""
+    """Active armature, else the only selected one, else the active mesh's; None without any."""
     if context.object is not None and context.object.type == "ARMATURE":
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]

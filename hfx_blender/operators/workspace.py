@@ -87,9 +87,10 @@ def load_empty_file(how: str = "EXEC_DEFAULT") -> None:
 
 @bpy.app.handlers.persistent
 def replace_cube_by_avatar(_file: str) -> None:
-    """Replace the cube of Blender's start-up file by the avatar.
+    """Replace the meshes of Blender's start-up file by the avatar, and go to the HFX workspace.
 
-    Blender pushes the first undo step after this handler: undo does not restore the cube.
+    No effect after loading another file; the handler removes itself. Blender pushes the first undo
+    step after this handler: undo does not restore the cube.
     """
     remove_handlers(_AWAITED)
     if bpy.data.filepath:  # another file was opened instead

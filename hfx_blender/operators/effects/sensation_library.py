@@ -58,9 +58,9 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
 
 
 def _selected(context: bpy.types.Context, title: str) -> Sensation:
-    """Sensation of the selected effects and of volumes emitted by selected objects, by name.
+    """Sensation of the selected effects and of volumes emitted by selected objects, sorted by name.
 
-    The body of the first effect with a body is the origin, or else the target body.
+    Its origin is the body of the first effect with a body, or else the target body.
     """
     from ...authoring.effects import effect_exchange, swarms
 

@@ -114,7 +114,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
-        """Generate all variations before returning, for scripts."""
+        """Generate all variations and assign the first, before returning; for scripts."""
         self._begin(context)
         assert running is not None
         running.wait()

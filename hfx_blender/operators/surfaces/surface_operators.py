@@ -305,9 +305,8 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return relief_estimation.apply_estimate(obj, estimation)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Stop a running estimation without a result, and remove timer and status text.
-
-        Also called before a finished estimation is applied.
+        """Stop the process of :attr:`estimation`, if any, without applying a result; remove timer
+        and status text.
         """
         if self.estimation is not None:
             self.estimation.stop()

@@ -198,7 +198,7 @@ class SlowFrames:
         self._sign_s, self._own_s = time.monotonic(), 0.0
 
     def sign(self) -> None:
-        """Note a heartbeat; an interval above :data:`SLOW_S` becomes :attr:`newest`."""
+        """End the interval at a heartbeat; one above :data:`SLOW_S` becomes :attr:`newest`."""
         now = time.monotonic()
         if now - self._sign_s > SLOW_S:
             self.newest = SlowFrame(now - self._sign_s, self._own_s)
@@ -206,7 +206,7 @@ class SlowFrames:
 
     @contextmanager
     def own_work(self) -> Iterator[None]:
-        """Context whose duration counts as haptic evaluation in the current interval."""
+        """Context that adds its duration to ``own_s`` of the current interval."""
         begun = time.monotonic()
         try:
             yield

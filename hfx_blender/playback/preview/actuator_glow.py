@@ -159,14 +159,9 @@ class ActuatorGlow:
     def discs(
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
     ) -> list[Discs]:
-        """Drawable discs of all actuators in the current pose.
+        """Drawable discs of all actuators in the current pose, mesh by mesh.
 
-        Parameters
-        ----------
-        strengths : (A,) float32
-            As of :meth:`recorded` and :meth:`now`.
-        unit_m : float
-            Metres of one Blender unit.
+        ``strengths`` (A,) are those of :meth:`now`; a Blender unit has ``unit_m`` metres.
         """
         discs = []
         first = 0

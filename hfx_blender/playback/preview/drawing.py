@@ -208,16 +208,8 @@ class ChartDrawing:
         self._batches: list[object] = []
 
     def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
-        """Draw the chart at the lower end of a viewport, with the playhead at a frame.
-
-        Parameters
-        ----------
-        left : float
-            Pixels from the viewport's left end.
-        fresh : bool
-            False dims the labels.
-        note : str
-            Sentence above the chart; empty for none.
+        """Draw the chart at the lower end of a viewport, ``left`` in pixels, with the playhead at a
+        frame and a note above, if any. Labels are dimmed unless ``fresh``.
         """
         import blf
         import gpu

@@ -146,7 +146,8 @@ class ViewportPreview:
             call_soon(self.check_scene)
 
     def check_scene(self) -> None:
-        """Tag effects and bodies changed without a depsgraph update, and describe the scene.
+        """Tag effects and bodies changed without a depsgraph update, call the functions of
+        :attr:`on_scene_checked`, and describe the scene for a visible preview.
 
         No effect without a scene, while stepping, and during a render.
         """
@@ -209,7 +210,7 @@ class ViewportPreview:
     @persistent
     def on_frame(self, _scene: bpy.types.Scene, *_: object) -> None:
         """Invalidate after a frame change; check the scene at most every 0.25 s (1 s with a
-        record).
+        record). No effect while the scene is described or stepped.
         """
         if self.is_describing or stepping.is_stepping():
             return
@@ -222,7 +223,7 @@ class ViewportPreview:
 
     @persistent
     def on_update(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        """Invalidate after an edit, and schedule checks and recording."""
+        """Invalidate after an edit, and schedule checks and recording; no effect while stepping."""
         if stepping.is_stepping():
             return
         if self.is_describing:

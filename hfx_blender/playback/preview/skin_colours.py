@@ -43,7 +43,7 @@ class Incidence:
         self._first = np.concatenate([[0], np.cumsum(counts)])
 
     def of(self, vertices: Numbers) -> tuple[I64, I64]:
-        """Indices into ``places`` for some vertices (n,), and how many each has, (n,)."""
+        """Indices into ``places`` for vertices (n,), concatenated, and the count of each, (n,)."""
         # Concatenate the ranges begin..begin + count of all vertices without a loop: shift each
         # begin by the length of the ranges before it, repeat, and add a running number.
         begin = self._first.take(vertices)
@@ -195,7 +195,7 @@ def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
 
 
 def triangles_of(mesh: bpy.types.Object) -> npt.NDArray[np.int32]:
-    """Vertices of a mesh's triangles, (F, 3); Blender's triangulation of its faces."""
+    """Vertex indices of Blender's triangulation of a mesh's faces, (F, 3)."""
     data = mesh.data
     if not len(data.loop_triangles):
         data.calc_loop_triangles()

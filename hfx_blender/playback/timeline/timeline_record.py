@@ -264,9 +264,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
 
 
 def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
-    """Sentences on differences between displayed values and real output: device scripts do not run
-    here.
-    """
+    """A sentence for each device with a script, once per id: scripts do not run in a record."""
     return [
         f"'{id}' is shown without its script, which runs during playback and export"
         for id in dict.fromkeys(device.id for device in devices if device.script is not None)

@@ -47,7 +47,7 @@ _DIGIT = re.compile(r"(finger|toe|metacarpal)(\d)(?:-(\d))?")
 
 @cache
 def label_of(bone: str) -> str:
-    """A canonical bone in words: "upperarm01.L" is "Upper Arm L"."""
+    """A canonical bone in words: "upperarm01.L" is "Upper Arm L"; unknown names in title case."""
     from ...engine.body.rigs.vocabulary import FINGERS
 
     stem, side = _split(bone)
@@ -66,7 +66,7 @@ def label_of(bone: str) -> str:
 
 @cache
 def region_of(bone: str) -> str:
-    """Part of the table: "BODY", "HANDS", "FEET" or "FACE"."""
+    """Part of the bone table for a canonical bone: "BODY", "HANDS", "FEET", otherwise "FACE"."""
     stem, _ = _split(bone)
     if stem in _BODY:
         return "BODY"
@@ -179,7 +179,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
 
 
 def how_followed(body: bpy.types.Object) -> str:
-    """Sentence on the source of the body's pose, and the reason."""
+    """Sentence: the body follows bones or the evaluated surface, and why; or the error's text."""
     from ...avatars import body_binding
 
     if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):

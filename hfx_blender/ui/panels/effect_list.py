@@ -199,7 +199,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
 
 
 def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the list with a height for all rows, up to a limit."""
+    """Draw the list with a height for the shown rows, three to ten."""
     manager = context.window_manager
     shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
     rows = min(max(shown, _LEAST_ROWS), _MOST_ROWS)

@@ -29,7 +29,8 @@ _OUTSIDE = {
 
 
 def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
-    """Draw the warning of effects without a body, and the button that assigns another body.
+    """Draw the warning of effects without a body; with bodies in the scene, a button or menu to
+    assign one.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
 
 
 def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
-    """Draw the reason for devices stopped by a slow scene, and cures."""
+    """Draw the duration of the slow frame that stopped the devices, and buttons with cures."""
     slow, hfx = live.slow_frames.newest, context.scene.hfx
     text = str(slow) if slow is not None else "Blender did not answer in time."
     draw_text(context, box, f"Devices stopped. {text}", "ERROR")
@@ -167,7 +167,7 @@ def _draw_facts(
     item: bpy.types.PropertyGroup,
     facts: DeviceFacts,
 ) -> None:
-    """Picture, maker, places and rendering scheme of a device."""
+    """Draw picture, maker, summary, error and rendering scheme of a device, as far as known."""
     if facts.picture is not None:
         column.template_icon(icon_of(facts.picture), scale=9.0)
     for text in filter(None, (facts.maker, facts.summary)):

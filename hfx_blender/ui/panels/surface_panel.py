@@ -87,7 +87,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
 
     @staticmethod
     def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-        """Draw the material and its haptic maps side by side."""
+        """Draw the material and the haptic maps present, in two columns."""
         surface_updates.on_shown(obj)
         shown = [(obj.active_material, "Material")]
         shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
