@@ -135,7 +135,8 @@ def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
 
 
 def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
-    """Warn of a body scaled to a point at rows (T,) with an active effect."""
+    """Warn of a body whose matrix entries are all at most ``NOTHING``, with the number of read rows
+    in ``active`` (T,)."""
     is_point = (np.abs(pose.to_world[:, :3, :3]) <= NOTHING).all(axis=(1, 2))
     count = int(np.count_nonzero(is_point & pose.valid & active))
     if count:

@@ -51,10 +51,8 @@ def ramp(counts: I64) -> tuple[I64, I64]:
 
 
 def expand(offsets: I64, rows: I64 | I32) -> tuple[I64, I64]:
-    """Indices of all entries of sparse rows, and the position in ``rows`` of each entry.
-
-    Row ``r`` holds the entries ``offsets[r]`` to ``offsets[r + 1]``.
-    """
+    """Indices of all entries of sparse rows ``rows`` (n,), and the position 0 to n - 1 of each
+    entry's row. Row ``r`` holds the entries ``offsets[r]`` to ``offsets[r + 1] - 1``."""
     steps, owners = ramp(offsets[rows + 1] - offsets[rows])
     return offsets[rows][owners] + steps, owners
 

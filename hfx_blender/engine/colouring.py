@@ -57,10 +57,8 @@ class Spread:
 
     @classmethod
     def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
-        """Inverse-distance weights from the nearest model vertices of avatar vertices, rest space.
-
-        Both arguments are (A, k).
-        """
+        """Inverse-distance weights, rows with sum 1, from the k nearest model vertices (A, k) of A
+        avatar vertices and their distances in rest space, at least 1 micrometre."""
         inverse = 1.0 / np.maximum(distances_m, 1e-6)
         return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))
 

@@ -35,7 +35,7 @@ class Counters:
         self.__dict__.update(vars(Counters(models_loaded=models, bodies_reached=bodies)))
 
     def copy(self) -> Counters:
-        """Snapshot with lists and dicts of its own."""
+        """Copy with lists and dicts of its own, for :meth:`since` and :meth:`go_back`."""
         return replace(
             self,
             models_loaded=[*self.models_loaded],
@@ -44,7 +44,8 @@ class Counters:
         )
 
     def since(self, before: Counters) -> Counters:
-        """Difference to an earlier snapshot: numbers, new list entries, changed warnings."""
+        """Counters of the time since an earlier copy: differences of numbers, new list entries,
+        changed warnings."""
         changes: dict[str, int] = {
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }
@@ -122,7 +123,8 @@ class ReadingCounters:
     skipped: dict[str, str] = field(default_factory=dict)  # effect -> reason for not reading
 
     def add(self, more: ReadingCounters) -> None:
-        """Add the counts of another part of the scene, in place; maximum of instances."""
+        """Add the counts of another part of the scene, in place; ``instances`` is the larger of
+        both."""
         for name in _READING_NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         self.instances = max(self.instances, more.instances)

@@ -197,7 +197,8 @@ class Engine:
 
 
 def _threads(count: int) -> Executor | None:
-    """Thread pool; None without the compiled library or with one thread."""
+    """Pool of ``count`` worker threads; None without the compiled library or for a count below
+    2."""
     if count < 2 or not library.is_there():
         return None
     from concurrent.futures import ThreadPoolExecutor  # imported late for Blender's start

@@ -14,7 +14,7 @@ _UNTHREADED: Final = 1 << 18
 
 
 def stacked_product(stacked: F64, factors: F64) -> F64:
-    """Products (k, n V) of stacked matrices (k, n, K) and factors (V, K)."""
+    """Products (k, n V) of each row of stacked matrices (k, n, K) with all factors (V, K)."""
     size, (stack, count, width) = len(factors), stacked.shape
     products = np.empty((stack, count, size))
     # Parts small enough for one thread; single rows by einsum, because BLAS threads long rows.

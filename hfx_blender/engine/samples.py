@@ -49,7 +49,8 @@ class Drive:
         return Drive(self.device_id, self.actuators, self.values[chosen])
 
     def gains(self, device_id: str, actuators: Sequence[str]) -> F64:
-        """Values (n, A) for A actuators of a device; 0 for other actuators and devices."""
+        """Values (n, A) for the named actuators of a device; 0 for unknown actuators and another
+        device."""
         gains = np.zeros((len(self.values), len(actuators)))
         if self.device_id == device_id:
             columns = {actuator: k for k, actuator in enumerate(self.actuators)}
@@ -129,7 +130,8 @@ class SampleRun:
         return int(self.sizes.sum())
 
     def one(self, k: int) -> SampleRun:
-        """Run with only sample ``k``."""
+        """Run with only sample ``k``, with its own vertex set, impacts and drive; other samples are
+        dropped."""
         # Row k of the samples, but the entries of its set, which other samples may share.
         j = int(self.set_of[k])
         row, entries = slice(k, k + 1), slice(int(self.offsets[j]), int(self.offsets[j + 1]))

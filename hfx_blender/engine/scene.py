@@ -50,7 +50,7 @@ class TimeBase:
         return -int(-duration * self.rate_hz // 1)
 
     def frame(self, index: int) -> Fraction:
-        """Exact frame of a sample, fractional at a sub-frame."""
+        """Exact frame of sample ``index``, also negative; a fraction at a sub-frame."""
         # One fraction without intermediate reductions: quick, and exact for any index.
         step = self._frames_per_sample
         return Fraction(

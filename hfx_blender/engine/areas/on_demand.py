@@ -78,7 +78,7 @@ def _by_row(
 
 
 def depths(animated: EffectBlock, hits: Contacts) -> F32:
-    """Distance (total,) of each contact from the volume's boundary, metres."""
+    """Distance (total,) of each contact's position from the volume's boundary, metres, float32."""
     depths = np.zeros(len(hits.vertices), np.float32)
     for part, shape, matrix, details in _by_row(animated, hits):
         depths[part] = shape.depth_m(details.places[:, part], matrix)

@@ -77,10 +77,8 @@ def _toes(skin: _Skin) -> Bool:
 
 
 def _finger(number: int) -> Callable[[_Skin], Bool]:
-    """Return a function for the mask of a finger; number 1 is the thumb.
-
-    Includes skin of the metacarpal bone between the fingers.
-    """
+    """Function from skin attributes to the mask (V,) of finger ``number`` (1 to 5, the thumb
+    first), with the skin of the metacarpal bone between the fingers."""
     bones = (f"finger{number}", f"metacarpal{number - 1}")
     return lambda skin: skin.part("fingers") & skin.bone(*bones)
 

@@ -103,7 +103,8 @@ class SkinDistances:
         return SkinPlace(places[best], patch.ids[corner_ids[best]], weights[best])
 
     def around(self, place: SkinPlace, reach_m: float) -> tuple[I64, F64]:
-        """Vertices (n,), ascending, within a geodesic distance of a place, and their distances."""
+        """Vertices (n,), ascending, within a geodesic distance of a place, and their distances
+        (n,), metres."""
         patch = self._around(place.point, reach_m)
         source = np.searchsorted(patch.ids, place.corners)
         distances = _distances(patch, place.point, source, reach_m)

@@ -36,11 +36,8 @@ class SkinPaths:
         self._triangles = np.asarray(triangles, np.int64)
 
     def on_skin(self, places: npt.ArrayLike) -> F64:
-        """Nearest places on the skin, (n, 3).
-
-        Raises InputError: no place is given, or a place is not finite or farther than 5 cm from the
-        skin.
-        """
+        """Nearest places on the skin, (n, 3). Raises InputError: no place (n, 3) is given, or a
+        place is not finite or farther than 5 cm from the skin."""
         points = np.asarray(places, np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise InputError("A path needs at least one place: three numbers, in metres.")
@@ -57,20 +54,18 @@ class SkinPaths:
         return projected
 
     def straight(self, knots: F64, closed: bool = False) -> F64:
-        """Shortest path along the skin through knots in order.
-
-        Raises InputError: two knots are on unconnected parts of the skin.
-        """
+        """Shortest path along the skin through knots (n, 3) in order, back to the first if closed
+        (three or more); a copy of a single knot. Raises InputError: two knots are on unconnected
+        parts of the skin."""
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
         if not parts:
             return knots.copy()
         return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
 
     def curve(self, knots: F64, closed: bool = False) -> F64:
-        """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin.
-
-        Raises InputError: two knots are on unconnected parts of the skin.
-        """
+        """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin, in steps of at most
+        4 mm; where it leaves the skin, knots are added. Raises InputError: two knots are on
+        unconnected parts of the skin."""
         knots = _distinct(knots)
         if len(knots) < 2:
             return knots

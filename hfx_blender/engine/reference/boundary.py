@@ -106,7 +106,7 @@ def _nearest_plane(shape: Shape, points: F64, to_world: F64) -> F64:
 
 
 def _directions() -> F64:
-    """Directions (3, S), evenly spread over the sphere on a spiral (Vogel, 1979)."""
+    """256 unit directions (3, S), evenly spread over the sphere on a spiral (Vogel, 1979)."""
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_STARTS)
     height = 1.0 - (2.0 * np.arange(_STARTS) + 1.0) / _STARTS
     radius = np.sqrt(1.0 - height**2)

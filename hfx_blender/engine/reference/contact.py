@@ -68,7 +68,7 @@ class Volume:
         return self.effect.shapes[int(self.effect.shapes_at(np.array([row]))[0])]
 
     def matrix(self, row: int) -> F64:
-        """Shape space to world (4, 4) at a row."""
+        """Shape space to world (4, 4) at a row, metres."""
         assert self.effect.matrices is not None
         matrix: F64 = self.effect.matrices[row]
         return matrix

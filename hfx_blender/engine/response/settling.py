@@ -389,7 +389,8 @@ def _spread(weighted_set: WeightedSet | None, vertices: I32) -> F64:
 
 
 def _merged(one: WeightedSet, second: WeightedSet) -> WeightedSet:
-    """Union of two sets with the larger weight of each vertex; ``one`` itself if unchanged."""
+    """Union of two sets with the larger weight of each vertex, ascending; ``one`` itself if nothing
+    grows."""
     known = one[0], one[1].astype(np.float64)
     vertices, weights = strongest(known, second[0], second[1].astype(np.float64))
     if len(vertices) == len(one[0]) and (weights == one[1]).all():

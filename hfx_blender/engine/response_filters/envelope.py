@@ -98,7 +98,8 @@ def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
 
 
 def duration_s(attack_s: float, decay_s: float) -> float:
-    """Duration of an impact, seconds; afterwards the envelope stays below :data:`SILENCE`."""
+    """Duration of an impact, seconds; afterwards the envelope stays below :data:`SILENCE` of the
+    peak. At most twelve times the slower time constant, also for equal constants."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return -slow * math.log(SILENCE)

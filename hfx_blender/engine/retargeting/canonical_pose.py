@@ -83,7 +83,8 @@ class _Segments:
         }
 
     def matrix_of_bone(self, bone: str) -> F64:
-        """Matrix (4, 4) of the segment of a canonical bone."""
+        """Matrix (4, 4) of the segment of a canonical bone: neck, girdle, phalanx, lower forearm,
+        else the bone's region."""
         region = region_of(bone)
         stem, _, side = region.partition(".")
         if bone.startswith("neck"):
@@ -140,7 +141,8 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, old_hips, new_hips)
 
     def _neck(self, _side: str) -> tuple[F64, F64]:
-        """Transform of the neck between the transformed torso and head."""
+        """Transform of the neck from the torso's neck joint to the head's joint, both as
+        transformed; girth of the head."""
         # Neck joints differ among rigs; the adjacent skin of torso and head is reliable.
         start, end = self._c["neck"], self._c["head"]
         new_start = apply(self._matrix("torso"), start)
@@ -182,7 +184,8 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, old_end, new_start, end, 1.0)
 
     def _limb(self, name: str) -> tuple[F64, F64]:
-        """Transform of a limb bone between two joints; the parent's without a first joint."""
+        """Transform of a limb bone between its two joints on the target. The parent's without a
+        first joint; without a last joint to the tip of the skin (forearm), else rigid."""
         stem, _, side = name.partition(".")
         parent, start, end = _ENDS[stem]
         parent_name = parent if parent == "torso" else f"{parent}.{side}"
@@ -219,7 +222,8 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """Matrix of a phalanx; without one on the rig, of the previous phalanx or the hand."""
+        """Matrix (4, 4) of a phalanx to the next known one, the last to the tip of the skin; of the
+        previous phalanx or the hand if the rig has none."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])
@@ -274,7 +278,8 @@ class _Segments:
         return affine(new @ old.T, linear, self._c[ankle], self._t[ankle] + new @ shift)
 
     def _twisted(self, side: str) -> F64:
-        """Matrix of the lower forearm: forearm with half of the hand's twist, if any is known."""
+        """Matrix (4, 4) of the lower forearm: the forearm's, with half of the hand's twist about
+        it; the forearm's own without wrist or elbow."""
         forearm = self._matrix(f"forearm.{side}")
         if f"wrist.{side}" not in self._t or f"elbow.{side}" not in self._t:
             return forearm
@@ -306,10 +311,9 @@ class _Segments:
     def _stretched(
         self, turn: F64, start: F64, end: F64, new_start: F64, new_end: F64, girth: float
     ) -> tuple[F64, F64]:
-        """Smallest rotation to a new direction, scaled along the segment and across (``girth``).
-
-        Unrotated and unscaled for a new length of 0.
-        """
+        """Transform from ``start`` to ``new_start`` by rotation ``turn`` and the smallest rotation
+        to the new direction, scaled by the lengths along and ``girth`` across. Only ``turn`` for a
+        new length below 1 micrometre."""
         way, new_way = end - start, new_end - new_start
         length, new_length = np.linalg.norm(way), np.linalg.norm(new_way)
         if new_length < 1e-6:

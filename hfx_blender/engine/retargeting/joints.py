@@ -255,7 +255,8 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
 
 
 def _filled(shares: F64, points: F64) -> F64:
-    """Shares (A, R) with empty rows replaced by the row of the nearest vertex with a region."""
+    """Shares (A, R) with rows of 0 replaced by the row of the nearest vertex with a region;
+    ``shares`` itself if no or all rows are 0."""
     from scipy.spatial import cKDTree
 
     is_bare = shares.sum(axis=1) == 0.0
@@ -279,7 +280,8 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
 
 
 def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Copy of mapped bones without a single finger next to the thumb (a mitten)."""
+    """Copy of ``mapped``, rig bones by canonical bone, without the finger bones of a side where one
+    finger besides the thumb has all."""
     bones = dict(mapped)
     for side in "LR":
         fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]

@@ -97,7 +97,8 @@ class Limbs:
         canonical: Mapping[str, F64],
         joints: Mapping[str, F64],
     ) -> None:
-        """Add axes and rings of a limb; nothing if the rig lacks a joint."""
+        """Add axes and rings of the limb ``chain`` (joint and region after it) on side "L" or "R";
+        nothing if the rig lacks a joint, no ring without skin at a joint."""
         names = [f"{joint}.{side}" for joint, _ in chain]
         shares = [self._shares[:, REGIONS.index(f"{region}.{side}")] for _, region in chain]
         along, axes = [], []
@@ -206,7 +207,8 @@ class Limbs:
 
 
 def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
-    """Difference of outlines around a joint (80th percentile of directions), metres; 0 if none."""
+    """Difference of the largest radii of target skin and model skin ``placed`` (n, 3) around a
+    joint, 80th percentile of eight directions, metres; 0 if no direction has both."""
     around = surface.around(ring.joint, ring.axis, _RING_M, _RING_RADIUS_M, ring.regions)
     side = _unit(np.cross(ring.axis, np.eye(3)[np.argmin(np.abs(ring.axis))]))
     outlines = []

@@ -70,7 +70,8 @@ class PartQuality:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Faults as predicates of the part ("is up to ..."); empty for a good fit."""
+        """Predicates of the part ("is up to ...") for distance, fraction in place and area beyond
+        the module's limits; empty for a good fit."""
         texts = []
         if self.distance_p95_mm > FARTHEST_MM:
             texts.append(f"is up to {self.distance_p95_mm:.0f} mm from the avatar's surface")
@@ -120,7 +121,8 @@ class FitQuality:
 
 
 def joint_faults(qualities: Sequence[FitQuality]) -> list[str]:
-    """List of one sentence about joints off the skin, by the worst model; empty without any."""
+    """List of one sentence about joints over 12 mm from the skin, each by the worst model, farthest
+    first; empty without any."""
     worst: dict[str, float] = {}
     for quality in qualities:
         for joint, off_mm in quality.joints_mm.items():

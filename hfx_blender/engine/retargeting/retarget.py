@@ -299,7 +299,8 @@ def with_mapped_bones(target: TargetAvatar, mapping: RigMapping) -> TargetAvatar
 
 
 def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -> Any:
-    """Sparse matrix (V, target bones) of canonical skin weights on mapped bones."""
+    """Sparse matrix (V, target bones) of canonical skin weights on mapped or fallback bones;
+    weights of bones that the target lacks are dropped."""
     from scipy.sparse import coo_array
 
     index = {name: number for number, name in enumerate(target.bone_names)}
@@ -318,7 +319,8 @@ def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -
 
 
 def _skin_weights_of(matrix: Any) -> SkinWeights:
-    """Skin weights of a sparse matrix, modified in place: small entries dropped, rows sum to 1."""
+    """Skin weights of a sparse matrix (V, bones), changed in place: entries below 0.004 dropped,
+    rows scaled to sum 1."""
     matrix.data[matrix.data < _LEAST_WEIGHT] = 0.0
     matrix.eliminate_zeros()
     matrix.sort_indices()

@@ -47,10 +47,8 @@ def skin_of(
 def _shown(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer
 ) -> Generator[float, None, F64]:
-    """Generator: area (M, R) of the posed canonical body nearest to each mesh, by region.
-
-    Yields progress 0..1.
-    """
+    """Generator: area (M, R) of the posed canonical body nearest to each of M meshes, by region,
+    without unused layers; 0 for meshes without triangles or weights. Yields progress 0..1."""
     shown_areas = np.zeros((len(targets), len(REGIONS)))
     used = [k for k, t in enumerate(targets) if len(t.triangles) and len(t.weights.bones)]
     if not used:

@@ -139,7 +139,7 @@ def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
 
 
 def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
-    """Mask (F,) of triangles pointing inwards in connected pieces of mixed winding."""
+    """Mask (F,) of triangles pointing inwards, in connected pieces with both windings only."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -166,7 +166,8 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
 
 
 def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
-    """Six times the signed volume (F,) of tetrahedra of triangles and their piece's centroid."""
+    """Six times the signed volume (F,) of each triangle's tetrahedron with its piece's centroid;
+    positive if it faces away. ``piece`` (F,) numbers the pieces."""
     corners = target.vertices[target.triangles]
     weight = np.maximum(np.bincount(piece, areas), 1e-300)
     middles = [np.bincount(piece, areas * column) / weight for column in corners.mean(axis=1).T]
@@ -175,7 +176,8 @@ def _volumes(target: TargetAvatar, areas: F64, piece: I64) -> F64:
 
 
 def weld(points: F64) -> I64:
-    """Index (N,) of the first point with equal coordinates (imported meshes are split at seams)."""
+    """Index (N,) of the first point with equal coordinates, to a millionth of the size (imported
+    meshes are split at seams)."""
     from trimesh.grouping import unique_rows
 
     size = float(np.ptp(points, axis=0).max()) or 1.0

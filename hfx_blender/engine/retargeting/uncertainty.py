@@ -116,7 +116,8 @@ def _half_body_m(bodies: Skeletons) -> float:
 
 
 def _trunk_and_arms(at: Mapping[str, F64], known: Collection[str]) -> tuple[float, float]:
-    """Length of the trunk, and total length of all known upper arms and forearms."""
+    """Distance of the hips' from the shoulders' middle, and total length of upper arms and forearms
+    with both joints in ``known``, metres."""
     hips, chest = ((at[f"{joint}.L"] + at[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder"))
     arms = sum(
         float(np.linalg.norm(at[f"{first}.{side}"] - at[f"{last}.{side}"]))
@@ -128,7 +129,8 @@ def _trunk_and_arms(at: Mapping[str, F64], known: Collection[str]) -> tuple[floa
 
 
 def sentence(uncertain_mm: Mapping[str, float]) -> list[str]:
-    """List of one sentence with the reported places, most uncertain first; empty without any."""
+    """List of one sentence with places uncertain by over 40 mm (knees, elbows 25 mm), most
+    uncertain first; empty without any."""
     parts = []
     for name, error_mm in sorted(uncertain_mm.items(), key=lambda item: -item[1]):
         stem, _, side = name.partition(".")

@@ -52,8 +52,8 @@ class BoundSkins:
         return self._bound[key]
 
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:
-        """Cached skin coverage, shared by all bodies with the same finer model: none on a body
-        fitted without it."""
+        """Cached skin coverage of a model, shared by bodies. Sampled on a finer model unless the
+        body was fitted without the finer model."""
         model = self.model(model_id)
         # A fitted body has finer skin only if the finer model was fitted too.
         fine = finer_id(model, self._tolerance)

@@ -60,7 +60,7 @@ def finest_m(spacing: F64) -> F64:
 
 def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
     """True if a tolerance requires more samples than the vertices of a model with triangles: a
-    share below 1 or a finite distance. Skin is never farther from its vertex than the spacing."""
+    share below 1 or a finite distance. Skin is never farther from the vertex than the spacing."""
     is_finer = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
     return is_finer and len(model.triangles) > 0
 
@@ -129,7 +129,7 @@ class SkinCoverage:
 
     def _outlined(self) -> tuple[list[I32], F64]:
         """Vertices of the surface for each cluster (units, then corners around the units), and the
-        bulge of its skin beyond these in rest pose, metres."""
+        bulge of the cluster's skin beyond the vertices in rest pose, metres."""
         # Skin vertices grouped by cell, then in the order of the cells in the clusters.
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
@@ -140,7 +140,7 @@ class SkinCoverage:
 
     @cached_property
     def table(self) -> SkinTable:
-        """Table of the skin's samples, filled by cluster on demand."""
+        """Table of the skin's samples, cached, without any cluster filled at first."""
         return SkinTable(
             self.surface,
             self.clusters,
@@ -171,7 +171,8 @@ class BodySkin:
 
     @cached_property
     def vertices(self) -> PosableModel:
-        """Posable vertices of the model itself, in the clusters of the skin."""
+        """Posable vertices of the model itself, in the clusters of the skin; the skin's surface
+        itself if equal."""
         if self.skin.outlines is self.skin.clusters:
             return self.surface
         return self._bind(self.skin.model, self.skin.clusters)
@@ -198,7 +199,7 @@ class BodySkin:
         return CellGroups(len(self.surface.clusters))
 
     def cell_groups(self, clusters: I64) -> Any:
-        """Native table of bounds of cell sizes in a pose, with the clusters of these ids filled.
+        """Native table of bounds of cell sizes in a pose, with the given clusters filled (ids).
         Only for bodies moved by bones. Does not fill the skin table."""
         missing = self._groups.missing(clusters)
         if len(missing):

@@ -47,7 +47,8 @@ class SkinnedModel:
         return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
 
     def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
-        """Bones of a cluster, and weights times homogeneous rest positions (Vc, 4 Bc); cached."""
+        """Ascending bones of a cluster (Bc,), and skin weights times homogeneous rest positions
+        (Vc, 4 Bc); cached."""
         if cluster not in self._factors:
             ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
             entries, owners = self._weights.entries(ids)
@@ -111,8 +112,8 @@ class SkinnedModel:
     def native_clusters(
         self, clusters: I64, table: SkinTableArrays | None = None
     ) -> native.Clusters:
-        """Native table of all clusters, with the clusters of these ids filled; neighbours around
-        the vertices only with ``table``."""
+        """Native table of all clusters, with the given clusters filled (ids); neighbours around the
+        vertices only with ``table``."""
         self._native.add(clusters, table)
         return self._native
 

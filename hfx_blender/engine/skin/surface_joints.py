@@ -70,7 +70,8 @@ class SurfaceJoints:
         return joint_matrices, errors
 
     def bound(self, model: PerceptualModel) -> BoundWeights:
-        """Joint weights of a model's vertices: 4 entries of the nearest known vertex at rest."""
+        """Joint weights of a model's vertices: the 4 of the nearest vertex, in rest pose, of the
+        anchored model."""
         from scipy.spatial import cKDTree
 
         _, nearest_vertex = cKDTree(self._model.vertices).query(model.vertices)
@@ -118,7 +119,8 @@ def _mix(nearest: I64, weights: F64, count: int) -> Any:
 
 
 def _patches(model: PerceptualModel) -> I64:
-    """Centre vertices of patches, ascending; spread over the vertices of each strongest bone."""
+    """Centre vertices of patches, ascending: for each bone, among the vertices where it is
+    strongest, farthest points until all are within 0.1 m of one."""
     weights = model.weights
     owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
     order = np.lexsort([-weights.values, owners])

@@ -35,7 +35,8 @@ class SurfaceDrive:
 
     @classmethod
     def of(cls, texture: SurfaceTexture) -> SurfaceDrive | None:
-        """Drive of a texture; None for micro-collisions (MCHA) and for an object's own c_v."""
+        """Drive of a texture with the common c_v that a device's own may replace; None for
+        micro-collisions (MCHA) and for an object's own c_v."""
         by_heights = texture.renderer is not SurfaceRenderer.MCHA
         if not (by_heights and texture.is_calibrated and texture.drive_per_m > 0.0):
             return None
@@ -67,7 +68,7 @@ class SurfaceDrives:
 
     def on_device(self, run: SampleRun) -> SampleRun:
         """Copy of a run with amplitudes for the device; the run itself without calibration or drive
-        of its effect."""
+        of the effect."""
         drive = self._drives.get(run.stream.effect_id)
         if self._own_per_m is None or drive is None:
             return run

@@ -195,7 +195,7 @@ class _TrackedContacts:
 
 
 def _placed(animated: EffectBlock, rows: I64) -> Bool:
-    """Mask (n,) of rows with finite matrices and vertices."""
+    """Mask (n,) of rows with finite matrices and vertices; rigid vertices count for all rows."""
     assert animated.matrices is not None and animated.vertices is not None
     is_finite = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
     per_row = np.isfinite(animated.vertices).all(axis=(1, 2))

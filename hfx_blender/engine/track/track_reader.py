@@ -274,7 +274,7 @@ class TrackReader:
             self._fail(f"{name}: {error}")
 
     def _parsed(self, parse: Callable[[_Source], _Value], content: _Source) -> _Value:
-        """Result of a parser; its ValueError becomes InputError."""
+        """Result of ``parse(content)``; a ValueError becomes InputError with the file's path."""
         try:
             return parse(content)
         except ValueError as error:

@@ -213,7 +213,8 @@ class TrackWriter:
             self._put_chunk(start // self._samples_per_chunk + number, content)
 
     def _encoded(self, sections: list[Section]) -> dict[int, bytes] | None:
-        """Encoded chunks by number, from 0; None if one is too large for a reader."""
+        """Encoded chunks of sections of one block, by number from its first; None if a chunk has
+        too many contacts or bytes for a reader."""
         chunks: defaultdict[int, list[Section]] = defaultdict(list)
         for section in sections:
             for number, part in section.parts(self._samples_per_chunk):
@@ -327,8 +328,8 @@ class _SectionBuilder:
         vertices: npt.NDArray[np.int32],
         weights: npt.NDArray[Any],
     ) -> npt.NDArray[np.bool_]:
-        """Mask of sets equal to the set before; the first is compared with the last
-        collected set."""
+        """Mask (m,) of sets with vertices and weights equal to the set before; the first is
+        compared with the last collected set."""
         is_repeated = native.repeats(offsets, vertices, weights)
         if is_repeated is None:
             parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
@@ -352,8 +353,8 @@ class _SectionBuilder:
         return is_repeated
 
     def section(self, stream: int, start: int) -> Section:
-        """Collected samples as a section of a block that starts at sample ``start``; clears
-        the builder."""
+        """Collected samples of stream number ``stream`` as a section of a block that starts at
+        sample ``start``; to be called once."""
         indices = np.concatenate(self._columns.pop("steps"))
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         channels = {name: np.concatenate(parts) for name, parts in self._channels.items()}

@@ -202,8 +202,8 @@ _DEFORMING = ("ARMATURE", "LATTICE")
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
-    """Raise NotModelledError unless a mesh object without visible or switched modifiers, deforming
-    parent, shape keys and animated mesh data."""
+    """Raise NotModelledError for an object that is no mesh, and for a mesh with visible or animated
+    modifiers, a deforming parent, shape keys or animation of its data."""
     mesh = effect.data
     if effect.type != "MESH":
         raise NotModelledError(f"'{effect.name}' is no mesh")

@@ -52,7 +52,8 @@ class Activation:
         return on
 
     def level(self, hfx: bpy.types.PropertyGroup) -> float:
-        """Level 0..1 from evaluated settings: activation times intensity."""
+        """Level 0..1 from evaluated settings: 0 if off, the intensity alone if always on, else
+        activation times intensity, both clamped; NaN stays NaN."""
         if self.source is ActivationSource.OFF:
             return 0.0
         on = 1.0 if self.source is ActivationSource.ALWAYS_ON else limited(hfx, "activation")

@@ -268,28 +268,11 @@ def describe(
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
 ) -> tuple[HapticObjects, SceneDescription]:
-    """Describe the haptic objects of a scene for the engine, without faulty objects.
-
-    Parameters
-    ----------
-    shapes : ShapeCache
-        Cache of the volumes' shapes, filled here.
-    always_posed : bool
-        Bodies are also posed for painted effects.
-    more : sequence of EffectDescription
-        Instances, appended to the scene's own effects.
-
-    Returns
-    -------
-    HapticObjects
-        Described objects only.
-    SceneDescription
-
-    Raises
-    ------
-    InputError
-        All bodies or all effects are faulty; the message of the first fault.
-    """
+    """Describe the haptic objects of a scene for the engine; returns only the described objects,
+    and the description. Volumes' shapes are cached in ``shapes``. With ``always_posed`` bodies are
+    also posed for painted effects. The instances ``more`` follow the scene's own effects. Faulty
+    effects and bodies, and effects on these bodies, are left out with a warning. Raises InputError
+    with all faults if no effect or no body is left."""
     ids = effects.unique_ids([*haptics.bodies, *haptics.effects])
     states = dict(zip(haptics.effects, haptics.activations, strict=True))
 
@@ -415,7 +398,7 @@ def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[
 
 
 def _body_of(effect: bpy.types.Object, haptics: HapticObjects) -> bpy.types.Object:
-    """Body of an effect; raises InputError if the body was excluded."""
+    """Body of an effect on a body; raises InputError if the body was excluded."""
     body = effects.body_in(haptics.scene, effect)
     assert body is not None  # effects without a body were excluded
     if body not in haptics.bodies:

@@ -67,11 +67,9 @@ def reasons(
     asleep: Mapping[bpy.types.Object, str],
     is_part: bool,
 ) -> tuple[dict[str, Unfelt], list[LostClip]]:
-    """Reasons by effect name, and clips without samples.
-
-    ``asleep`` are dormant effects with reasons; ``is_part``: only a part of the frames is
-    exported.
-    """
+    """Reasons by effect name why effects are not felt, and clips without samples; felt effects are
+    missing. A lost clip counts before the reason in ``asleep`` (dormant effects), then missing
+    strength. ``is_part``: only a part of the frames is exported."""
     frames = dormant.frames_read(scene, time)
     unfelt_effects: dict[str, Unfelt] = {}
     lost: list[LostClip] = []

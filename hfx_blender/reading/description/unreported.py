@@ -27,7 +27,8 @@ def tag(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
 
 
 def _content(obj: bpy.types.Object) -> str:
-    """Text of all stored haptic values of an object; text makes NaN equal to NaN."""
+    """Text of an object's haptic property group and its "hfx_" properties, for comparison; as text
+    NaN equals NaN."""
     arrays = [
         (key, _plain(value))
         for key, value in obj.items()

@@ -170,8 +170,8 @@ class LiveScene:
     ) -> AnimationBlock:
         """Block of the present rows, after the last call's rows if a response needs history and the
         clock relates both. Advances the clock; an unrelated moment clears the impacts of all
-        responses. ``stays`` are the instances' slots, the last effects: False forgets the slot's
-        last row."""
+        responses. ``stays`` has one entry per instance slot, the last effects: False makes the
+        slot's last row an effect that is off."""
         rows, posed = [[effect] for effect in effects], [poses]
         now_s, step_s = self.clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None

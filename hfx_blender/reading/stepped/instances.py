@@ -71,10 +71,9 @@ def _states(
 def _shown(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[tuple[Key, bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
-    """Yield (key, evaluated source, instance) of the present instances of haptic volumes.
-
-    The source and the instance are freed with the next step.
-    """
+    """Yield (key, evaluated source, instance) of the present instances of haptic volumes, without
+    disabled sources. A key seen before gets zeros appended. The source and the instance are freed
+    with the next step."""
     taken: set[Key] = set()
     for instance in depsgraph.object_instances:
         if not instance.is_instance:
@@ -400,10 +399,9 @@ def _may_be_short(data: bpy.types.ID) -> bool:
 def _numbered(
     keys: Iterable[Key], sources: dict[str, EffectDescription]
 ) -> tuple[EffectDescription, ...]:
-    """Descriptions of the instances in the order of ``keys``, with unique ids and names.
-
-    The instancer is part of the id only if a source has several instancers.
-    """
+    """Descriptions of the instances in the order of ``keys``, with ids ``<id of the
+    source>:<numbers>`` and names ``<name> <numbers>``, numbers joined by dots. The instancer's name
+    precedes the numbers only if a source has several instancers."""
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
     descriptions = []

@@ -30,7 +30,8 @@ def is_volume(obj: bpy.types.Object) -> bool:
 
 
 def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Volumes that objects of a scene may instance, by full name, in sorted order."""
+    """Haptic volumes that a scene's instancers use, directly or not, by full name, sorted; empty
+    without any."""
     if not any(map(is_volume, bpy.data.objects)):
         return {}
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]

@@ -97,11 +97,10 @@ class SteppedReading:
         row.poses |= read
 
     def read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
-        """Read an effect at the present time; the default row if hidden, off or unusable.
-
-        Faults are recorded with the sample ``index``. The level is 0 while a mesh has no
-        inside or a surface cannot be read.
-        """
+        """Read an effect at the present time; the default row if hidden, off, or never with an
+        inside. Faults are recorded with the sample ``index``. While a mesh has no inside or a
+        surface cannot be read, the level is 0 and the last shape or vertices stay. With cached
+        settings only the placement is read."""
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
         if not evaluated.is_evaluated or evaluated.hide_viewport:
@@ -204,10 +203,8 @@ class SteppedReading:
         return cached is not None and cached.scale is not None and not cached.is_mesh
 
     def placed(self, which: int, matrices: F64, is_present: npt.NDArray[np.bool_]) -> EffectBlock:
-        """Block of a settled volume from placements (T, 4, 4) in Blender units.
-
-        The level is 0 at absent times.
-        """
+        """Block of a settled volume (see :meth:`is_settled`) from placements (T, 4, 4) in Blender
+        units. Level and parameters are 0, and matrices the identity, at absent times."""
         cached = self._settings[which]
         assert cached.scale is not None and cached.shape is not None
         parameters = np.repeat(np.array([cached.parameters], np.float64), len(is_present), axis=0)

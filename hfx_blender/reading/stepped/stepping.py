@@ -125,11 +125,10 @@ Stepping = AbstractContextManager[Stepper]
 
 @contextmanager
 def own_scene(found: HapticObjects) -> Iterator[Stepper]:
-    """Context that steps the user's scene after its simulation; frame and camera are restored.
-
-    Objects that no haptic object depends on are hidden in viewports for this time, so that
-    Blender does not evaluate them. With a window only dormant effects are hidden.
-    """
+    """Context that steps the user's scene, after its simulation was played; frame and camera are
+    restored. Objects that no haptic object depends on are hidden in viewports for this time, so
+    that Blender does not evaluate them; with a window only dormant effects, with code in the scene
+    none."""
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
@@ -199,7 +198,7 @@ def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
 
 @contextmanager
 def _marked_as_stepping() -> Iterator[None]:
-    """Context in which :func:`is_stepping` returns True."""
+    """Context in which :func:`is_stepping` returns True; the earlier value is restored."""
     global _is_stepping
     was_stepping, _is_stepping = _is_stepping, True
     try:
@@ -236,9 +235,9 @@ def scratch_scene(
 def _scratch(
     scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], presampled: Sequence[PresampledRig]
 ) -> Iterator[Stepper]:
-    """Make, yield and remove a scratch scene of ``objects`` and rig copies. At the end the objects
-    get the animated values of the user's frame. Raises NotModelledError if an object depends on a
-    rig."""
+    """Make, yield and remove a scratch scene of ``objects`` (with metaball families) and rig
+    copies, with the time and simplify settings of ``scene``. At the end the objects get the
+    animated values of the user's frame. Raises NotModelledError if an object depends on a rig."""
     from ..curves.animation_curves import (
         NotModelledError,  # not where Blender starts: it needs numpy
     )
@@ -329,10 +328,8 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
 
 
 def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
-    """Test for drivers with code or with paths through object lists, of objects and references.
-
-    Blender's dependency graph does not follow such drivers.
-    """
+    """Test for a scripted driver beyond a simple expression, or a driver path containing "objects",
+    among objects and dependencies. Blender's dependency graph does not follow such drivers."""
     drivers = (curve.driver for _, curve in drivers_of(data_reached_from(objects)))
     return any(
         (driver.type == "SCRIPTED" and not driver.is_simple_expression)

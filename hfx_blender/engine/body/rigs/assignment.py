@@ -208,10 +208,8 @@ class _Assignment(Digits):
         self.found |= {f"{bone}.{side}": name for (bone, _), name in zip(given, best, strict=True)}
 
     def _complete(self) -> None:
-        """Assign bones without a recognised name as the only child of an assigned limb bone.
-
-        Only if both sides then have the joint.
-        """
+        """Assign to a missing elbow, wrist, knee or ankle the only child of the bone above, if it
+        has no recognised name and another place; only if both sides then have the joint."""
         for above, below in _NEXT:
             added = {}
             for side in "LR":

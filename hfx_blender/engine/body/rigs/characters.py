@@ -42,10 +42,9 @@ def check_single(rig: Rig) -> None:
 
 
 def doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
-    """Sentence about additional heads, hands and feet, in a list; empty without any.
-
-    ``bones_of`` maps canonical bones to avatar bones.
-    """
+    """List of one sentence about heads, hands and feet besides the assigned ones, over a tenth of
+    the body away and in another branch; empty without any. ``bones_of`` maps canonical bones to
+    avatar bones."""
     extent = float(np.ptp([rig.head(name) for name in bones_of.values()], axis=0).max())
     extra_names = []
     for (slot, side), names in Digits(rig).slots.items():

@@ -46,7 +46,9 @@ class Digits:
             self.found[canonical] = candidates[0]
 
     def _fingers(self, side: str) -> None:
-        """Assign metacarpals and finger joints of a side."""
+        """Assign metacarpals and up to three joints of each finger of side "L" or "R". A fourth
+        bone is the metacarpal if it begins near the wrist, else the tip; a thumb without base
+        starts at joint 2."""
         joints = {finger: self._once(self._take(f"finger {finger}", side)) for finger in FINGERS}
         palm = {finger: self._take(f"metacarpal {finger}", side) for finger in FINGERS}
         self._numbered_fingers(side, joints)
@@ -113,10 +115,9 @@ class Digits:
         return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
 
     def _numbered_fingers(self, side: str, joints: dict[str, list[str]]) -> None:
-        """Add bones with a number instead of a finger name to ``joints``, in place.
-
-        ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman.
-        """
+        """Add bones with a number instead of a finger name to ``joints`` (bones by finger), in
+        place: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman. Next to a named thumb, or
+        without usable numbers, all become a single finger."""
         bones = self._take("finger", side)
         numbers = {name: self.names[name].numbers for name in bones}
         fingers = _by_finger(numbers)
@@ -172,10 +173,8 @@ class Digits:
                 self._put(f"toe{number}-{joint}.{side}", [name])
 
     def _numbered_toes(self, side: str, chains: dict[int, list[str]]) -> list[str]:
-        """Add bones with numbers for toe and joint to ``chains`` (toe 1 to 5), in place.
-
-        Returns the remaining bones with the slot "toe".
-        """
+        """Add bones of slot "toe" with two numbers, toe and joint, to ``chains`` (toe 1 to 5), in
+        place; toes counted from 0 are shifted. Returns the remaining bones of the slot."""
         general = self._take("toe", side)
         paired = [name for name in general if len(self.names[name].numbers) == 2]
         firsts = {int(self.names[name].numbers[0]) for name in paired}

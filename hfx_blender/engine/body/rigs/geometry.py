@@ -189,10 +189,8 @@ def _straight(rig: Rig, first: str) -> list[str]:
 
 
 def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, str]]:
-    """Pairs of children with equal reach (10 %) and joint count.
-
-    Their reach is at least a fifth of the rig's longest.
-    """
+    """Pairs of children of a bone with reach equal to 10 % and equal numbers of joints, both
+    reaching over a fifth of the rig's longest. ``reach`` as of :func:`_reaches`."""
     longest = max(reach.values(), default=0.0)
     return [
         (a, b)
@@ -204,7 +202,8 @@ def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, s
 
 
 def _reaches(rig: Rig) -> dict[str, float]:
-    """Length of the longest path down the hierarchy from each bone's head, metres."""
+    """Length from each bone's head along the longest path down the hierarchy, metres; 0 without
+    children."""
     reach: dict[str, float] = {}
     for name in sorted(rig.bones, key=rig.depth, reverse=True):
         below = [

@@ -230,7 +230,8 @@ def _heads(rig: Rig, bone_of: Mapping[str, str]) -> dict[str, F64]:
 def _is_mirrored(
     rig: Rig, bone_of: Mapping[str, str], skin: Callable[[], Mapping[str, F64]]
 ) -> bool:
-    """True if left by bone names is opposite to left by toes, or by soles for rigs without toes."""
+    """True if left by bone names is opposite to left by toes, or, without any toe bone, by soles;
+    False if either is unknown."""
     heads = _heads(rig, bone_of)
     named, geometric = named_left(heads), geometric_left(heads)
     if geometric is None and not any(name.startswith("toe") for name in heads):
@@ -364,7 +365,8 @@ def _both_sides(sentences: Sequence[str]) -> list[str]:
 
 
 def _missing_fingers(side: str, fallbacks: Mapping[str, str]) -> list[str]:
-    """Sentences about missing finger joints; fingers with equal gaps share a sentence."""
+    """Sentences about missing finger joints of side "L" or "R"; fingers with equally many missing
+    and the same followed bone share a sentence."""
     fingers_by: dict[tuple[int, str], list[str]] = {}
     for number, finger in enumerate(FINGERS, start=1):
         joints = [f"finger{number}-{joint}.{side}" for joint in (1, 2, 3)]

@@ -119,7 +119,8 @@ class _LeftAxis:
     def of(
         cls, rig: Rig, names: Mapping[str, BoneName], roots: Mapping[str, str]
     ) -> _LeftAxis | None:
-        """Left-right axis of a rig; None without two pairs of limbs across one plane."""
+        """Left-right axis of a rig from pairs of limb bones of one slot and depth; None without two
+        pairs across one plane, or if names do not tell left from right."""
         main = [name for name in roots if names[name].slot.split()[0] not in _DIGITS]
         by_slot: dict[tuple[str, int], list[str]] = {}
         for name in main:
