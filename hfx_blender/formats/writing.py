@@ -131,7 +131,7 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
 
 
 def _modalities_of(devices: Iterable[DeviceConfig]) -> list[str]:
-    """Modalities of all devices, with duplicates."""
+    """Modalities of all devices in order, with duplicates."""
     return [modality for device in devices for modality in device.modalities]
 
 

@@ -99,7 +99,10 @@ class BlockBroadPhase:
         return self._turns[body.id]
 
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
-        """Lowest and highest corner (3,) of all skin of a model during the block, metres."""
+        """Lowest and highest corner (3,) of all skin of a model during the block, world, m.
+
+        Enlarged by the arc of a turning body between rows, and by rounding.
+        """
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
         skin = self._skins.of(body, model_id)
         if isinstance(skin.surface, PointwiseModel):
@@ -146,7 +149,7 @@ class _VolumeBoxes:
 
 
 def _bounds(volumes: list[EffectBlock]) -> F64:
-    """Boxes around all shapes of each volume, shape space, (E, 2, 3)."""
+    """Box (lowest, highest corner) around all shapes of each volume, shape space, (E, 2, 3)."""
     known: dict[int, F64] = {}
     boxes = []
     for volume in volumes:

@@ -129,7 +129,7 @@ class CompiledBroadPhase:
         )
 
     def overlaps(self) -> I64:
-        """Clusters whose boxes meet the volume's box at any row, ascending."""
+        """Clusters whose world boxes meet the volume's box at any row, ascending."""
         met = np.empty(len(self._near), np.int64)
         count = loaded().hfx_overlaps(self._pointers, self._target.pointers, met)
         return met[:count]
@@ -141,19 +141,13 @@ class CompiledBroadPhase:
         return count
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
-        """Finish the broad phase of a body with bones.
+        """Finish the broad phase of a body with bones; IndexError for a row beyond the pose.
 
-        Parameters
-        ----------
-        posed : (T, B, 3, 4) float64
-            Rest to posed armature space, at each row of the block.
-        used : UsedBones
-            Bones of all clusters.
-        own : Outline or None
-            Outline of the cells' vertices; None where they are units of the skin.
-        groups : array of ``hfx_groups`` or None
-            Bounds of cell sizes, see :meth:`..skin.cell_coverage.BodySkin.cell_groups`; None
-            without falloff or where amplitudes must be exact.
+        ``posed`` (T, B, 3, 4) is rest to posed armature space at each row of the block; ``used``
+        are bones of all clusters; ``own`` is the outline of the cells' vertices, None where they
+        are units of the skin; ``groups`` are bounds of cell sizes, see
+        :meth:`..skin.cell_coverage.BodySkin.cell_groups`, None without falloff or where amplitudes
+        must be exact.
         """
         count, posed = self._target.count, f64(posed)
         if count and not self._target.rows[-1] < len(posed):
@@ -164,7 +158,7 @@ class CompiledBroadPhase:
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
 
     def reach_surface(self, surface: SurfacePlaces) -> Reached:
-        """Finish the broad phase of a body that no bones move."""
+        """Finish the broad phase of a body that no bones move, with its positions."""
         return self._reached(None, surface, (None, None, None, surface.pointers), None)
 
     def _reached(

@@ -116,7 +116,7 @@ class PlacedTarget:
 
     @property
     def shapes(self) -> list[Shape]:
-        """Shape at each row."""
+        """Shape at each of the n rows."""
         return [self._shapes[k] for k in self._which.tolist()]
 
     def find_meshes(self, with_ways: bool) -> None:

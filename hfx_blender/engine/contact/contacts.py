@@ -133,7 +133,7 @@ def _contacts_at(
 
 
 def _fineness(skin: SkinCoverage) -> Fineness | None:
-    """Density of samples for a tolerance; None where only vertices are tested."""
+    """Density of skin samples for a tolerance; None where only vertices are tested."""
     if not skin.is_split:
         return None
     share, distance_m = skin.tolerance.spacing_share, skin.tolerance.distance_m

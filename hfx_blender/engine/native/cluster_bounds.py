@@ -41,7 +41,7 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
 
 
 def cut(ids: I32, ends: I64) -> list[I32]:
-    """Split an array into consecutive views that end at the given indices."""
+    """Split ``ids`` into consecutive views that end before the indices ``ends``, ascending."""
     last = ends.tolist()
     return [ids[first:end] for first, end in zip([0, *last], last, strict=False)]
 

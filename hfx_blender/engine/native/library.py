@@ -33,7 +33,7 @@ def library() -> ctypes.CDLL | None:
 
 
 def loaded() -> ctypes.CDLL:
-    """Compiled library; must exist."""
+    """Compiled library; AssertionError without one."""
     native = library()
     assert native is not None
     return native

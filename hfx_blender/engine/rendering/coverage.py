@@ -84,7 +84,7 @@ class ActuatorCells:
         return np.concatenate(([0], np.cumsum(counts))), owners[order], factors
 
     def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
-        """Weights (n, D) at the reached vertices; 0 for vertices outside the sample."""
+        """Weights (n, D) of samples at the D reached vertices; 0 outside the sample."""
         count = len(offsets) - 1
         dense = np.zeros((count, len(self.reached)), np.float32)
         if _is_one_set(offsets, vertices):  # a painted area, or a body well inside a volume

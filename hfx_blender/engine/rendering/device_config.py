@@ -277,7 +277,7 @@ class BhapticsEncoder:
     dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
 
     def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
-        """Dots of the device as configured or, if mirrored, of the opposite side."""
+        """Dots as configured or, if mirrored, of the opposite position (L for R)."""
         if not is_mirrored:
             return self.dots
         return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)

@@ -125,7 +125,7 @@ class ActuatorGroup:
             )
 
     def panning_on(self, model_id: str) -> FocusPanning | None:
-        """Panning of spots on a model, cached; None without panning."""
+        """Panning of spots on a model, cached; None without a :func:`panned_layout`."""
         if model_id not in self._focus:
             model = self._models(model_id)
             layout = panned_layout(self._device, self._actuators, model)

@@ -242,7 +242,7 @@ class Renderer:
         return Mixed(mixed.strengths, frequencies)
 
     def _contribution(self, share: _GroupShare, row_count: int) -> Contribution:
-        """Contribution of a run over all rows of a block; 0 at rows without samples."""
+        """Contribution of a run over the rows of a block; 0 at rows without samples."""
         run = share.run
         strengths = np.zeros((row_count, share.gains.shape[1]))
         strengths[share.positions] = share.gains * run.levels[:, None]
@@ -345,7 +345,7 @@ class Renderer:
         )
 
     def _parts(self) -> Iterator[tuple[slice, ActuatorType]]:
-        """Columns and type of each actuator."""
+        """Yield the slice of raster columns and the type of each actuator."""
         kinds = (actuator.type for actuator in self._device.actuators)
         return zip(self._device.actuator_columns, kinds, strict=True)
 
@@ -365,7 +365,7 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values sent to an actuator: held between updates, and limited."""
+        """Values (T, P) sent to an actuator: held between updates, then clipped to its limits."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 

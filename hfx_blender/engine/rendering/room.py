@@ -83,7 +83,7 @@ class PlaySpace:
 
 
 def has_place(actuator: Actuator) -> bool:
-    """Test for an actuator with a position in the room."""
+    """Test for a place in the room with a position ``at_m``."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 

@@ -236,7 +236,7 @@ def _ring(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _round(mount: Mount, centres: F64, radius_m: float) -> _Gains:
-    """Ring around the cylinder of a bent mount."""
+    """Gains of a ring around the cylinder of a bent mount, by arc length over ``radius_m``."""
     panning = RingPanning(on_mount(mount, centres)[:, 0] / radius_m)
     return lambda points: panning.gains(on_mount(mount, points)[:, :1] / radius_m)
 
@@ -285,7 +285,7 @@ def _seen_from(origin: F64, centres: F64, axes: F64) -> _Gains:
 
 
 def _have_directions(offsets: F64) -> bool:
-    """Test that no offset (A, D) vanishes relative to the longest."""
+    """Test that every offset (A, D) is longer than 1e-6 of the longest."""
     away_m = np.linalg.norm(offsets, axis=1)
     return bool(away_m.min() > _NO_DIRECTION * away_m.max())
 

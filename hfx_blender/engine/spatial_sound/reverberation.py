@@ -89,7 +89,7 @@ class _Chain:
         return cls(tuple(delays.astype(int).tolist()), tuple(gains.tolist()))
 
     def impulse(self, length: int) -> F64:
-        """First ``length`` samples of the impulse response."""
+        """First ``length`` samples of the impulse response of all sections in a row."""
         signal = np.zeros(length)
         signal[0] = 1.0
         for delay, gain in zip(self.delays, self.gains, strict=True):

@@ -101,7 +101,7 @@ class _Voice:
     def of(
         cls, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
     ) -> _Voice:
-        """Voice of a source: Doppler shift, absorption and panning are applied here, row by row."""
+        """Voice of a source: panned, and if set with Doppler shift and absorption."""
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
         hearing, at_listener_hz = panner.hearing, source.frequencies_hz

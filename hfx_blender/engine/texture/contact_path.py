@@ -140,7 +140,7 @@ class ContactFollower:
         return paths
 
     def restart(self) -> None:
-        """Forget the tracked contacts."""
+        """Forget the tracked contacts: the next contacts are new."""
         self._last, self._last_ids = _no_places(), np.zeros(0, np.int64)
 
     def _chosen(self, places: NearestPlaces, time: I64, ids: I64) -> NearestPlaces:

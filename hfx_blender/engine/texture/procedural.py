@@ -83,9 +83,9 @@ class ProceduralMaterial:
     period_m: float  # approximate distance of features
 
     def make(self, texels: int = 512, seed: int = 0) -> tuple[HeightField, F64]:
-        """Heights, lowest 0, and roughness (N, N) around the mean, 0..1, of one square.
+        """Height field, lowest height 0, and roughness (texels, texels), 0..1, of one square.
 
-        Raises InputError for fewer than 16 ``texels`` a side.
+        Both depend on ``seed`` and name only. Raises InputError for fewer than 16 texels.
         """
         if texels < 16:
             raise InputError(f"Material '{self.name}': {texels} texels; expected 16 or more.")

@@ -103,7 +103,7 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
 
 
 def _mean(values: npt.ArrayLike) -> float | None:
-    """Mean of values; None without values."""
+    """Mean of values (n,); None without values."""
     array = np.asarray(values, np.float64)
     return float(array.mean()) if array.size else None
 

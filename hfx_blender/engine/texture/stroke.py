@@ -103,9 +103,10 @@ def line(
 
 
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
-    """Stroke along a path (N, 2) at constant speed, sampled at a pointer's rate.
+    """Stroke along a path (N, 2) at constant speed from time 0, sampled at a pointer's rate.
 
-    Raises InputError for a path without length, or a speed or rate not above zero.
+    Successive equal positions count once; the last position is included. Raises InputError for a
+    path without length, or a speed or rate not above zero.
     """
     path = np.asarray(path_m, np.float64)
     if path.ndim != 2 or path.shape[1:] != (2,) or len(path) < 2 or not np.isfinite(path).all():

@@ -137,7 +137,7 @@ class Capsule(_Convex):
         return box
 
     def _squared(self, points: F64) -> F64:
-        """Squared distance to the segment, (N,)."""
+        """Squared distance (N,) of points (3, N) to the segment; 1 on the boundary."""
         beyond = np.maximum(np.abs(points[2]) - self.half_segment, 0.0)
         with np.errstate(over="ignore"):
             squared: F64 = _squared_norm(points[:2]) + beyond * beyond
@@ -190,7 +190,7 @@ class Ellipsoid:
         return cls(semi_axes, axes)
 
     def depth(self, points: F64) -> F64:
-        """Distance to the surface of points (n, N) of the unit ball, (N,), world units.
+        """Distance (N,) to the surface of points (n, N) in the unit ball, world units.
 
         0 for a flat ellipsoid.
         """
@@ -249,7 +249,7 @@ class Ellipsoid:
         return distances
 
     def _solve(self, along: F64, nearest: bool) -> F64:
-        """Solve for ``tau`` (N,) of the nearest foot or of the second minimum; NaN without."""
+        """Solve for ``tau`` (N,) of the nearest foot or of the second minimum; else NaN."""
         numerators, poles = self._numerators(along), self._poles
         size = np.abs(numerators)
         if nearest:

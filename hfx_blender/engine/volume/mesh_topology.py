@@ -66,7 +66,7 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
 
 
 def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
-    """Implementation of :func:`closed_surface` that raises ImportError without trimesh."""
+    """Result of :func:`closed_surface`; raises ImportError without trimesh for a faulty mesh."""
     edge, uses, up = _edges(triangles)
     is_open = uses % 2 == 1
     notes: list[str] = []

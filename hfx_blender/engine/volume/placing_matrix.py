@@ -35,7 +35,7 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 @lru_cache(maxsize=1024)
 def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
-    """Cached inverse of one matrix; in live playback most volumes do not move."""
+    """Cached :func:`inverse_placement` (1, 4, 4) of the bytes of one matrix."""
     return _inverse_placement(np.frombuffer(matrix).reshape(1, 4, 4))
 
 

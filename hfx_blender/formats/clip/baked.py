@@ -115,7 +115,7 @@ class _Baked:
         self._row_count = self._number_count = 0
 
     def sections(self) -> dict[str, Records]:
-        """Sections ``DEVC``, ``ACTR``, ``COLM``, ``ROWS`` and ``VALU``."""
+        """Sections ``DEVC``, ``ACTR``, ``COLM``, ``ROWS`` and ``VALU`` of all added devices."""
         return {
             "DEVC": records("DEVC", self._devices),
             "ACTR": records("ACTR", self._actuators),

@@ -215,7 +215,7 @@ def _numbers(sections: Sections) -> list[Finding]:
 
 
 def _rows(sections: Sections) -> list[Finding]:
-    """Check the rows of each actuator, and the number of values.
+    """Findings on the rows of actuators, and on the number of values.
 
     Rows start at 0, ascend strictly and are below the clip's row count; each row has a value per
     column.

@@ -199,7 +199,7 @@ def _document(
 
 
 def _parameter(name: str, value: float) -> dict[str, Any]:
-    """Event parameter, rounded to 6 decimals."""
+    """Event parameter ``name`` with its value rounded to 6 decimals, as JSON."""
     return {"ParameterID": name, "ParameterValue": round(value, 6)}
 
 

@@ -52,7 +52,10 @@ def envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> C
 
 
 def product(shape: Curve, control: Curve, level: float) -> Curve:
-    """Product of curves and ``level`` over the shape's times, with 4 pieces between knots."""
+    """Curve of ``level`` times shape times control from the shape's first to its last time.
+
+    Exact at four points per interval between keyframes of both, straight in between.
+    """
     start, end = float(shape.times_s[0]), float(shape.times_s[-1])
     knots = joined_times([shape, control], start, end)
     times = np.interp(

@@ -80,9 +80,10 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """.haptic document of a signal: breakpoints from 0 s on, with ticks as emphasis.
+    """Content of a .haptic file of a signal: breakpoints from 0 s on, with ticks as emphasis.
 
-    Of ticks at a time the strongest is stored; an emphasis is raised to the envelope's level.
+    Of ticks at a time the strongest is stored; an emphasis is raised to the envelope's level. Lasts
+    1 ms at least.
     """
     # One emphasis per time: the strongest of simultaneous ticks is stored.
     ticks: dict[float, Transient] = {}

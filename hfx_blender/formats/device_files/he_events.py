@@ -159,7 +159,10 @@ _PointMs = tuple[int, float, int]
 
 
 def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
-    """Interpolate points at the ticks ``cuts`` (ms) and every 5 s in gaps of more than 5 s."""
+    """Points with interpolated points at the ticks ``cuts`` (ms), and every 5 s in longer gaps.
+
+    Only ticks between the first and the last point; frequencies are rounded.
+    """
     grid = [time for time, _, _ in points]
     cut_times = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
     for time, after in pairwise(sorted(cut_times)):

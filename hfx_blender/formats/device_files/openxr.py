@@ -75,7 +75,7 @@ def held(frequencies: FrequencyRange) -> FrequencyRange:
 
 
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
-    """Document of signals, a channel each; frequencies are clipped to 1 to 1000 Hz."""
+    """JSON of signals, a channel with frames each; frequencies are clipped to 1 to 1000 Hz."""
     hertz = held(frequencies)
     return {
         "format": FORMAT,

@@ -74,7 +74,8 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
 
     A device of the bHaptics Player has the dots of its configuration, as in live playback.
     Otherwise the nearest motor on the torso, front or back, is used, and on each forearm the motors
-    in the order of the configuration; actuators elsewhere are missing.
+    in the order of the configuration; actuators elsewhere, or beyond the six of a sleeve, are
+    missing.
     """
     encoder = device.output.encoder if device.output is not None else None
     if isinstance(encoder, BhapticsEncoder):

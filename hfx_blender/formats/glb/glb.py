@@ -121,7 +121,7 @@ def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
 
 
 def hjif_media(uri: str) -> dict[str, Any]:
-    """Content of MPEG_media (ISO/IEC 23090-14) for an HJIF file."""
+    """JSON of the extension MPEG_media (ISO/IEC 23090-14): one medium, the HJIF file ``uri``."""
     alternative = {"mimeType": HJIF_MEDIA_TYPE, "uri": uri}
     return {"media": [{"name": uri, "alternatives": [alternative]}]}
 
@@ -158,12 +158,12 @@ _TURN[:3, :3] = TO_GLTF
 
 
 def to_gltf(matrices: F64) -> F64:
-    """Convert matrices from a local space to our world, (T, 4, 4), to glTF's world."""
+    """Matrices (T, 4, 4) from a local space to our world, turned to glTF's world."""
     return np.asarray(_TURN @ matrices)
 
 
 def turned(matrices: F64) -> F64:
-    """Convert transforms (T, 4, 4) within our space to glTF's space."""
+    """Transforms (T, 4, 4) within our space as transforms within glTF's space."""
     return np.asarray(_TURN @ matrices @ _TURN.T)
 
 

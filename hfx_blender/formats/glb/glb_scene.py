@@ -99,7 +99,7 @@ class VolumeRecorder:
             volume.values.append(values[finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Recorded motion as arrays for transfer between processes, of active volumes only."""
+        """Arrays of bodies and, by ``<effect number>.<name>``, of active volumes, for transfer."""
         arrays = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:
@@ -110,7 +110,10 @@ class VolumeRecorder:
         return arrays
 
     def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
-        """Sorted distinct first active samples of the volumes in :meth:`arrays` of recorders."""
+        """Sorted distinct first active samples of the volumes in :meth:`arrays` of recorders.
+
+        For each volume the first of ``parts``, in time order, with samples counts.
+        """
         firsts = (
             next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
             for k in self._volumes

@@ -40,7 +40,7 @@ _RIGHT_BIT: Final = {  # the left one is the next
 
 
 def vertex_masks(model: PerceptualModel) -> U32:
-    """Body part mask of each vertex, (V,) uint32.
+    """Body part mask of each vertex, (V,) uint32, by part, side, normal and height.
 
     One bit each; two bits on the midline of a part with sides. The model is in rest space: facing
     -Y, left +X.

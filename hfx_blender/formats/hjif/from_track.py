@@ -143,7 +143,7 @@ class _Collected:
         """True if the vertices change; always False by part."""
 
     def add(self, run: SampleRun) -> None:
-        """Append the next samples of the stream."""
+        """Append the next samples of the stream, by ascending sample index."""
         self._rows.append(run.indices)
         self._levels.append(run.levels)
         self._parameters.append(run.parameters)
@@ -195,7 +195,7 @@ class _Collected:
 def _groups(
     header: TrackHeader, collected: Mapping[Stream, _Collected]
 ) -> dict[tuple[str, str, str], list[Stream]]:
-    """Group the streams with samples on a body by (body, model, modality)."""
+    """Streams with samples on a body by (body, model, modality), without effects on actuators."""
     groups: dict[tuple[str, str, str], list[Stream]] = {}
     for stream in header.streams:
         if len(collected[stream]) and header.effect(stream).kind != "actuators":

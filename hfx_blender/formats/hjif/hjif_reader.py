@@ -171,7 +171,7 @@ def _is_effect(shape: Shape, item: Any) -> bool:
 
 
 def _is_length(item: Any) -> bool:
-    """Test for a whole block length of 16 or more."""
+    """Test for a number without fraction, 16 or more."""
     return isinstance(item, int | float) and item >= 16 and float(item).is_integer()
 
 

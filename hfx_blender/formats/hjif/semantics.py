@@ -49,7 +49,10 @@ _DATE: Final = re.compile(
 
 
 def check_semantics(document: dict[str, Any], report: Report) -> None:
-    """Report semantic faults of a document without schema faults."""
+    """Report semantic faults of a document that has no schema faults.
+
+    Ids, URIs, counts of channels, and the faults of all perceptions.
+    """
     is_simple = document["profile"] == "Simple Parametric"
     _check_root(document, report, is_simple=is_simple)
     avatars = _ids(document["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)
@@ -76,7 +79,10 @@ def check_semantics(document: dict[str, Any], report: Report) -> None:
 
 
 def _check_root(document: dict[str, Any], report: Report, *, is_simple: bool) -> None:
-    """Report faults of version, profile, level, date and timescale."""
+    """Report an unknown profile or level, a version before 2023, a wrong date or timescale.
+
+    Warns about members needed by the reference software. The timescale of a simple profile is 1000.
+    """
     year, _, amendment = document["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
@@ -111,7 +117,7 @@ def is_date(text: str) -> bool:
 
 
 def _ids(items: list[dict[str, Any]], place: Place, code: str, report: Report) -> set[int]:
-    """Collect the ids of items; duplicates are reported with ``code``."""
+    """Set of the ids of items; a repeated id is reported with ``code``."""
     seen: set[int] = set()
     for k, item in enumerate(items):
         if item["id"] in seen:
@@ -210,7 +216,10 @@ def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> Non
 def _check_band(
     band: dict[str, Any], place: Place, report: Report, library: set[int], is_simple: bool
 ) -> None:
-    """Report faults of a band: curve type, block length, limits, and its effects."""
+    """Report a wrong curve type, block length (no power of two) or limits, and faulty effects.
+
+    ``library``: ids of the effect library.
+    """
     kind = band["band_type"]
     if "curve_type" in band and kind != "Curve":
         report.error("CURVE-TYPE", (place, "curve_type"), f"a {kind} band has no curve_type")

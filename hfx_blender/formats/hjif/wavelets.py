@@ -175,7 +175,7 @@ class _Bits:
 
     @property
     def is_over(self) -> bool:
-        """True if all further decisions are 0."""
+        """True at the end of the stream if all further decisions are 0."""
         return self._next >= len(self._bits) and self._code == self._lower
 
     def take(self, kind: int) -> int:

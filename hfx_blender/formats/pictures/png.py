@@ -76,7 +76,7 @@ def read(path: Path) -> tuple[Grey, bool]:
 
 
 def _content(path: Path) -> bytes:
-    """Bytes of a file; InputError if unreadable."""
+    """Bytes of a file; InputError if missing, no file or unreadable."""
     refuse_no_file(path)
     try:
         return path.read_bytes()
@@ -159,7 +159,7 @@ def _text(name: bytes, data: bytes) -> tuple[str, str]:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """Decompress at most 4 MiB of a text."""
+    """Decompressed text, cut at 4 MiB; zlib.error for damaged data."""
     return zlib.decompressobj().decompress(data, _LONGEST_TEXT)
 
 

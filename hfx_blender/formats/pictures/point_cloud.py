@@ -47,7 +47,7 @@ def read(path: Path) -> F64:
 def _lines(content: bytes, path: Path) -> F64:
     """First three columns (N, 3) of text lines, separated by spaces, commas or semicolons.
 
-    Comments begin with # or //. Raises InputError for another line.
+    Comments begin with # or //; N may be 0. Raises InputError for another line.
     """
     text = content.replace(b",", b" ").replace(b";", b" ")
     try:

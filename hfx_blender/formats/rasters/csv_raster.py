@@ -83,7 +83,7 @@ def read(path: Path) -> Raster:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Rows, rate, actuators and columns of a file for ``hfx info``."""
+    """Rows, rate, actuators and columns of a file for ``hfx info``; InputError if invalid."""
     return raster_rules.facts(read(path))
 
 

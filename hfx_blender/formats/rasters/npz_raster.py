@@ -133,7 +133,7 @@ def read(path: Path) -> Raster:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Device, body, rows, rate, actuators and columns of a file for ``hfx info``."""
+    """Device, body, rows, rate, actuators and columns for ``hfx info``; InputError if invalid."""
     raster = read(path)
     return {"device": raster.device_id, "body": raster.body_id, **raster_rules.facts(raster)}
 

@@ -55,7 +55,7 @@ class Curve:
         return len(self.times_s)
 
     def at(self, times_s: npt.ArrayLike) -> F64:
-        """Values at times; at a step the right limit."""
+        """Values at times of any shape; at a step the right limit."""
         times = np.asarray(times_s, np.float64)
         values = np.interp(times, self.times_s, self.values)
         last = np.searchsorted(self.times_s, times, side="right") - 1
@@ -63,7 +63,7 @@ class Curve:
         return np.asarray(np.where(is_keyframe, self.values[last], values))
 
     def before(self, times_s: npt.ArrayLike) -> F64:
-        """Left limits of the values at times: at a step the earlier value."""
+        """Values at times of any shape; at a step the left limit."""
         times = np.asarray(times_s, np.float64)
         values = np.interp(times, self.times_s, self.values)
         first = np.minimum(np.searchsorted(self.times_s, times, side="left"), len(self) - 1)
@@ -138,7 +138,10 @@ def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
 
 
 def with_crossings(curve: Curve, level: float) -> Curve:
-    """Insert keyframes where a curve passes a level between two keyframes."""
+    """Insert keyframes of value ``level`` where a curve changes from above to below or back.
+
+    Keyframes on the level are not repeated.
+    """
     times, values = curve.times_s, curve.values - level
     signs = np.sign(values)
     passes = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
@@ -150,7 +153,7 @@ def with_crossings(curve: Curve, level: float) -> Curve:
 
 
 def _strictly_ascending(times: F64) -> F64:
-    """Move equal times at least 1 us apart, keeping the first time of each step."""
+    """Times (n,) moved later where needed to be 1 us apart; the first time of a step remains."""
     if len(times) < 2 or (np.diff(times) >= _APART_S).all():
         return times
     steps = np.arange(len(times)) * _APART_S
@@ -250,7 +253,7 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
 
 
 def _value(line: _Line, x: float) -> float:
-    """Value of a line at time x."""
+    """Value of a line (time, value, slope) at time ``x``."""
     return line[1] + (x - line[0]) * line[2]
 
 
@@ -268,7 +271,7 @@ def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float)
 
 
 def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
-    """Point where a line leaves the corridor through the wall from a to b."""
+    """Point where a line leaves the corridor through the wall from ``a`` to ``b``, clamped."""
     before, after = _value(line, a[0]) - a[1], _value(line, b[0]) - b[1]
     share = before / (before - after) if before != after else 1.0
     x = a[0] + (b[0] - a[0]) * min(max(share, 0.0), 1.0)

@@ -48,7 +48,7 @@ class Credits:
 
     @property
     def texts(self) -> dict[str, str]:
-        """Non-empty metadata by field name; tags joined by commas."""
+        """Non-empty metadata by name, ``others`` by their own; tags are joined by commas."""
         texts = {item.name: getattr(self, item.name) for item in fields(self)[:-2]}
         texts |= {"tags": ", ".join(self.tags), **dict(self.others)}
         return {name: text for name, text in texts.items() if text}
@@ -280,7 +280,7 @@ def stretches(is_true: Bool, gap: int = 1) -> list[tuple[int, int]]:
 
 
 def joined_times(curves: Sequence[Curve], start_s: float, end_s: float) -> F64:
-    """Ascending distinct keyframe times of several curves within start and end, both included."""
+    """Ascending distinct times: ``start_s``, ``end_s``, and keyframes of all curves between."""
     inside = [c.times_s[(c.times_s > start_s) & (c.times_s < end_s)] for c in curves]
     return np.unique(np.concatenate([[start_s], *inside, [end_s]]))
 

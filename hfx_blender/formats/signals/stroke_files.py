@@ -76,7 +76,7 @@ def _envelope(rendered: StrokeSignal, device: DeviceRange) -> Signal:
 
 
 def _wav(rendered: StrokeSignal, device: DeviceRange, path: Path) -> Written:
-    """Write the waveform as 16-bit mono WAV; the note gives full scale and peak."""
+    """Write the waveform as 16-bit mono WAV, cut at full scale, noted with the peak."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     peak = float(np.abs(rendered.waveform_m_s2).max(initial=0.0)) / full
     samples = np.clip(rendered.waveform_m_s2 / full, -1.0, 1.0)

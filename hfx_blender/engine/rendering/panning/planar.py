@@ -43,7 +43,7 @@ class PlanarPanning:
         )
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the actuators for places (n, 2) on the pad, metres."""
+        """Gains (n, A) for places (n, 2) on the pad, m; 0 for a non-finite place."""
         points = _lifted(np.asarray(points, np.float64))
         if not self._is_closed:
             return gain(self._complex.shares(points)[0], self._law)
@@ -87,7 +87,7 @@ def _closed(positions: F64, closed_m: float) -> ActuatorComplex:
 
 
 def _heights(corners: F64) -> F64:
-    """Least heights (S,) of flat triangles (S, 3, 2)."""
+    """Least height (S,) of each triangle (S, 3, 2), across its longest side."""
     sides = np.roll(corners, -1, axis=1) - corners
     doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     return np.asarray(doubled / np.linalg.norm(sides, axis=2).max(axis=1))

@@ -27,7 +27,7 @@ class RingPanning:
         self._axis = _Axis(_turns(angles), period=1.0)
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the actuators for angles (n, 1) in radians."""
+        """Gains (n, A), squares summing to 1, for angles (n, 1), radians; 0 if not finite."""
         return np.sqrt(self._axis.shares(_turns(points[:, 0])))
 
 
@@ -44,7 +44,7 @@ class LinePanning:
         self._axis = _Axis(positions, period=None)
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the actuators for places (n, 1) along the strip, metres."""
+        """Gains (n, A), squares summing to 1, for places (n, 1), m; 0 if not finite."""
         return np.sqrt(self._axis.shares(points[:, 0]))
 
 

@@ -59,7 +59,7 @@ def prepared(srgb: npt.ArrayLike) -> F32:
 
 @cache
 def stored_weights() -> Weights:
-    """Weights that the package contains; cached."""
+    """Weights of the file in the package, unpacked; cached, so not to be changed."""
     with np.load(WEIGHTS) as file:
         return unpacked(dict(file))
 
@@ -78,7 +78,7 @@ def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def unpacked(stored: dict[str, npt.NDArray[Any]]) -> Weights:
-    """Inverse of :func:`packed`, apart from rounding."""
+    """Weights, float32, of the storage form of :func:`packed`, apart from rounding."""
     return {
         name: (value * stored.get(name + _STEP, 1)).astype(np.float32)
         for name, value in stored.items()
@@ -114,7 +114,7 @@ def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
 
 
 def forward(x: F32, weights: Weights, tiles: bool) -> F32:
-    """Outputs (3, H, W), heights, slope and roughness, of inputs (3, H, W)."""
+    """Network outputs (3, H, W), heights, slope >= 0 and roughness 0..1, of inputs (3, H, W)."""
 
     def layer(x: F32, name: str, *, activated: bool = True) -> F32:
         out = convolved(x, weights[f"{name}.weight"], weights[f"{name}.bias"], tiles)
