@@ -20,10 +20,11 @@ _PAIRS_AT_ONCE: Final = 1 << 20  # (point, triangle) pairs
 
 
 def strength(shape: Shape, falloff: Falloff, points: F64) -> F64:
-    """Strength (N,) at points (3, N) in shape space: 0 outside, 1 at full strength.
+    """Strength (N,) at points (3, N) in shape space: 0 outside; 1 inside without a falloff.
 
-    The *rise* is linear from 0 on the boundary to 1 in the core. Strength reaches 1 at the
-    falloff's share of the rise: linearly, or smoothly by ``3 t^2 - 2 t^3``.
+    A falloff (kind not NONE, share above 0) starts at 0 on the boundary and reaches 1 where
+    :func:`rise`, 1 in the core (centre, axis or deepest point), equals its share: linearly, or
+    smoothly by ``3 t^2 - 2 t^3``.
     """
     inside = contains(shape, points)
     if falloff.kind is FalloffKind.NONE or falloff.share <= 0.0:

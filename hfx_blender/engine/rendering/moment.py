@@ -72,7 +72,7 @@ class MomentRenderer:
             self._late[latency_ms] = np.concatenate(columns), is_late
 
     def prepare(self) -> None:
-        """Compute expensive tables now instead of at the first contact.
+        """Compute reached vertices and panning of spots of all effects before any contact.
 
         Raises InputError for a place of the device that does not fit a model.
         """

@@ -153,7 +153,10 @@ def sample_grid(
     tiles: bool,
     order: Order = "linear",
 ) -> F64:
-    """Values (...) of a grid (H, W) of texels at points (..., 2), x then y, m, interpolated."""
+    """Values (...) of a grid (H, W) of texels at points (..., 2), x then y, m.
+
+    ``order``: bilinear or Catmull-Rom; ``tiles``: wrapped, else the edge continues.
+    """
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 2)
     interpolated = bilinear if order == "linear" else cubic

@@ -249,7 +249,10 @@ class Ellipsoid:
         return distances
 
     def _solve(self, along: F64, nearest: bool) -> F64:
-        """Solve for ``tau`` (N,) of the nearest foot or of the second minimum; else NaN."""
+        """Solve for ``tau`` (N,) of the nearest foot or else of the second minimum; NaN without.
+
+        ``along`` (n, N) are points in the principal frame.
+        """
         numerators, poles = self._numerators(along), self._poles
         size = np.abs(numerators)
         if nearest:

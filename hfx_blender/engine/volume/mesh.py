@@ -143,7 +143,7 @@ class MeshVolume:
         return self._fewer[bound]
 
     def _decimated(self, bound: float) -> MeshVolume:
-        """Decimated volume within ``bound``; this volume if none is useful or valid."""
+        """Decimated volume within ``bound`` (shape space), or this volume if none is valid."""
         try:
             from .decimation import decimated
 
@@ -180,7 +180,7 @@ class MeshVolume:
         return self.grid.contains(points)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to the nearest triangle, (N,) metres; see :meth:`Shape.depth_m`. 0 outside."""
+        """Distance (N,) to the nearest triangle, m, 0 outside; see :meth:`Shape.depth_m`."""
         depths = np.zeros(points.shape[1])
         inside = np.flatnonzero(self.contains(points))
         if len(inside):

@@ -123,7 +123,11 @@ def _balance(edge: I64, up: Bool) -> F64:
 def _with_caps(
     vertices: F64, triangles: I32, edge: I64, uses: I64, name: str
 ) -> tuple[F64, I32, str]:
-    """Close holes: vertices with apexes, triangles with caps, a note; InputError if large."""
+    """Close holes: vertices with apexes, triangles with caps, and a note.
+
+    ``edge`` and ``uses`` are of :func:`_edges`. Raises InputError for caps above a quarter of the
+    area.
+    """
     from trimesh.graph import connected_component_labels
 
     # Opposite uses of an edge cancel; uncancelled edges form closed loops, the rims.

@@ -107,8 +107,8 @@ def _with_squares(signal: Signal) -> Signal:
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     """AHAP document of a signal's envelope without its ticks; see :func:`ticks`.
 
-    Events last 30 s at most; silence fills the rest of the signal. ``Pattern`` is empty for
-    a silent signal without ``is_kept``.
+    Events last 30 s at most and are silent in the rest of the signal; a changing frequency is a
+    sharpness curve. ``Pattern`` is empty for a silent signal without ``is_kept``.
     """
     pattern: list[dict[str, Any]] = []
     sharpness = frequencies.share(signal.frequency_hz.values)

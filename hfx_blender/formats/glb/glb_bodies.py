@@ -94,7 +94,7 @@ class BodyRecorder:
             motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
 
     def _patches_of(self, body: BodyDescription) -> SurfaceJoints:
-        """Skin patches of a body following a mesh, created at first use."""
+        """Skin patches of a body following a mesh, created at first use and cached."""
         assert isinstance(body.binding, SurfaceBinding)
         if body.id not in self._patches:
             self._patches[body.id] = SurfaceJoints(body.binding, load_model)

@@ -75,9 +75,11 @@ def perception_of(
     *,
     has_units: bool = True,
 ) -> dict[str, Any]:
-    """Compose a perception whose full scale is the strongest value of its channels.
+    """Compose a perception; full scale is the strongest value of its channels, one per place.
 
-    ``has_units=False``: strengths are shares of an unknown full scale, without reference device.
+    Strengths of ``places`` are in the modality's unit, or, without ``has_units``, shares of an
+    unknown full scale, without reference device. Vibrations are waves between silences, other
+    modalities curves, within ``tolerance``. ``devices`` give further reference devices.
     """
     full = (max(_peak(source) for source in places) or 1.0) if has_units else 1.0
     dense = [

@@ -249,7 +249,7 @@ def simplified_signals(
 
 
 def _is_heard(signal: Signal) -> Bool:
-    """Mask (n,) of the frequency keyframes at the ends of any stretch with sound."""
+    """Mask (n,) of the frequency keyframes before and after any time with sound."""
     times, amplitude = signal.frequency_hz.times_s, signal.amplitude
     knots = np.union1d(times, amplitude.times_s)
     sounds = (amplitude.at(knots[:-1]) > 0.0) | (amplitude.before(knots[1:]) > 0.0)

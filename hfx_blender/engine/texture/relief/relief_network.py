@@ -65,7 +65,7 @@ def stored_weights() -> Weights:
 
 
 def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
-    """Weights in storage form: int8 in -127..127 and a step for each output; biases as is."""
+    """Storage form: arrays as int8, -127..127, and a step per output; 1-D biases as they are."""
     stored: dict[str, npt.NDArray[np.generic]] = {}
     for name, value in weights.items():
         if value.ndim == 1:
