@@ -261,10 +261,9 @@ class DeviceThread:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop an armed device because Blender does not answer, and report "frozen" with
-        ``reason``.
-        Without effect on other devices: one still opening is armed afterwards, silent until values
-        come.
+        """Stop an armed device because Blender does not answer; the event is "frozen".
+
+        Without effect on a device that opens: it is armed afterwards, silent until values come.
         """
         with self._wake:
             is_armed = self._is_armed

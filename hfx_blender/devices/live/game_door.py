@@ -129,7 +129,9 @@ class GameDoor:
                 client.send(driven.name, driven.neutral)
 
     def _values(self, datagram: bytes) -> tuple[str, F64] | None:
-        """Name of the device and values (columns,) of an accepted datagram, else None."""
+        """Device name and values (columns,) of a datagram with right mark, token, known id, length
+        and rising number; else None. Updates the device's last number and time.
+        """
         if len(datagram) < _HEAD.size:
             return None
         mark, token, number, length = _HEAD.unpack_from(datagram)

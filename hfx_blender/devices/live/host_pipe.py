@@ -116,7 +116,7 @@ class HostPipe:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
 
     def send(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
-        """Queue a message in order, a heartbeat only if none waits; dropped without a process."""
+        """Queue a message in order, a heartbeat only if nothing waits; dropped if not running."""
         if not self.is_running:
             return
         if kind is MessageKind.HEARTBEAT and (self.urgent or self.newest):
@@ -140,7 +140,9 @@ class HostPipe:
         self._silences += 1
 
     def stop(self, reason: str) -> None:
-        """Silence all devices now: discard unsent values, and send a stop ahead of all messages."""
+        """Discard unsent values, and send a stop of all devices ahead of all unsent messages, and
+        again after them. Starts the time limit of :meth:`watch`, unless a stop is unconfirmed.
+        """
         if not self.is_running:
             return
         self.void()

@@ -78,7 +78,7 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}), is_urgent=True)
 
     def close(self) -> None:
-        """Disconnect after the Player has read the stop; else OutputLostError."""
+        """Disconnect after up to 1 s for the Player's close frame; OutputLostError without it."""
         try:
             self._socket.finish()
         finally:

@@ -40,7 +40,7 @@ def are_free(keys: Iterable[Hashable]) -> bool:
 
 
 def release(keys: Keys) -> None:
-    """Release reserved keys; may be called again."""
+    """Release the keys of :func:`reserve`, except later reserved ones; may be called again."""
     with _lock:
         for key in keys:
             if reserved.get(key) is keys:  # not reserved by a later output

@@ -61,7 +61,7 @@ class RenderProcess:
         self._deadline_s: float | None = None  # of the scene or moment in progress
 
     def describe(self, scene: bytes) -> None:
-        """Set the scene of later moments, discard an unsent moment, and start a missing worker."""
+        """Set the scene of later moments, discard an unsent moment; start the worker if missing."""
         with self._lock:
             self._known = self._scene = scene
             self.forget()
