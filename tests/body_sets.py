@@ -13,7 +13,7 @@ from hfx_tools.body_building import model_file, model_set
 
 
 def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
-    """Write a set as ``hfx body build --variant`` does: a person of another height."""
+    """Write a set as ``hfx body build --variant`` does, for a person of another height."""
     folder.mkdir(parents=True, exist_ok=True)
     by = np.float32(scale)
     shipped = model.load_avatar()

@@ -47,7 +47,7 @@ def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def patient_devices(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Live devices miss no deadline, however busy the machine is."""
+    """Disable deadlines of live devices, for busy machines."""
     import patient_host
 
     from hfx_blender.processes import start

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Imports between the modules of the packages, read from their source."""
+"""Import graph of the packages' modules, read from source."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Import(NamedTuple):
 
 
 def module_name(path: Path) -> str:
-    """Dotted name of a file's module: ``hfx_blender.engine.scene``."""
+    """Return the dotted name of a file's module: ``hfx_blender.engine.scene``."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 @cache
 def modules() -> dict[str, Path]:
-    """All modules of the packages, by name."""
+    """Return all modules of the packages, by name."""
     return {
         module_name(path): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))
     }
@@ -45,13 +45,13 @@ class Source(NamedTuple):
 
 
 def imports(path: Path) -> tuple[Import, ...]:
-    """Imports of modules of the packages anywhere in a file."""
+    """Return imports of modules of the packages anywhere in a file."""
     return source(path).imports
 
 
 @cache
 def source(path: Path) -> Source:
-    """Facts of a file's source."""
+    """Return facts of a file's source."""
     package = path.relative_to(ROOT).parts[:-1]
     own: list[Import] = []
     others: list[str] = []

@@ -20,14 +20,14 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
-    """Command line in place of ``start.command``."""
+    """Return the command line, in place of ``start.command``."""
     if module == "devices.host.host":
         return processes.program(Path(__file__).read_text(encoding="utf-8"), *arguments)
     return of(module, *arguments)
 
 
 def use() -> None:
-    """Devices of this process are patient from now on."""
+    """Disable deadlines of devices in this process from now on."""
     before = start.command
     start.command = lambda *which: command(*which, of=before)  # type: ignore[assignment]
 

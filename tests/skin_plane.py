@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A flat patch of skin for tests of spots: equal triangles of a given side, in the plane z = 0."""
+"""Flat patch of skin for tests of spots: equal triangles of a given side, in the plane z = 0."""
 
 from __future__ import annotations
 

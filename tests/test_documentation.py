@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names of files and folders in the documentation of the code exist."""
+"""File and folder names in the documentation of the code exist."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def _import_without(blocked: tuple[str, ...], names: list[str]) -> None:
 
 
 def _stated_order(package: str) -> list[str]:
-    """The list in the docstring of a package, lowest first."""
+    """Return the packages listed in a package's docstring, lowest first."""
     text = ast.get_docstring(ast.parse(modules()[package].read_text(encoding="utf-8")))
     return re.findall(r"^(\w+)  +\S", text or "", re.MULTILINE)
 

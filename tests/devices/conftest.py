@@ -20,7 +20,7 @@ def full() -> dict[str, Any]:
 
 @pytest.fixture
 def stored(tmp_path: Path):
-    """Writes a configuration (or raw text or bytes) to a file."""
+    """Return a function writing a configuration (or raw text or bytes) to a file."""
 
     def store(content: Any, name: str = "device.json") -> Path:
         path = tmp_path / name

@@ -30,7 +30,7 @@ class FakeClock:
 
 
 def frame(amplitude: float = 10.0) -> np.ndarray:
-    """Values of the band: every motor plays."""
+    """Return values of the band with every motor playing."""
     return np.tile([amplitude, 100.0], len(BAND.actuators))
 
 
@@ -50,7 +50,7 @@ class Port:
     def close(self) -> None: ...
 
     def strengths(self) -> list[tuple[float, float]]:
-        """The strongest motor at each time."""
+        """Return (time, strength of the strongest motor) for each output."""
         return [(t, 0.0 if isinstance(v, str) else float(v[::2].max())) for t, v in self.given]
 
     def is_loud(self) -> bool:
@@ -84,7 +84,7 @@ class Played:
         return [event for event, _ in self.reports if event != "levels"]
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the clock in steps, running the device thread."""
         run([self], seconds)
 
 

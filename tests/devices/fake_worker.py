@@ -57,7 +57,7 @@ class FakeWorker:
         self.is_killed = True
 
     def says(self, kind: MessageKind, body: bytes = b"", number: int = EVERY_DEVICE) -> None:
-        """Have the parent take a message."""
+        """Deliver a message to the parent."""
         reason = self._received(self, Message(kind, number, body))
         if reason is not None:
             self.ends(reason)

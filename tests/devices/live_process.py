@@ -19,12 +19,12 @@ PATIENCE_S = 120.0
 
 
 def playing(amplitude: float = 10.0) -> np.ndarray:
-    """Values of the band: every motor plays."""
+    """Return values of the band with every motor playing."""
     return np.tile([amplitude, 100.0], 8)
 
 
 def rows_of(log: Path) -> list[dict[str, Any]]:
-    """Complete lines of a simulator's log."""
+    """Return the complete lines of a simulator's log."""
     lines = log.read_text().split("\n")[:-1] if log.exists() else []
     return [json.loads(line) for line in lines]
 
@@ -36,7 +36,7 @@ def is_loud(row: dict[str, Any]) -> bool:
 def wait(
     client: LiveClient, until: Callable[[], object], action: Callable[[], None] | None = None
 ) -> None:
-    """Live on until something is true."""
+    """Handle events until a condition is true; fails after the time limit."""
     end = time.monotonic() + PATIENCE_S
     while not until():
         assert time.monotonic() < end, f"never happened; devices: {client.devices}"

@@ -75,7 +75,7 @@ class RawServer:
                 return
 
     def connect(self, on_text: Any = lambda text: None, on_tick: Any = lambda: None) -> WebSocket:
-        """Client of this server."""
+        """Return a client of this server."""
         return WebSocket("127.0.0.1", self.port, "/", on_text, on_tick)
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ NODE_MAP = {
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    """The user's own folder of devices."""
+    """Set the user's device folder to a temporary folder."""
     folder = tmp_path / "own"
     monkeypatch.setenv("HFX_DEVICES", str(folder))
     return folder

@@ -26,7 +26,7 @@ REMOVE = object()
 
 
 def changed(document: Any, path: str, value: Any) -> Any:
-    """``document`` with the value at ``a.b.0.c`` replaced, added or removed."""
+    """Return ``document`` with the value at ``a.b.0.c`` replaced, added or removed."""
     *keys, last = [int(key) if key.isdigit() else key for key in path.split("/")]
     at = document
     for key in keys:

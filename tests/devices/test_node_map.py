@@ -75,7 +75,7 @@ def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
 
 
 def test_a_node_map_is_scaled_from_its_eye_height_to_that_of_the_model(written: Any) -> None:
-    """1.685 m / 1.585 m = 1.0631: 1.692 m, the crown of the map's avatar, becomes 1.799 m."""
+    """Scale 1.685 m / 1.585 m = 1.0631: the crown of the map's avatar, 1.692 m, becomes 1.799 m."""
     nodes = [
         node("Head", 0.0, 1.692, 0.04),
         node("Head", -0.0634, 1.585, 0.0846),

@@ -71,7 +71,7 @@ def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str, Place]]:
-    """Fields of a document, with the place of each."""
+    """Yield fields of a document with the path of each."""
     if isinstance(value, dict):
         is_free = path in (".actuator_types",)
         here = path + kind_of(value)
@@ -113,7 +113,7 @@ def at(document: Any, path: Place) -> Any:
 
 
 def refusal(document: Any) -> str | None:
-    """Reader's message about a document; None without any."""
+    """Return the reader's message about a document, or None without a message."""
     content = document if isinstance(document, bytes) else json.dumps(document).encode()
     try:
         device_from(node_of(content, "device.json"))

@@ -76,7 +76,7 @@ def own_device(folder: Path, shipped: str, name: str, **kind: float) -> None:
 
 
 def scripted(folder: Path, source: str, name: str = BAND, *, is_approved: bool = True) -> Any:
-    """A device with this script."""
+    """Write a device with the given script."""
     (folder / f"{name.removesuffix('_left')}.py").write_text(source)
     script = approval.script_of(name)
     assert script is not None
@@ -171,7 +171,7 @@ def without_script(path: Path, device: DeviceConfig) -> Raster:
 
 
 def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
-    """Messages of live playback to a script at each row of a track, with latency compensation."""
+    """Return live messages to a script at each row of a track, with latency compensation."""
     late_ms = device.actuators[0].type.latency_ms
     late = round(late_ms / 1000.0 * RATE_HZ)
     actual = []

@@ -34,7 +34,7 @@ for k in range({count}):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder of the user's data."""
+    """Set the user's data folder to a temporary folder."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     return tmp_path / "data"
 

@@ -16,6 +16,6 @@ needs_library = pytest.mark.skipif(not library.is_there(), reason="no library wa
 
 @contextmanager
 def by_reference() -> Iterator[None]:
-    """Context without the library: contacts are computed by their definition."""
+    """Disable the library in the context; contacts are computed by definition."""
     with mock.patch.object(library, "is_there", lambda: False):
         yield

@@ -53,7 +53,7 @@ def _skin(vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> P
 
 
 def sheet(steps: int = 12) -> PerceptualModel:
-    """A flat square of skin in the plane z = 0, facing up."""
+    """Return a flat square of skin in the plane z = 0, facing up."""
     ticks = np.linspace(-SIDE_M / 2, SIDE_M / 2, steps + 1)
     x, y = np.meshgrid(ticks, ticks, indexing="ij")
     at = np.arange((steps + 1) ** 2).reshape(steps + 1, -1)
@@ -64,7 +64,7 @@ def sheet(steps: int = 12) -> PerceptualModel:
 
 
 def ball(radius_m: float = 0.1, rounds: int = 3) -> PerceptualModel:
-    """A sphere of skin about the origin: an icosahedron, divided."""
+    """Return a sphere of skin about the origin: a subdivided icosahedron."""
     g = (1 + 5**0.5) / 2
     points = np.array([[s, t * g, 0.0] for s in (-1, 1) for t in (-1, 1)])
     points = np.concatenate([points, np.roll(points, 1, 1), np.roll(points, 2, 1)])
@@ -151,7 +151,7 @@ def evaluated(
 
 
 def placed(scale: Any, at: Any, turn: np.ndarray | None = None) -> np.ndarray:
-    """A placing matrix, (4, 4)."""
+    """Return a placing matrix, (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3] = (np.eye(3) if turn is None else turn) * np.broadcast_to(scale, 3)
     matrix[:3, 3] = at

@@ -41,7 +41,7 @@ load = lru_cache(maxsize=8)(load_model)
 
 
 def turn(rng: np.random.Generator, angle: float) -> np.ndarray:
-    """A rotation by an angle about any axis, (3, 3)."""
+    """Return a rotation by an angle about a random axis, (3, 3)."""
     axis = rng.normal(size=3)
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -82,7 +82,9 @@ class DistortedScene:
 
     @classmethod
     def drawn(cls, model: PerceptualModel, seed: int, strength: float) -> DistortedScene:
-        """Bones turn by about ``strength`` radians and stretch by about exp(0.4 ``strength``)."""
+        """Draw a scene with bones turned by about ``strength`` rad and stretched by exp(0.4
+        ``strength``).
+        """
         rng = np.random.default_rng(seed)
         names, weights = model.bone_names, model.weights
         owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
@@ -104,7 +106,9 @@ class DistortedScene:
 
     @classmethod
     def turned(cls, model: PerceptualModel, seed: int, strength: float) -> DistortedScene:
-        """Bones turn at their joints by about ``strength`` radians: a person may stand so."""
+        """Draw a scene with bones turned at the joints by about ``strength`` radians, as in human
+        poses.
+        """
         rng = np.random.default_rng(seed)
         skeleton = load_skeleton()
         rest = skeleton.rest.astype(float)
@@ -133,7 +137,7 @@ class DistortedScene:
     def runs(
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
     ) -> list[SampleRun]:
-        """Samples of :meth:`felt`."""
+        """Return the runs behind :meth:`felt`."""
         on = np.ones(len(FALLOFFS)) if which is None else which.astype(float)
         pose = PoseBlock(np.ones(1, bool), self.to_world[None], self.bones[None])
         placed = [volume.grown(grown_m) for volume in self.volumes]
@@ -235,7 +239,7 @@ class Case:
 
     @property
     def excess(self) -> float:
-        """See :func:`excess`."""
+        """Return the excess of this case; see :func:`excess`."""
         make = DistortedScene.drawn if self.is_distorted else DistortedScene.turned
         scene = make(load(f"hfx-{self.modality}-1"), self.seed, self.strength)
         return excess(scene, self.tolerance, scene.felt(EXACT))
@@ -275,7 +279,7 @@ def _engine(model: PerceptualModel, tolerance: Tolerance) -> Engine:
 def _posed(
     model: PerceptualModel, bones: np.ndarray, to_world: np.ndarray, vertices: np.ndarray
 ) -> np.ndarray:
-    """World positions of some vertices, (n, 3)."""
+    """Return world positions of some vertices, (n, 3)."""
     weights = model.weights
     posed = np.zeros((len(model), 3))
     owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))

@@ -46,7 +46,7 @@ def model(count: int = 900, seed: int = 1, modality: str = "vibration") -> Perce
 
 
 def affine(rng: np.random.Generator, spread: float = 0.3) -> np.ndarray:
-    """A random affine matrix near the identity, (4, 4)."""
+    """Return a random affine matrix near the identity, (4, 4)."""
     matrix = np.eye(4)
     matrix[:3] += rng.normal(0.0, spread, (3, 4))
     return matrix
@@ -60,5 +60,5 @@ def pose(times: int, seed: int = 2, bones: int = len(BONES)) -> PoseBlock:
 
 
 def skinned(body: PerceptualModel, posed: PoseBlock, row: int) -> np.ndarray:
-    """World positions by the definition, (V, 3)."""
+    """Return world positions by definition, (V, 3)."""
     return world_points(body, SkinBinding(BONES), posed, row).T

@@ -79,7 +79,7 @@ class RandomContact:
 
     @cached_property
     def model(self) -> PerceptualModel:
-        """Bumpy skin of 12 or 42 vertices, 1 to 8 mm apart."""
+        """Return bumpy skin of 12 or 42 vertices, 1 to 8 mm apart."""
         rng = self._rng(1)
         ball_model = ball(
             float(np.exp(rng.uniform(np.log(0.001), np.log(0.008)))), int(rng.integers(2))
@@ -220,7 +220,7 @@ class RandomContact:
         return engine.evaluate(AnimationBlock(self.indices, (self.animated,), (self.pose,)))
 
     def by_engine(self) -> dict[int, Sample]:
-        """Samples by row."""
+        """Return the samples by row."""
         return {
             int(np.searchsorted(self.indices, index)): sample
             for run in self.runs()
@@ -250,7 +250,7 @@ class RandomContact:
 
     @cached_property
     def difference(self) -> float:
-        """Largest difference of any weight or detail."""
+        """Return the largest difference of any weight or detail."""
         actual, most = self.by_engine(), 0.0
         for row in range(ROWS):
             sample = actual.get(row)
@@ -272,7 +272,7 @@ class RandomContact:
         return most
 
     def _detail_difference(self, row: int, sample: Sample, felt: Contact) -> float:
-        """Largest difference of details; lengths as shares of the volume's size."""
+        """Return the largest difference of details; lengths as shares of the volume's size."""
         shape, matrix = (
             self.animated.shapes[self.animated.shape_index[row]],
             self.animated.matrices[row],
@@ -322,7 +322,7 @@ class StretchedContact(RandomContact):
 def _placing(
     rng: np.random.Generator, spread: float, scale: float = 1.0, offset: object = None
 ) -> np.ndarray:
-    """A random affine matrix near the identity, scaled, (4, 4)."""
+    """Return a random affine matrix near the identity, scaled, (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3] = scale * (np.eye(3) + rng.normal(0.0, spread, (3, 3)))
     matrix[:3, 3] = rng.normal(0.0, spread, 3) if offset is None else offset

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows count where an effect is on and everything is a number, however many rows there are."""
+"""Rows count where an effect is on and all values are finite, for any number of rows."""
 
 from __future__ import annotations
 

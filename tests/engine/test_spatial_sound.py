@@ -103,7 +103,7 @@ def test_a_tone_has_the_same_power_at_every_distance_within_the_crossfade(name: 
 
 
 def test_air_swallows_high_frequencies_as_the_standard_says() -> None:
-    """Table of ISO 9613-1 for 20 degC and 50 %, dB a kilometre."""
+    """Table of ISO 9613-1 for 20 degC and 50 %, dB per kilometre."""
     actual = 1000.0 * absorption_db_m(np.array([250.0, 1000.0, 4000.0, 8000.0]))
     np.testing.assert_allclose(actual, [1.31, 4.66, 29.4, 104.0], rtol=0.02)
     wet = Reverberators(2, RATE_HZ, 0.3)

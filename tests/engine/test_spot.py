@@ -55,7 +55,7 @@ def test_a_point_between_two_vertices_has_half_strength_at_each() -> None:
 
 
 def test_a_disc_covers_half_of_the_cells_at_its_rim() -> None:
-    """Radius of two sides: (2 + 0.5 - d) in 0..1, with d in sides."""
+    """Radius of two sides: weight (2 + 0.5 - d) in 0..1, with d in sides."""
     vertices, weights = SpotSkin(MODEL).weights(np.zeros(3), 2 * SIDE, FLAT)
     distance = np.linalg.norm(MODEL.vertices[vertices], axis=1) / SIDE
     assert weights == pytest.approx(np.clip(2.5 - distance, 0.0, 1.0), abs=1e-4)
@@ -63,7 +63,7 @@ def test_a_disc_covers_half_of_the_cells_at_its_rim() -> None:
 
 
 def test_a_falloff_is_strongest_in_the_middle() -> None:
-    """Linear over the whole radius of four sides: (4.5 - d) / 4 within, at most 1."""
+    """Linear over the whole radius of four sides: weight (4.5 - d) / 4, at most 1."""
     disc = Falloff(FalloffKind.LINEAR, 1.0)
     vertices, weights = SpotSkin(MODEL).weights(np.zeros(3), 4 * SIDE, disc)
     distance = np.linalg.norm(MODEL.vertices[vertices], axis=1) / SIDE

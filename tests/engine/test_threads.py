@@ -111,7 +111,7 @@ def _blocks(*filters: Filter) -> Iterator[AnimationBlock]:
 
 
 def _plain(value: Any) -> Any:
-    """Comparable form of a value: of arrays their bytes."""
+    """Return a comparable form of a value, with bytes for arrays."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if is_dataclass(value):

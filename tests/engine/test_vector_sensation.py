@@ -117,7 +117,7 @@ def _rendered(effects: Sequence[EffectDescription], device: DeviceConfig) -> Ras
 
 
 def test_actuators_get_the_curves() -> None:
-    """Value (cut to 0..1) times level 0.5 times 4 m/s^2; m1 has no curve."""
+    """Value (clipped to 0..1) times level 0.5 times 4 m/s^2; m1 has no curve."""
     raster = _rendered([VECTOR], _device())
     assert raster.values[:, 0] == pytest.approx([0.0, 0.0, 0.5, 0.0, 0.0, 1.5])
     assert (raster.values[:, 2] == 0.0).all()

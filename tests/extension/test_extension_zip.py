@@ -293,7 +293,7 @@ def test_blender_accepts_the_zip_of_each_platform(
 
 
 def _validated(path: Path) -> subprocess.CompletedProcess[str]:
-    """Blender's own check of an extension."""
+    """Passes Blender's check of an extension."""
     tools = "bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
     tool = next(actual for folder in sys.path for actual in Path(folder or ".").glob(tools))
     return subprocess.run([sys.executable, tool, "validate", path], capture_output=True, text=True)

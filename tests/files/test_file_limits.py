@@ -330,7 +330,7 @@ def continuous(count, levels):
 
 
 def test_events_of_ahap_times_points_of_curves_have_a_bound():
-    """Each level has the whole curve: a file of 2 MB took 880 MiB."""
+    """Each level repeats the whole curve: a file of 2 MB once took 880 MiB."""
     with limits.raised(1e-3):  # 20,000 keyframes
         ((actual,), _) = ahap_format.decode(continuous(200, 5), "x")  # 5 x 600, not 200 x 600
         refused(lambda: ahap_format.decode(continuous(200, 200), "x"), "events and curves together")
@@ -457,7 +457,7 @@ def test_a_point_of_a_curve_does_not_name_its_parameter(name):
 
 @pytest.mark.parametrize("target", ["x.wav", "x.csv", "x.raster.npz"])
 def test_a_few_bytes_do_not_become_a_day_of_values(tmp_path, target):
-    """A stranger's find: within a day, and eight gigabytes of sound."""
+    """From a user report: within a day, and eight gigabytes of sound."""
     (tmp_path / "long.haptic").write_text(json.dumps(haptic(86_399.0)))
     with pytest.raises(TooLargeError, match=r"would become .* allowed are 268,435,456 bytes"):
         convert(tmp_path / "long.haptic", tmp_path / target, device="phone_lra")
@@ -466,7 +466,7 @@ def test_a_few_bytes_do_not_become_a_day_of_values(tmp_path, target):
 
 @pytest.mark.parametrize("name", ["a\ud800.png", "a\0.png"])
 def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
-    """A fuzzer's find: such a name stands in the JSON of a haptic map."""
+    """From fuzzing: such a name is in the JSON of a haptic map."""
     with pytest.raises(InputError, match="cannot be read"):
         png.read(tmp_path / name)
 

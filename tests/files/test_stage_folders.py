@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hidden folders of unfinished results: gone with their block, or removed by the next run."""
+"""Hidden folders of unfinished results: removed at the end of the block, or by the next run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ with stage_folder(Path(sys.argv[1]), "scene") as stage:
 
 @pytest.fixture
 def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """Another process with a folder in ``tmp_path``."""
+    """Start another process with a folder in ``tmp_path``."""
     command = [sys.executable, "-c", HOLD, str(tmp_path)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

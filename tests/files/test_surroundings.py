@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surroundings unlike the developer's: editors with byte order marks, users without a home."""
+"""Unusual environments: editors with byte order marks, users without a home."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signals and rasters for the tests of formats, plain and random."""
+"""Signals and rasters for tests of formats, simple and random."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEVELS = st.one_of(st.just(0.0), st.just(1.0), st.floats(0.0, 1.0, width=32))
 
 
 def signal(levels, hertz=None, *, name="r1c1", rate_hz=100.0, transients=()):
-    """A signal with a keyframe a row."""
+    """Return a signal with a keyframe per row."""
     times = np.arange(len(levels)) / rate_hz
     pitch = np.full(len(levels), 120.0) if hertz is None else np.asarray(hertz, np.float64)
     return Signal(name, Curve.of(times, levels), Curve(times, pitch), tuple(transients))
@@ -26,7 +26,7 @@ def signal(levels, hertz=None, *, name="r1c1", rate_hz=100.0, transients=()):
 
 @st.composite
 def signals(draw, most=50, ticks=False):
-    """A random signal: silence, steps, single rows, ticks."""
+    """Return a random signal: silence, steps, single rows, ticks."""
     levels = draw(st.lists(LEVELS, min_size=2, max_size=most))
     hertz = draw(st.lists(st.floats(50.0, 250.0), min_size=1, max_size=4))
     rows = np.linspace(0, len(hertz) - 1, len(levels))
@@ -45,7 +45,7 @@ def signals(draw, most=50, ticks=False):
 
 
 def raster_for(device, values=None, rows=200, rate_hz=Fraction(100)):
-    """A raster for a device; by default every vibration actuator plays something else."""
+    """Return a raster for a device; by default every vibration actuator differs."""
     columns = tuple(
         Column(actuator.id, control.name, actuator.type.unit(control))
         for actuator in device.actuators

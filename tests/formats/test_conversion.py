@@ -78,7 +78,7 @@ def test_temperature_in_a_vibration_format_is_refused(tmp_path, name):
 
 
 def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
-    """Files are named by the id: the second would replace the first."""
+    """Files are named by the id, so the second would replace the first."""
     one, again = load_device("back_pad"), load_device("back_pad")
     writing.check(["csv"], [one, again])
     with pytest.raises(UsageError, match="two different devices have the id 'back_pad'"):

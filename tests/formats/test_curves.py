@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simplified curves: within their tolerance, and with the fewest keyframes there can be."""
+"""Simplified curves: within the tolerance, and with the fewest keyframes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHARES = st.floats(0.0, 1.0, width=32)
 
 
 def deviation(original, second):
-    """Largest difference at any time: both are straight between keyframes."""
+    """Return the largest difference at any time; both are straight between keyframes."""
     times = np.union1d(original.times_s, second.times_s)
     after = np.abs(original.at(times) - second.at(times))
     return max(after.max(), np.abs(original.before(times) - second.before(times)).max())

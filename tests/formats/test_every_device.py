@@ -21,7 +21,7 @@ AT_S = 0.25
 
 
 def _between(points, at):
-    """Value of (time, value) points at a time."""
+    """Return the value of (time, value) points at a time."""
     return float(np.interp(at, *np.array(points, float).T))
 
 
@@ -119,7 +119,7 @@ WHOLE = {"openxr": _openxr, "wav": _wav, "tact": _tact}
 
 
 def _wanted(device):
-    """A level for each vibration actuator, all different."""
+    """Return a different level for each vibration actuator."""
     vibrating = [item for item in device.actuators if item.type.modality == "vibration"]
     levels = 1.0 - 0.8 * np.arange(len(vibrating)) / max(len(vibrating), 1)
     full = max((item.type.strength.highest for item in vibrating), default=0.0)

@@ -52,7 +52,7 @@ def basis(*keyframes, **members):
 
 
 def sample():
-    """A document with everything, whole."""
+    """Return a whole document with every kind of member."""
     wave = basis((0, 0.5, 100), (400, 0.5, 200), phase=0.0, base_signal="Sine")
     channel = {
         "id": 0,
@@ -299,7 +299,7 @@ def test_needs_of_the_reference_software_are_a_warning():
 
 
 def places(value, place=()):
-    """Places of all members of a document."""
+    """Yield the paths of all members of a document."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield (*place, key)

@@ -70,7 +70,7 @@ def analysed(samples):
 
 
 class Code:
-    """The arithmetic code, written: decisions of kinds become digits."""
+    """Writer of the arithmetic code: decisions of kinds become digits."""
 
     def __init__(self):
         self.digits, self.follow, self.low, self.high = [], 0, 0, 1024
@@ -302,7 +302,7 @@ def test_curves_between_keyframes(kind, times, expected):
 
 
 def early(document):
-    """As MPEG's published files from before the standard are."""
+    """MPEG's published files from before the standard have this form."""
     document |= {"version": "1", "date": "Mon Oct  9 14:07:22 2023\n"}
     channel = document["perceptions"][0]["channels"][0]
     channel["mixing_weight"] = channel.pop("mixing_coefficient")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of an export are read by our own readers, at and beyond each of their limits."""
+"""Files of an export are readable, at and beyond each limit of the readers."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _assert_readable(path: Path) -> None:
 def test_written_files_are_readable_at_and_beyond_each_limit(
     tmp_path_factory: pytest.TempPathFactory, rows: int, most_bytes: int
 ) -> None:
-    """300 to 400 rows last 6 to 8 s, of a limit of 7; 3 numbers a row take 7200 to 9600 bytes."""
+    """300 to 400 rows last 6 to 8 s, at a limit of 7; 3 numbers a row take 7200 to 9600 bytes."""
     load_model("hfx-vibration-1")  # before limits are lowered
     folder = tmp_path_factory.mktemp("limits")
     with pytest.MonkeyPatch.context() as patch:

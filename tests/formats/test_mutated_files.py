@@ -28,7 +28,7 @@ SEEDS |= {"tact": [TACT]}
 
 
 def objects(tree):
-    """All objects within a document."""
+    """Yield all objects within a document."""
     if isinstance(tree, dict):
         yield tree
     for item in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():

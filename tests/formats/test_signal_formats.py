@@ -457,13 +457,13 @@ def test_any_bytes_are_read_or_refused(content):
 
 
 def _two_ticks():
-    """Half strength for a second at 150 Hz, with ticks at 0.2 and 0.7 s."""
+    """Return half strength for a second at 150 Hz, with ticks at 0.2 and 0.7 s."""
     kinds = (Transient(0.2, 0.8, 50.0), Transient(0.7, 0.4, 250.0))
     return signal([0.5] * 100 + [0.0], [150.0] * 101, transients=kinds)
 
 
 def test_the_ticks_of_an_envelope_are_a_pattern_of_their_own(tmp_path):
-    """50 to 250 Hz are sharpness 0 to 1, so 150 Hz is 0.5."""
+    """50 to 250 Hz map to sharpness 0 to 1, so 150 Hz is 0.5."""
     written = write_signals(registry.FORMATS["ahap"], [_two_ticks()], RANGE, tmp_path / "x", 0.01)
     assert [path.name for path in written.files] == ["x.r1c1.ahap", "x.r1c1.transients.ahap"]
     envelope, ticks = (json.loads(path.read_text())["Pattern"] for path in written.files)
@@ -483,7 +483,7 @@ def test_the_ticks_of_an_envelope_are_a_pattern_of_their_own(tmp_path):
 
 
 def test_ticks_are_in_the_strengths_of_a_tact_file(tmp_path):
-    """Strengths stand every 20 ms: the ticks rise above the envelope in theirs alone."""
+    """Strengths have steps of 20 ms: ticks rise above the envelope only in the tick's step."""
     device = load_device("bhaptics_tactsuit_x40")
     raster, _, _ = raster_of([_two_ticks()], device, "x")  # on every motor
     written = write("tact", raster, device, tmp_path / "x")

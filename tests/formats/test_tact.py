@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""bHaptics .tact: dots where the device's actuators are, valid and read back."""
+"""bHaptics .tact: dots at the device's actuators, valid files, and round trips."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_a_broken_rule_is_found_by_its_code(path, value, code):
 
 
 def test_unknown_members_are_reported_outside_projects_only():
-    """bHaptics' own tools keep more within a project than the player reads."""
+    """bHaptics' tools store more members within a project than the player reads."""
     actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
     actual["project"]["more"] = actual["project"]["tracks"][0]["more"] = 1
     assert tact_rules.validate(encoded(actual), "x") == []
@@ -281,7 +281,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
 
 
 def test_a_file_of_a_suit_is_played_by_the_device_of_its_dots(tmp_path):
-    """Dot 13 of the front and dot 2 of the back, by the maker's numbers, are motors of the suit."""
+    """Dot 13 of the front and dot 2 of the back, in the maker's numbering, are in the suit."""
     lit = {"startTime": 0, "endTime": 400, "playbackType": "NONE"}
     actual = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
     (effect,) = actual["project"]["tracks"][0]["effects"]

@@ -52,7 +52,7 @@ def test_the_first_row_of_the_picture_is_the_top_of_the_map(tmp_path: Path) -> N
 
 
 def _filtered(pixels: np.ndarray, kinds: list[int], depth: int, colour: int) -> bytes:
-    """A PNG of pixels (H, W, C) by the standard's text, byte by byte."""
+    """Return a PNG of pixels (H, W, C) after the standard's text, byte by byte."""
     rows, columns, channels = pixels.shape
     unit = channels * depth // 8
     data = pixels.astype(">u2" if depth == 16 else ">u1").tobytes()

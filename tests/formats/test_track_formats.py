@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""JSON Lines of samples and GLB meshes, held against independent readers."""
+"""JSON Lines of samples and GLB meshes, compared with independent readers."""
 
 from __future__ import annotations
 

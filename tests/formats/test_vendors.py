@@ -198,7 +198,7 @@ def clip(amplitude, frequency=((0.0, 0.5),), metadata=None):
 
 @pytest.mark.parametrize("late_s", [0.0, 0.014, 0.5])
 def test_a_late_last_frequency_is_a_warning(late_s):
-    """Lofelt's reader has no such rule, Meta's not for older files (ValidationMode)."""
+    """Lofelt's reader has no such rule; Meta's has none for older files (ValidationMode)."""
     data = encoded(clip([(0.0, 0.5), (1.0, 0.5)], [(0.0, 0.5), (1.0 + late_s, 0.5)]))
     actual = haptic.validate(data, "x")
     assert errors(actual) == [] and bool(actual) == (late_s > 0.0)

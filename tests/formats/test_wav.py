@@ -121,7 +121,7 @@ def test_form_and_full_scale(tmp_path, channels):
 
 
 def test_the_waveform_is_the_integral_of_its_frequency():
-    """A slow twin: phase summed up in steps far finer than a sample."""
+    """Slow twin: phase summed in steps far finer than a sample."""
     amplitudes = [4.0, 10.0, 2.0, 0.0, 0.0, 6.0, 20.0, 20.0]
     frequencies = [80.0, 200.0, 60.0, 100.0, 100.0, 300.0, 90.0, 95.0]
     data = waveform(make_raster(amplitudes, frequencies))[:, 0]
@@ -141,7 +141,7 @@ def test_the_waveform_is_the_integral_of_its_frequency():
 
 
 def test_no_clicks():
-    """No step is larger than the loudest and highest tone could make, up to the end."""
+    """No step is larger than possible for the loudest, highest tone, up to the end."""
     random = np.random.default_rng(5)
     amplitudes = random.uniform(0, FULL_SCALE, (200, 4)) * random.integers(0, 2, (200, 4))
     frequencies = random.uniform(20, 500, (200, 4))
@@ -165,7 +165,7 @@ def test_any_block_size_gives_the_same_bytes(tmp_path, monkeypatch, block, rate_
 @pytest.mark.parametrize("block", [1, 2500, 1 << 18])
 @pytest.mark.parametrize("rate_hz", [Fraction(100), Fraction(30000, 1001)])
 def test_an_effect_that_sounds_for_a_while_is_heard_there_only(monkeypatch, block, rate_hz):
-    """m1 takes a waveform: 8 rows of 12 m/s^2 at 150 Hz from row 10 on; m0 never sounds."""
+    """m1 has a waveform: 8 rows of 12 m/s^2 at 150 Hz from row 10 on; m0 is silent."""
     hum = Partial("hum", 10, np.full((8, 1), 12.0), np.full((8, 1), 150.0))
     silent = make_raster(np.zeros((40, 2)), np.full((40, 2), 100.0), rate_hz)
     monkeypatch.setattr(wav, "BLOCK_SAMPLES", block)

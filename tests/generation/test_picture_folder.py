@@ -29,7 +29,7 @@ def chunk(name: bytes, data: bytes) -> bytes:
 
 
 def picture(path: Path, *texts: bytes, level: int = 128) -> Path:
-    """A grey PNG of 4 x 4 pixels, written by hand, with more chunks."""
+    """Return a grey PNG of 4 x 4 pixels, written by hand, with extra chunks."""
     rows = b"".join(b"\0" + bytes([level, 255 - level] * 2) for _ in range(4))
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", 4, 4, 8, 0, 0, 0, 0))
     data = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")

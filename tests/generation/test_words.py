@@ -82,7 +82,7 @@ def test_comparatives_move_their_measure(row: int, monkeypatch: pytest.MonkeyPat
 
 
 def waves(texture: generated.Generated) -> tuple[float, float]:
-    """Period in metres and direction in degrees of the strongest wave of a relief."""
+    """Return period in metres and direction in degrees of the strongest wave of a relief."""
     heights = texture.height.heights_m
     power = np.abs(np.fft.rfft2(heights - heights.mean())) ** 2
     j, i = np.unravel_index(np.argmax(power), power.shape)

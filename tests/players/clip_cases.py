@@ -96,7 +96,7 @@ DEMOS = ("garage", "surfaces")
 
 
 def case_of(spec: Spec, folder: Path) -> Case:
-    """The clip of a spec, written into a folder."""
+    """Write the clip of a spec into a folder and return the case."""
     seed = list(spec.name.encode())
     with _track(spec, folder, np.random.default_rng(seed)) as track:
         return _case(track, [load_device(name) for name in spec.devices.split()], spec.name, folder)
@@ -134,7 +134,7 @@ def _case(track: TrackReader, devices: list[DeviceConfig], name: str, folder: Pa
 
 
 def _track(spec: Spec, folder: Path, random: np.random.Generator) -> TrackReader:
-    """A track of effects on many places of the skin, a frame for each sample."""
+    """Write a track of effects on many places of the skin, one frame per sample."""
     time = TimeBase(spec.rate_hz, spec.rate_hz, 0, 0, spec.samples - 1)
     of_initial = {name[0]: name for name in MODALITIES}
     effects, streams, runs = [], [], []

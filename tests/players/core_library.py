@@ -122,7 +122,7 @@ class Player:
         return int(self._core.hfx_player_play_named(self._at, self._clip.at, name.encode()))
 
     def advance(self, seconds: float) -> F32:
-        """Values of all columns, (C,)."""
+        """Return the values of all columns, (C,)."""
         self._core.hfx_player_advance(self._at, ctypes.c_double(seconds), self._values())
         return self._out[: self._clip.columns].copy()
 
@@ -177,7 +177,7 @@ class Body:
         )
 
     def set_bones(self, matrices: npt.NDArray[np.float64]) -> None:
-        """Pose by (B, 3, 4) matrices of the clip's bones, rest space to world."""
+        """Set the pose by (B, 3, 4) matrices of the clip's bones, rest space to world."""
         given = np.ascontiguousarray(matrices, np.float32)
         self._core.hfx_body_set_bones(self._at, given.ctypes.data_as(ctypes.c_void_p))
 
@@ -194,7 +194,7 @@ class Body:
         return int(self._core.hfx_body_set_parameter(self._at, effect, parameter, given))
 
     def evaluate(self, seconds: float) -> F32:
-        """Values of all columns, (C,)."""
+        """Return the values of all columns, (C,)."""
         out = self._out.ctypes.data_as(ctypes.c_void_p)
         self._core.hfx_body_evaluate(self._at, ctypes.c_double(seconds), out)
         return self._out[: self._clip.columns].copy()

@@ -15,7 +15,7 @@ _STRANGE = (0, 1, 2, 5, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFF
 
 
 def damaged(content: bytes, random: np.random.Generator) -> Iterator[bytes]:
-    """Endless changed clips: numbers replaced, bytes changed, parts cut."""
+    """Yield damaged clips forever: numbers replaced, bytes changed, parts cut."""
     while True:
         actual = bytearray(content)
         for _ in range(random.integers(1, 4)):

@@ -97,7 +97,7 @@ class Telling:
         return self.neutral
 
     def advance(self, seconds: float) -> F64:
-        """Values of all columns, (C,)."""
+        """Return the values of all columns, (C,)."""
         if not self.playing or self.paused:
             return self.neutral
         before, self.position_s = self.shown, self.position_s + seconds

@@ -53,7 +53,7 @@ def test_the_core_includes_nothing_else_and_has_its_own_licence() -> None:
 
 
 def _lines(path: Path) -> set[str]:
-    """Lines of a file without their spaces."""
+    """Return the lines of a file without spaces."""
     return {"".join(line.split()) for line in path.read_text(errors="replace").splitlines()}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Walking avatars among volumes of all kinds: a scene for the engine, and for the core."""
+"""Walking avatars among volumes of all kinds, as a scene for both engine and core."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def _way(count: int, random: np.random.Generator) -> F64:
 
 
 def _cycle(count: int, phase: float) -> F64:
-    """Bones of the walk cycle, rest space to posed armature space, (T, B, 3, 4)."""
+    """Return bones of the walk cycle, rest space to posed armature space, (T, B, 3, 4)."""
     skeleton, cycle = load_skeleton(), load_walk()
     rest = skeleton.rest.astype(np.float64)
     at = (np.arange(count) / RATE_HZ * cycle.rate_hz + phase * len(cycle.rotations)) % len(
@@ -212,7 +212,7 @@ def _cycle(count: int, phase: float) -> F64:
 
 
 def _turned(rotations: F64, at: F64) -> F64:
-    """Rotation matrices (T, 3, 3) of a cycle of quaternions (w, x, y, z) at some places."""
+    """Return rotation matrices (T, 3, 3) of a cycle of quaternions (w, x, y, z) at some phases."""
     low = at.astype(int)
     share = (at - low)[:, None]
     first, second = rotations[low], rotations[(low + 1) % len(rotations)]

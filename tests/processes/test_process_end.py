@@ -30,7 +30,7 @@ cli.run(["device", "list"])
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_one_sentence_when_the_time_limit_ends_during_its_output() -> None:
-    """Both the main thread and the watching thread are about to write the sentence."""
+    """Both the main thread and the watching thread are about to write the message."""
     command = [sys.executable, "-c", SLOW_FAREWELL]
     completed = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert completed.returncode == 143

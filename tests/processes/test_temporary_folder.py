@@ -70,7 +70,7 @@ def test_folders_of_blender_are_removed_and_the_environment_restored(tmp_path: P
 
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="needs a mount of its own")
 def test_a_folder_that_is_really_full(tmp_path: Path) -> None:
-    """A file system of 64 KiB and eight inodes, all in use."""
+    """The temporary folder is a full file system of 64 KiB and eight inodes."""
     script = (
         'mount -t tmpfs -o size=64k,nr_inodes=8 tmpfs "$1"; mkdir "$1/theirs"; '
         'echo precious > "$1/theirs/thesis"; for i in 1 2 3 4 5 6; do touch "$1/$i"; done; '

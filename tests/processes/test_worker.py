@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Worker processes, played by small programs: messages, time limits, and every way to end."""
+"""Worker processes, simulated by small programs: messages, time limits, and every kind of end."""
 
 from __future__ import annotations
 

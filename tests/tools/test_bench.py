@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Benchmark tool around the measurements: command line, chart, tables, history, shell."""
+"""Benchmark tool: command line, chart, tables, history, shell."""
 
 from __future__ import annotations
 

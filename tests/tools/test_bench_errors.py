@@ -51,7 +51,7 @@ def test_missed_and_extra_contacts_and_their_skin():
 
 @pytest.mark.parametrize("shape", [Cuboid(), Sphere()])
 def test_the_distance_to_the_boundary_from_both_sides(shape):
-    """Along an axis both are 1 from the centre; the volume has half edges of 0.2 m."""
+    """Along an axis, both are 1 from the centre; the volume has half edges of 0.2 m."""
     to_shape = np.diag([5.0, 5.0, 5.0, 1.0])
     away = np.array([0.1, 0.15, 0.199, 0.201, 0.25, 0.3])
     points = np.stack([away, np.zeros(6), np.zeros(6)])

@@ -70,7 +70,7 @@ def _track(
 
 
 def _raster(values: np.ndarray, neutral: float = 0.0) -> Raster:
-    """A device with as many pressure actuators as there are columns, at 100 Hz."""
+    """Return a device with as many pressure actuators as columns, at 100 Hz."""
     count = values.shape[1]
     names = tuple(f"a{k}" for k in range(count))
     return Raster(

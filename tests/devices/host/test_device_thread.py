@@ -53,7 +53,7 @@ class Recorder:
 
 @pytest.fixture(autouse=True)
 def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make values valid for ever: deadlines are tested on a clock of their own."""
+    """Make values valid forever; deadlines are tested on a simulated clock."""
     monkeypatch.setattr(device_thread, "FREEZE_S", 1e9)
 
 

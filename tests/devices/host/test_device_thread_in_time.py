@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device thread on a clock of the test: offsets, pauses, late answers, and nothing new."""
+"""Device thread on a simulated clock: offsets, pauses, and late answers."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
 def test_after_a_stop_everything_begins_from_silence(
     facts: dict[str, float], expected: float
 ) -> None:
-    """Guard, ramp and pace all know of the values before the stop."""
+    """Guard, ramp and pacing keep the values before the stop as their state."""
     kinds = {n: replace(k, **facts) for n, k in DEVICE.actuator_types.items()}
     actuators = tuple(replace(a, type=kinds[a.type.name]) for a in DEVICE.actuators)
     played = Played(device=replace(DEVICE, actuators=actuators))

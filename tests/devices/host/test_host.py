@@ -256,7 +256,7 @@ class Stalling:
 def test_a_port_that_stalls_stops_its_device_only(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In this process, as no real output stalls at will."""
+    """Runs inside the test process, as no real output stalls on demand."""
     stalling, opened = Stalling(), host.open_output
     monkeypatch.setattr(
         host,

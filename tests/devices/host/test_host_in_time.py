@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process on a clock of the test's: signs of life, sleep, pauses and slow scripts."""
+"""Output process on a simulated clock: signs of life, sleep, pauses and slow scripts."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Session:
         self.host.receive(Message(kind, device, body))
 
     def pass_time(self, seconds: float, beat: bool = False) -> None:
-        """Let time pass for the process."""
+        """Advance the clock in steps, running the process."""
         end = self.clock.now_s + seconds
         while self.clock.now_s < end - 1e-9:
             run([self.played], min(0.001, end - self.clock.now_s))
@@ -81,7 +81,7 @@ class Session:
                 self.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)
 
     def stream(self, seconds: float) -> None:
-        """Frames at 62.5 Hz."""
+        """Send frames at 62.5 Hz for some seconds."""
         for _ in range(round(seconds / 0.016)):
             if self.script is None:
                 self.receive(MessageKind.VALUES, body=encode_values(frame()))

@@ -82,7 +82,7 @@ class Tally:
         return self._is_on
 
     def stop(self, played_s: float, now_s: float) -> None:
-        """The stop bytes arrive so much later."""
+        """The bytes of a stop arrive after a delay."""
         self.pass_time(played_s)
         self._is_on = False
         self.guard.record_silence(played_s, now_s)
@@ -254,7 +254,7 @@ def left_s(folder: Path, clock: FakeClock) -> float:
 
 @pytest.fixture
 def clock() -> FakeClock:
-    """The clock of output processes."""
+    """Replace the clock of output processes by a fake clock."""
     return FakeClock()
 
 
@@ -356,7 +356,7 @@ def test_local_addresses_are_one_identity_under_any_name(host):
 def osc(
     folder: Path, name: str, address: str = "/{actuator}/{control}", reverse: bool = False
 ) -> DeviceConfig:
-    """The band behind OSC, 1 s on and an hour of rest."""
+    """Return the band behind OSC, limited to 1 s on and an hour of rest."""
     content = json.loads((resources.device_configs() / "forearm_band.json").read_text())
     for kind in content["actuator_types"].values():
         kind["maximum_on_s"], kind["rest_s"] = 1.0, 3600.0
@@ -466,7 +466,7 @@ def test_a_device_that_another_process_drives_is_refused(tmp_path, clock):
 
 
 def test_time_on_in_another_process_counts(tmp_path, clock, wall):
-    """2 s on, 1 s of rest: .8 s here and .7 there leave .5."""
+    """Limit of 2 s on, 1 s of rest: .8 s in this process and .7 s in another leave .5 s."""
     device, actual = limited(2.0, 1.0), [Identity("udp x", tuple("01234567"))]
     processes = [DutyBudgetStore(tmp_path, clock) for _ in range(2)]
     on_s = []

@@ -38,7 +38,7 @@ def values(amplitude: float, hz: float = LOW) -> np.ndarray:
 
 
 def tones(*pairs: tuple[float, float]) -> Tones:
-    """Tones 0, 1, ... of amplitude and frequency at every actuator."""
+    """Return tones 0, 1, ... with (amplitude, frequency) at every actuator."""
     actual = np.array(pairs, np.float64).reshape(-1, 2)
     ones = np.ones(WIDTH)
     return Tones(
@@ -152,7 +152,7 @@ def test_effects_of_one_frequency_are_one_tone_and_of_too_many_the_strongest_sta
 
 
 def spectrum(samples: np.ndarray, rate: int) -> dict[float, float]:
-    """Amplitudes of whole periods of both frequencies."""
+    """Return amplitudes over whole periods of both frequencies."""
     time = np.arange(len(samples)) / rate
     return {
         hz: abs(np.exp(-2j * np.pi * hz * time) @ samples) * 2.0 / len(samples)
@@ -161,7 +161,7 @@ def spectrum(samples: np.ndarray, rate: int) -> dict[float, float]:
 
 
 class Stream:
-    """PortAudio's side."""
+    """Stand-in for PortAudio's stream."""
 
     made: list[Stream] = []
 

@@ -22,7 +22,7 @@ SCRIPT = "def render(haptics):\n    return haptics.values * 0.5\n"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's own devices, each with a script; none is approved."""
+    """Set up user devices with a script each, without approvals."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
     path = tmp_path / "devices"
     path.mkdir()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A game's values reach the output process only with the token, whole, new and in time."""
+"""Values of a game reach the output process only with the token, complete, new and in time."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ RATE_HZ = 20
 
 @pytest.fixture
 def track(tmp_path: Path) -> Path:
-    """10 m/s^2 on all skin from 0.5 to 1 s, of 1.5 s."""
+    """Write a track of 1.5 s with 10 m/s^2 on all skin from 0.5 to 1 s."""
     return written(tmp_path / "buzz.hfxtrack", 1.5, range(10, 20))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices to drive, made of plain data."""
+"""Devices for output tests, built from plain data."""
 
 from hfx_blender.engine.rendering.device_config import (
     Actuator,
@@ -12,7 +12,7 @@ from hfx_blender.engine.rendering.device_config import (
 
 
 def vibration(maximum=10.0, highest=None, fixed=False, **limits):
-    """A motor with amplitude and frequency."""
+    """Return a motor with amplitude and frequency."""
     top = 175.0 if fixed else 250.0
     low = 175.0 if fixed else 50.0
     return ActuatorType(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pseudo-terminals to drive devices through."""
+"""Pseudo-terminals as serial ports."""
 
 import os
 import select

@@ -138,7 +138,7 @@ def test_values_for_more_or_fewer_channels_are_not_taken(board, count):
 
 
 def test_bytes_without_an_end_harm_nothing(board):
-    """Memory beyond the buffer is trapped here."""
+    """Memory beyond the buffer is protected, so an overrun crashes."""
     crc = configured(board)
     board.take(b"\x01" * 1000 + b"\0")
     play(board, crc)
@@ -159,7 +159,7 @@ ON = [9, 7, 0, 0, 0, 0]
 
 
 class Player:
-    """Plays on a board for so long, with a frame every 10 ms."""
+    """Player of frames on a board, every 10 ms."""
 
     def __init__(self, board, **limits):
         self.board, self.limits = board, limits

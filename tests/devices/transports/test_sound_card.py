@@ -20,7 +20,7 @@ from hfx_blender.devices.transports.sound_card import RATE_HZ, SoundCard
 
 
 class Stream:
-    """PortAudio's side: asks for blocks when the test says so."""
+    """Stand-in for PortAudio's stream: requests blocks on demand."""
 
     made: list[Stream] = []
 

@@ -463,7 +463,7 @@ def test_a_message_quotes_an_answer_other_than_buttplug_json(sent):
 
 
 def text_frame(text):
-    """Websocket frame of a server (RFC 6455): final, text, not masked, length of 64 bits."""
+    """Return a server's websocket frame (RFC 6455): final, text, unmasked, length of 64 bits."""
     content = text.encode()
     return b"\x81\x7f" + len(content).to_bytes(8, "big") + content
 

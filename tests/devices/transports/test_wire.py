@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The protocol of our firmware, as bytes."""
+"""Firmware protocol as bytes."""
 
 import zlib
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The host's side of our protocol, against the firmware's own core behind a pseudo-terminal."""
+"""Host side of the firmware protocol, against the firmware's core behind a pseudo-terminal."""
 
 import os
 import threading

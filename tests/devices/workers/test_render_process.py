@@ -69,7 +69,7 @@ HEADER = TrackHeader(
 
 
 def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleRun:
-    """A vibration of all skin."""
+    """Return a vibration of all skin."""
     count = len(MODEL)
     return SampleRun(
         stream,
@@ -151,7 +151,7 @@ def test_a_malformed_moment_is_reported(body: bytes) -> None:
 
 
 def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
-    """Answers of the worker, by device."""
+    """Return the worker's answers by device."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     actual = {}

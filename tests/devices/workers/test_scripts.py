@@ -57,7 +57,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveClient]:
 
 @pytest.fixture
 def folder(client: LiveClient, tmp_path: Path) -> Path:
-    """The user's own devices; nothing is approved."""
+    """Set up user devices without approvals."""
     resources.approved_scripts().unlink(missing_ok=True)
     path = tmp_path / "devices"
     path.mkdir()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Editing painted areas, on the shipped models and by hand."""
+"""Editing of painted areas, on the shipped models and by hand."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_distance_is_measured_along_the_skin_by_an_exact_method(
 
 
 def tube(radius_m: float, length_m: float, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """An open tube around the z axis, rows shifted by half a step."""
+    """Return an open tube around the z axis, with rows shifted by half a step."""
     around, rows = (round(x / spacing_m) for x in (2.0 * np.pi * radius_m, length_m))
     row, column = np.divmod(np.arange(around * (rows + 1)), around)
     angle = 2.0 * np.pi * (column + 0.5 * (row % 2)) / around

@@ -29,7 +29,7 @@ def variant(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The user's folder, empty."""
+    """Set the user's model folder to an empty folder."""
     monkeypatch.setenv("HFX_BODY_MODELS", str(tmp_path / "own"))
     for cached in (model.load_model, model.load_avatar):
         cached.cache_clear()

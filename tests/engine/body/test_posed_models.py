@@ -24,7 +24,7 @@ def about(axis: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def moves_of(bones: model.Skeleton, pose: str) -> np.ndarray:
-    """Matrices of the bones relative to the body at rest, (B, 4, 4)."""
+    """Return matrices of the bones relative to the body at rest, (B, 4, 4)."""
     heads = dict(zip(bones.bone_names, bones.rest[:, :3, 3].astype(float), strict=True))
     moves = np.zeros((len(bones.bone_names), 4, 4))
     for number, (name, parent) in enumerate(zip(bones.bone_names, bones.parents, strict=True)):

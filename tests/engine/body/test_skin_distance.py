@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ways along the skin near a place."""
+"""Paths along the skin near a point."""
 
 from __future__ import annotations
 

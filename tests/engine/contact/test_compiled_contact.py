@@ -77,7 +77,7 @@ def test_whole_bodies_agree_with_the_reference(modality, seed, strength, speed):
 
 
 def test_the_library_was_asked(monkeypatch):
-    """Else the test above compares the reference with itself."""
+    """Guards the test above against comparing the reference with itself."""
     scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
     calls = []
     begin = compiled_contacts.begin

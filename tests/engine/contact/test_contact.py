@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices inside volumes, against testing every vertex of every time."""
+"""Vertices inside volumes, against a test of every vertex at every time."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _find(
 
 
 def _dense(samples: Contacts) -> np.ndarray:
-    """Weights by time and vertex, (T, V), after checking the sets' form."""
+    """Check the form of the sets and return weights by time and vertex, (T, V)."""
     weights = np.zeros((TIMES, len(BODY)))
     assert (np.diff(samples.rows) > 0).all()
     assert set(np.diff(samples.sets, prepend=-1 if len(samples.sets) else 0).tolist()) <= {0, 1}
@@ -105,7 +105,7 @@ def _dense(samples: Contacts) -> np.ndarray:
 
 
 def _defined(matrices: np.ndarray, shapes: list[Shape], falloff: Falloff) -> np.ndarray:
-    """Weights of each vertex by the definition, (T, V)."""
+    """Return weights of each vertex by definition, (T, V)."""
     body = Body(Skin.of(BODY), SkinBinding(BONES), POSE, fineness=None)
     which = np.arange(TIMES, dtype=np.int32)
     effect = EffectBlock(np.ones(TIMES), np.zeros((TIMES, 2)), matrices, tuple(shapes), which)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The covered share of each cell of skin, against areas known by hand."""
+"""Covered share of each cell of skin, against areas known by hand."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class _Patch:
         self.sample_starts = table.sample_starts[quads]
 
     def sums(self, of_samples: int) -> np.ndarray:
-        """Sums over each quad's samples."""
+        """Return sums over each quad's samples."""
         counts = self.steps**2
         owner = np.repeat(np.arange(len(counts)), counts)
         step = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -102,7 +102,7 @@ def test_the_shares_of_a_cell_add_up(model_id: str, tolerance: Tolerance) -> Non
 
 @pytest.mark.parametrize("model_id", MODELS[:2])
 def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> None:
-    """The models' own areas come from elsewhere: from nearest places on the fine skin."""
+    """The models' areas have another source: nearest points on the fine skin."""
     skin = _skin(model_id, STANDARD)
     model = skin.model
     ratios = []
@@ -197,7 +197,7 @@ def test_a_straight_edge_covers_the_area_on_its_side(x: float, turn: float) -> N
 
 
 def test_coverage_converges_to_the_share_of_the_area() -> None:
-    """Discs anywhere on the sheet, smaller and larger than a cell."""
+    """Discs at any position of the sheet, smaller and larger than a cell."""
     body, rng = sheet(), np.random.default_rng(5)
     errors = {}
     for distance in (0.02, 0.01, 0.005, 0.0025):
@@ -254,7 +254,7 @@ def _frame(normal: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("model_id", MODELS)
 def test_a_hot_coin_touches_the_forearm(model_id: str) -> None:
-    """12 mm radius, 2 mm thick, lying on the skin; temperature vertices are 150 mm apart."""
+    """A disc of 12 mm radius, 2 mm thick, on the skin; temperature vertices are 150 mm apart."""
     body = load_model(model_id)
     point, normal = _on_the_forearm(model_id)
     matrix = placed((0.012, 0.012, 0.002), point, _frame(normal))
@@ -424,7 +424,7 @@ def test_a_mirrored_body_bulges_outwards_too() -> None:
 
 
 def test_only_skin_near_the_boundary_is_posed() -> None:
-    """Of the 3,570 vertices in a circle and of 40,401 in all."""
+    """Counts posed vertices, out of 3,570 vertices in a circle and 40,401 in all."""
     weights, _, engine = evaluated(sheet(200), Sphere(), placed(0.05, (0.0, 0.0, 0.0))[None])
     assert np.count_nonzero(weights == 1.0) > 3000
     # The circle's circumference crosses about 180 cells; posing works on whole clusters near the

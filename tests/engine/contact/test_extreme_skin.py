@@ -48,7 +48,7 @@ def turn(seed: int) -> np.ndarray:
 def test_coverage_is_independent_of_position_and_size(
     tolerance, falloff, name, distance, scale, mirrored, seed
 ):
-    """The body and the volume are placed by the same parent."""
+    """Body and volume have the same parent matrix."""
     around = placed((0.05, 0.04, 0.06), PLACE, turn(seed))
     options = {"tolerance": tolerance, "falloff": falloff}
     here, _, _ = evaluated(BALL, SHAPES[name], around[None], **options)

@@ -20,7 +20,7 @@ def _turned(angle: float) -> np.ndarray:
 
 
 def _rod(angle: float) -> np.ndarray:
-    """Half a metre to both sides, turned about Y, 0.3 m above the sheet of skin."""
+    """Return a motion by half a metre to both sides, turning about Y, 0.3 m above the sheet."""
     matrix = _turned(angle) @ np.diag([0.5, 0.02, 0.02, 1.0])
     matrix[2, 3] = 0.3
     return matrix

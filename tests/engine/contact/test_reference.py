@@ -114,7 +114,7 @@ def test_cells_on_finer_skin_agree_with_the_reference() -> None:
 
 
 def test_the_scenes_touch_and_cut() -> None:
-    """A comparison of nothing with nothing would hold, too."""
+    """Guards against a comparison of empty results."""
     actual = [RandomContact(seed).by_engine() for seed in SEEDS]
     weights = np.concatenate([s.weights for scene in actual for s in scene.values()])
     assert np.count_nonzero(weights) > 100 and np.count_nonzero(weights < 0.9) > 50
@@ -208,7 +208,7 @@ def test_strength_by_hand() -> None:
 
 
 def test_a_cubes_core_is_its_middle() -> None:
-    """The largest ball in a cube of edge 2 has radius 1; the engine's search ends within 0.5 %."""
+    """The largest ball in a cube of edge 2 has radius 1; the engine's search is within 0.5 %."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     triangles = [[a, b, c] for a, b, c, _ in faces] + [[a, c, d] for a, _, c, d in faces]
@@ -224,7 +224,7 @@ def _body(model: PerceptualModel, fineness: Fineness = EXACT) -> Body:
 
 
 def test_covered_area_of_a_sheet() -> None:
-    """A plane's edge at x = 0.01 across a square of 0.3 m: 0.16 * 0.3 square metres."""
+    """An edge at x = 0.01 across a square of 0.3 m covers 0.16 * 0.3 square metres."""
     body = sheet(9)
     matrix = placed(1.0, (0.01 - 1.0, 0.0, 0.0))
     animated = EffectBlock(np.ones(1), np.ones((1, 2)), matrix[None], (Cuboid(),))
@@ -235,8 +235,9 @@ def test_covered_area_of_a_sheet() -> None:
 
 
 def test_curved_skin_is_on_the_ball_that_its_triangles_stand_for() -> None:
-    """To second order: with triangles half as long, the error is a quarter as large a share of the
-    sagitta."""
+    """Second order: for triangles half as long, the error is a quarter as large relative to the
+    sagitta.
+    """
     shares = []
     for rounds in (1, 2):
         model, radii = ball(0.02, rounds), []
@@ -285,7 +286,7 @@ def test_motion_by_hand() -> None:
 
 
 def test_passages_by_hand() -> None:
-    """From x = -3 to 3: in a ball at y = 0.6 for a chord of 1.6, in a cuboid for 2."""
+    """A path from x = -3 to 3, at y = 0.6: inside a ball for 1.6, inside a cuboid for 2."""
     path = np.array([[[-3.0], [0.6], [0.0]], [[3.0], [0.6], [0.0]]])
     for shape, half in ((Sphere(), 0.8), (Cylinder(), 0.8), (Capsule(1.0), 0.8), (Cuboid(), 1.0)):
         first, last = passage(shape, path)
@@ -299,7 +300,7 @@ def test_passages_by_hand() -> None:
 
 @needs_library
 def test_a_cell_whose_vertex_is_outside_is_as_deep_as_its_deepest_skin() -> None:
-    """A ball about the farthest skin of the largest temperature cell, sampled on a finer model."""
+    """A ball around the farthest skin of the largest temperature cell, sampled on a finer model."""
     model = load("hfx-temperature-1")
     finer_id, owner = cell_of_skin(model)
     finer, cell = load(finer_id), int(np.bincount(owner).argmax())

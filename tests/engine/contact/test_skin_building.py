@@ -36,7 +36,9 @@ FINE = Tolerance("fine", 0.001, 0.25, 0.002, 0.0)
 
 
 def crumpled(seed: int, count: int = 260) -> PerceptualModel:
-    """Triangles anyhow: some without area, some twice, fans, edges of many; and any weights."""
+    """Return random triangles and weights: some triangles flat, repeated, in fans or on shared
+    edges.
+    """
     rng = np.random.default_rng(seed)
     triangles = rng.integers(0, count, (2 * count, 3)).astype(np.int32)
     near = rng.integers(0, count - 3, count)
@@ -78,7 +80,7 @@ NAMES = ("ball", "hfx-temperature-1", "1")
 
 
 def _halved(ids: np.ndarray, points: np.ndarray, load: np.ndarray, most: int) -> list[list[int]]:
-    """Halves at the median of the longest axis, again and again."""
+    """Return halves at the median of the longest axis, recursively."""
     if len(ids) <= 1 or load[ids].sum() <= most:
         return [sorted(ids.tolist())]
     axis = np.argmax(np.ptp(points[ids], axis=0))
@@ -153,7 +155,7 @@ def test_boxes_of_bones_contain_the_weighted_vertices(seed):
 
 
 def _weights(bound, cluster):
-    """Weights (n, B) by vertex and bone of a cluster, and places at rest (n, 3)."""
+    """Return weights (n, B) by vertex and bone of a cluster, and rest positions (n, 3)."""
     ids, bones, known = bound.clusters[cluster], bound.cluster_bones(cluster), bound._weights
     weights = np.zeros((len(ids), len(bones)))
     for k, vertex in enumerate(ids.tolist()):
@@ -173,13 +175,13 @@ def _moved(bound, cluster):
 
 
 def _read(address, kind, *shape):
-    """Array at an address."""
+    """Return the array at an address."""
     count = int(np.prod(shape))
     return np.frombuffer((ctypes.c_char * (8 * count)).from_address(address), kind).reshape(shape)
 
 
 def _arrays(pointers, bound, cluster, units=0):
-    """Arrays of an ``hfx_cluster``, in their order."""
+    """Return the arrays of an ``hfx_cluster`` in declared order."""
     ids, bones = bound.clusters[cluster], len(bound.cluster_bones(cluster))
     entries = int(np.diff(bound._weights.offsets)[ids].sum())
     shapes = {"entry_bones": (entries,), "weights": (entries,), "firsts": (len(ids) + 1,)}
@@ -312,7 +314,7 @@ def test_filling_does_not_move_arrays_in_use():
 
 
 def _cell_mean(groups, posed):
-    """Bound of an ``hfx_groups`` under the matrices (B, 3, 4) of bones; see ``CellGroups``."""
+    """Return the bound of ``hfx_groups`` under bone matrices (B, 3, 4); see ``CellGroups``."""
     starts = _read(groups.starts, np.int64, groups.count + 1)
     distances = _read(groups.distances, np.float64, groups.count)
     boxes = _read(groups.boxes, np.float64, groups.count, 2, 3)

@@ -87,7 +87,7 @@ def _pass(
 def test_no_wall_is_missed_at_50_m_s(
     seed: int, motion: str, wall: str, tolerance: Tolerance
 ) -> None:
-    """1 mm thick, at 24 samples a second: in contact for 0.02 ms of 42."""
+    """A plate of 1 mm at 24 samples a second: in contact for 0.02 ms of 42."""
     rng = np.random.default_rng(seed)
     body = ball(0.1, 2) if seed % 2 else sheet(6)
     hit = int(rng.integers(len(body)))

@@ -88,7 +88,7 @@ def felt(tolerance: Tolerance, volumes: list[list[Placed]], first: int = 0) -> l
 
 
 def weights_of(runs: list[SampleRun]) -> np.ndarray:
-    """At the first time, by volume and vertex."""
+    """Return weights at the first time, by volume and vertex."""
     weights = np.zeros((EFFECTS, len(MODEL)))
     for run in runs:
         for sample in run:
@@ -164,7 +164,7 @@ def test_actuators_are_within_the_stated_share_of_full_scale(name, drawn):
 
 
 def played(runs: list[SampleRun]) -> list[np.ndarray]:
-    """Shares of full scale at the first time, (actuators,), by device."""
+    """Return shares of full scale at the first time, (actuators,), by device."""
     header = TrackHeader.of(scene(), {MODEL.id: MODEL}, settings={}, tools={})
     shares = []
     for name in DEVICES:
@@ -188,7 +188,7 @@ def played(runs: list[SampleRun]) -> list[np.ndarray]:
     radius=st.floats(0.02, 0.05),
 )
 def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radius):
-    """A ball comes from 0.35 m away from the skin; samples are 10 ms apart."""
+    """A ball moves from 0.35 m away towards the skin; samples are 10 ms apart."""
     tolerance = SETTINGS[name]
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
 

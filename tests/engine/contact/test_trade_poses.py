@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stated tolerance is kept however a pose turns, stretches and mirrors skin."""
+"""The stated tolerance holds for turned, stretched and mirrored skin."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TORN = (
 
 @pytest.mark.parametrize("case", TORN, ids=lambda case: f"{case.seed} {case.tolerance.name}")
 def test_skin_that_a_pose_parts_gets_samples(case):
-    """At joints vertices 3 mm apart at rest were 80 mm apart, with the samples of 3 mm."""
+    """At joints, vertices 3 mm apart at rest were 80 mm apart, with unchanged sample spacing."""
     assert case.excess <= ACCEPTED
 
 

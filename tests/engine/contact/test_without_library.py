@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine where the compiled library is missing: the same is felt, by definition."""
+"""Engine without the compiled library: equal contacts, by definition."""
 
 from __future__ import annotations
 

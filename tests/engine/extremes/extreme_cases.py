@@ -73,7 +73,7 @@ def body_of(
 
 
 def person(rng: np.random.Generator, count: int = 250) -> PerceptualModel:
-    """Points in a box of the size of a person."""
+    """Return points in a box of the size of a person."""
     return body_of(rng.uniform((-0.3, -0.15, 0.0), (0.3, 0.15, 1.8), (count, 3)))
 
 
@@ -147,14 +147,14 @@ Exact = list[Fraction]
 
 
 def exact(values: Any) -> Any:
-    """Nested lists of fractions of an array: floats are fractions already."""
+    """Return an array as nested lists of fractions, exact for floats."""
     if isinstance(values, np.ndarray):
         return exact(values.tolist())
     return [exact(v) for v in values] if isinstance(values, list) else Fraction(values)
 
 
 def exact_inverse(matrix: np.ndarray) -> list[Exact]:
-    """The inverse of an affine matrix without rounding, by cofactors: 3 rows of 4."""
+    """Return the exact inverse of an affine matrix by cofactors: 3 rows of 4."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = exact(matrix[:3])
     cofactors = [
         [e * i - f * h, c * h - b * i, b * f - c * e],
@@ -167,7 +167,7 @@ def exact_inverse(matrix: np.ndarray) -> list[Exact]:
 
 
 def exact_product(matrix: list[Exact], point: Exact) -> Exact:
-    """An affine matrix (3 rows of 4) times a point."""
+    """Return an affine matrix (3 rows of 4) times a point."""
     x, y, z = point
     return [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix]
 
@@ -204,5 +204,5 @@ def exact_ways(
 
 
 def moved(pose: PoseBlock, by: np.ndarray) -> PoseBlock:
-    """Poses carried along by a matrix (4, 4)."""
+    """Return poses moved by a matrix (4, 4)."""
     return replace(pose, to_world=by @ pose.to_world)

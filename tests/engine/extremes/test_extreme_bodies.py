@@ -126,7 +126,7 @@ def test_missing_bones_are_named():
 
 
 def test_ten_thousand_volumes(rng):
-    """Twenty on the body, the rest all over the place: the same as each by itself."""
+    """Twenty volumes on the body, the rest scattered: the result equals single evaluations."""
     model = body_of(rng.uniform((-0.3, -0.15, 0.0), (0.3, 0.15, 1.8), (500, 3)))
     places = rng.uniform(3.0, 1000.0, (10_000, 3)) * rng.choice([-1.0, 1.0], (10_000, 3))
     near = np.sort(rng.choice(10_000, 20, replace=False))

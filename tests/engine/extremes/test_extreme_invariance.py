@@ -99,7 +99,7 @@ def test_contacts_of_the_mirror_image_are_those_of_the_mirror_table(name, seed):
 
 
 def test_a_mirrored_volume_on_a_shipped_model_touches_the_mirrored_vertices():
-    """Vertices of the shipped models mirror to a tenth of a millimetre, no better."""
+    """Vertices of the shipped models are symmetric only to a tenth of a millimetre."""
     model = load_model("hfx-pressure-1")
     matrix = np.diag([0.12, 0.3, 0.25, 1.0])
     matrix[:3, 3] = (0.25, 0.0, 1.2)
@@ -133,7 +133,7 @@ def cut(effect: EffectBlock, pose: PoseBlock, rows: list[int]) -> tuple[EffectBl
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), cuts=st.sets(st.integers(1, TIMES - 1)))
 def test_contacts_do_not_depend_on_how_time_is_split(name, seed, cuts):
-    """To the bit: a file exported in parts is the file exported at once."""
+    """Exact equality: an export in parts equals a single export."""
     rng = np.random.default_rng(seed)
     model, _ = symmetric(seed)
     matrices, pose = animated(rng)

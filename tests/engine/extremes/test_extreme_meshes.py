@@ -101,7 +101,7 @@ def test_doubled_overlapping_and_inside_out_meshes(rng):
 
 @pytest.mark.parametrize("name", ["ball", "crumpled", "cuts through itself"])
 def test_inside_is_the_exact_winding_number(name, rng):
-    """The million points are in ``hfx bench volumes``."""
+    """A million points are covered by ``hfx bench volumes``."""
     vertices = np.array(BALL.vertices)
     if name == "crumpled":
         vertices *= rng.uniform(0.2, 1.0, (len(vertices), 1))

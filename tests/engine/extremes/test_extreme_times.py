@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frame numbers to a million, negative, sub-frames, any frame rate: times are exact fractions."""
+"""Exact times for frame numbers up to a million, negative, sub-frames, any frame rate."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def zig() -> Path:
 
 @pytest.fixture(scope="module")
 def built(zig: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The library for this computer."""
+    """Build the library for this computer."""
     if TARGET is None:
         pytest.skip("no library is built for this computer")
     return native_build.build(TARGET, tmp_path_factory.mktemp("native"), zig)
@@ -263,7 +263,7 @@ def _text(path: Path) -> str:
 
 
 def _copied(root: Path) -> Path:
-    """A project with the sources alone."""
+    """Copy the sources into a project without a library."""
     ignored = shutil.ignore_patterns("__pycache__", "*.so*", "*.dll", "*.dylib")
     shutil.copytree(ROOT / native_build.NATIVE, root / native_build.NATIVE, ignore=ignored)
     return root

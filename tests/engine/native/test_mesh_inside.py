@@ -35,7 +35,7 @@ def test_every_point_agrees_with_numpy(name: str) -> None:
     shift=st.sampled_from([0.0, 0.5, 0.25]),
 )
 def test_points_on_the_lattice_of_the_corners_agree(corners, shift) -> None:
-    """Every way up hits corners, edges and upright faces; faces may be slivers or coincide."""
+    """Vertical rays hit corners, edges and upright faces; faces may be slivers or coincide."""
     vertices = np.array(corners, np.float64)
     if np.ptp(vertices, axis=0).min() == 0.0:
         return

@@ -110,7 +110,7 @@ def test_crossings_agree_with_the_reference(name: str) -> None:
 
 
 def test_a_path_along_the_face_of_a_tree_box_is_inside() -> None:
-    """Places on the plane of a face divide 0 by 0."""
+    """Points on the plane of a face divide 0 by 0."""
     shape = MeshVolume(*MESHES["a box"], "box")
     for side in (-0.5, 0.5):
         starts, ends = np.array([[side], [-1.0], [0.2]]), np.array([[side], [1.0], [0.2]])

@@ -167,7 +167,7 @@ def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> Non
 
 
 class Telling:
-    """Function of a library without arguments."""
+    """Stand-in for a library function without arguments."""
 
     def __init__(self, told: bytes) -> None:
         self._told = told

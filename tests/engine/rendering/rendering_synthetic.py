@@ -26,7 +26,7 @@ from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader,
 
 
 def dots(modality: str, count: int = 10) -> PerceptualModel:
-    """Vertices 10 cm apart along X, mirrored about the middle; the left half is at +X."""
+    """Return vertices 10 cm apart along X, mirrored about the middle; the left half is at +X."""
     x = (np.arange(count) - (count - 1) / 2) * 0.1
     vertices = np.zeros((count, 3), np.float32)
     vertices[:, 0] = x
@@ -95,7 +95,7 @@ def make_run(
     level: float = 1.0,
     body_id: str = "body",
 ) -> SampleRun:
-    """A run from ``{sample index: {vertex: weight}}``."""
+    """Return a run from ``{sample index: {vertex: weight}}``."""
     stream = next(s for s in header.streams if (s.effect_id, s.body_id) == (effect_id, body_id))
     indices = np.array(sorted(samples), np.int64)
     rows = [sorted(samples[i].items()) for i in indices.tolist()]
@@ -138,7 +138,7 @@ def make_device(
     interval_ms: float = 10.0,
     **others: object,
 ) -> DeviceConfig:
-    """A device from ``{actuator: (modality, place)}``."""
+    """Return a device from ``{actuator: (modality, place)}``."""
     types = {m: make_type(m, interval_ms) for m, _ in actuators.values()}
     options = {"scheme": Scheme(), "gain": 1.0, **others}
     return DeviceConfig(

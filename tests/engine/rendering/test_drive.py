@@ -77,7 +77,7 @@ def device(**kind: object) -> DeviceConfig:
 
 
 def rendered(on: DeviceConfig, *effects: tuple[float, float]) -> Raster:
-    """A second of effects of some amplitude and frequency."""
+    """Render one second of effects with an amplitude and a frequency."""
     names = [f"e{k}" for k in range(len(effects))]
     header = make_header(dict.fromkeys(names, "vibration"), 100, rate_hz=Fraction(100))
     renderer = Renderer(header, on, lambda name: MODELS[name])

@@ -147,7 +147,7 @@ def waveform(device: DeviceConfig, raster: Raster) -> np.ndarray:
 
 
 def spectrum(device: DeviceConfig, raster: Raster) -> dict[float, float]:
-    """Amplitudes of 80 and 250 Hz in the second half of a WAV, m/s^2."""
+    """Return amplitudes of 80 and 250 Hz in the second half of a WAV, m/s^2."""
     samples = waveform(device, raster)
     half = samples[len(samples) // 2 :]  # half a second: whole periods of both
     time = np.arange(len(half)) / wav.RATE_HZ

@@ -125,7 +125,7 @@ CLOSED_M = 0.3
 @given(st.integers(1, 6), st.integers(1, 4), st.floats(-0.2, 0.2), st.booleans())
 @settings(max_examples=60)
 def test_a_closed_layout_plays_equally_at_both_ends(columns, rows, y, is_square):
-    """Squares of a grid have two diagonals: both ends must take the same."""
+    """Squares of a grid have two diagonals: both ends must have the same triangulation."""
     height = CLOSED_M / columns if is_square else 0.04
     x = (np.arange(columns) + 0.5) * CLOSED_M / columns
     layout = np.array([[item, height * row] for row in range(rows) for item in x])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits: nothing but finite values in range gets out. Updates: peaks are held."""
+"""Limits: only finite values in range. Updates: peaks are held."""
 
 from fractions import Fraction
 

@@ -10,7 +10,7 @@ from hfx_blender.engine.rendering.conditioning.mixing import Contribution, combi
 
 
 def strengths(modality, *effects):
-    """Strengths at A actuators of effects: (shares at the actuators, parameters, neutral)."""
+    """Return strengths of effects: (shares at the A actuators, parameters, neutral values)."""
     contributions = [
         Contribution(np.array([shares]), np.array([parameters]), neutral_c)
         for shares, parameters, neutral_c in effects

@@ -56,7 +56,7 @@ def _strengths(raster: Raster) -> np.ndarray:
 
 
 def _pad_places(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of a path's samples and of the tactors on the pad, metres."""
+    """Return positions of a path's samples and of the tactors on the pad, metres."""
     device = load_device("mango_pad")
     centres = np.array([actuator.place.centre_m for actuator in device.actuators])
     places = path[0] + np.linspace(0, 1, COUNT)[:, None] * (path[1] - path[0])
@@ -64,7 +64,7 @@ def _pad_places(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_on_the_pad_the_phantom_follows_the_spot_by_mangos_log_law() -> None:
-    """Ai = Av * log2(1 + ai): the law taken back gives barycentric shares, their middle exact."""
+    """Inverting Ai = Av * log2(1 + ai) gives barycentric shares, exact in the middle."""
     path = np.array([[-0.07, 0.09, 1.27], [0.06, 0.09, 1.24]])
     shares = 2.0 ** (_strengths(_rendered(path, "mango_pad")) / 5.0) - 1.0
     at, tactors = _pad_places(path)

@@ -38,7 +38,7 @@ def steady(shape: Waveform, hz: float, seconds: float = 1.0) -> np.ndarray:
 
 
 def spectrum(samples: np.ndarray) -> np.ndarray:
-    """Amplitudes of sines at whole hertz, of a second."""
+    """Return amplitudes of sines at whole hertz, from one second."""
     return np.abs(np.fft.rfft(samples)) / (RATE / 2)
 
 

@@ -125,7 +125,7 @@ def _engine(stack: list[tuple[Filter, list[float]]]) -> Engine:
 
 
 def _levels(runs: list[SampleRun]) -> np.ndarray:
-    """The level at each sample; 0 where nothing is felt."""
+    """Return the level at each sample; 0 without contact."""
     levels = np.zeros(COUNT)
     for run in runs:
         levels[run.indices] = run.levels

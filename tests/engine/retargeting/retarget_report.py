@@ -42,7 +42,7 @@ class Measured:
 
 
 def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
-    """Fit a model to a variant by the variant's bone names alone."""
+    """Fit a model to a variant by bone names alone."""
     from scipy.spatial import cKDTree
 
     model = load_model(model_id)

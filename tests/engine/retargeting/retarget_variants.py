@@ -107,12 +107,12 @@ def _average() -> source.Source:
 
 @lru_cache(maxsize=1)
 def _base() -> F64:
-    """The unshaped base mesh, decimetres, Y up."""
+    """Return the unshaped base mesh, decimetres, Y up."""
     return source.read_obj(folder() / source.BASE_MESH)[0]
 
 
 def shaped(shape: str) -> source.Source:
-    """The base mesh as a person of :data:`SHAPES`, metres, Z up."""
+    """Return the base mesh as a person of :data:`SHAPES`, metres, Z up."""
     vertices = _base().copy()
     for name, share in SHAPES[shape].items():
         moved, offsets = source.read_target(folder() / name)
@@ -123,13 +123,13 @@ def shaped(shape: str) -> source.Source:
 def warp(
     avatar: Avatar, target: TargetAvatar, mapping: retarget.RigMapping, layer: Layer = "visible"
 ) -> retarget.Warp:
-    """:func:`retarget.warping` at once."""
+    """Return :func:`retarget.warping` as a single step."""
     return finish(retarget.warping(avatar, target, mapping, layer))
 
 
 @dataclass(frozen=True, eq=False)
 class RigBone:
-    """A bone at rest."""
+    """Bone at rest."""
 
     name: str
     parent: str | None
@@ -146,13 +146,13 @@ class Variant:
     places: F64  # (A, 3) counterpart of each vertex of the shipped avatar, target's space
 
     def truth(self, model: PerceptualModel) -> F64:
-        """True places of the vertices of a perceptual model."""
+        """Return true positions of the vertices of a perceptual model."""
         corners = self.places[model.avatar_vertices]
         return np.einsum("vc,vci->vi", model.avatar_weights.astype(np.float64), corners)
 
 
 def source_vertices(avatar: Avatar) -> I64:
-    """Vertex of the base mesh of each vertex of the shipped avatar."""
+    """Return the base-mesh vertex of each vertex of the shipped avatar."""
     runs = avatar.provenance["source_vertices"]
     return np.concatenate([np.arange(first, last + 1) for first, last in runs])
 
@@ -235,7 +235,7 @@ def shuffled(variant: Variant, seed: int = 1) -> Variant:
 
 
 def rows_of(weights: SkinWeights, rows: I64) -> SkinWeights:
-    """Skin weights of some vertices."""
+    """Return skin weights of some vertices."""
     counts = np.diff(weights.offsets)[rows]
     offsets = np.append(0, np.cumsum(counts))
     entries = (
@@ -247,7 +247,7 @@ def rows_of(weights: SkinWeights, rows: I64) -> SkinWeights:
 
 
 def decimated(variant: Variant, share: float = 0.4) -> Variant:
-    """Another mesh of the same shape: quadric decimation, weights of the nearest vertex."""
+    """Return another mesh of the same shape: quadric decimation, weights of the nearest vertex."""
     import fast_simplification
     from scipy.spatial import cKDTree
 
@@ -268,7 +268,7 @@ def decimated(variant: Variant, share: float = 0.4) -> Variant:
 
 
 def moved(variant: Variant, matrix: F64) -> Variant:
-    """Avatar moved to another space: turned axes, centimetres."""
+    """Return the avatar in another space: turned axes, centimetres."""
 
     def apply(points: F64) -> F64:
         return points @ matrix[:3, :3].T + matrix[:3, 3]
@@ -360,7 +360,7 @@ def posed(variant: Variant, turns: Mapping[str, F64], stretches: Mapping[str, fl
 
 
 def turn(axis: int, degrees: float) -> F64:
-    """A turn about a coordinate axis."""
+    """Return a turn about a coordinate axis."""
     angle = np.radians(degrees)
     eye = np.eye(3)
     i, j = [k for k in range(3) if k != axis]

@@ -62,7 +62,7 @@ class Figure:
 
 
 def made(figure: Figure) -> Variant:
-    """Make a figure."""
+    """Make a figure from a recipe."""
     person = variants.canonical()
     stretches = {
         f"{limb}{half}.{side}": factor
@@ -94,7 +94,7 @@ def _part_names() -> npt.NDArray[np.str_]:
 
 
 def _girded(person: Variant, girths: Mapping[str, float]) -> Variant:
-    """Parts grow about the axis of their bones, smoothly towards their neighbours."""
+    """Enlarge parts about the axis of the bones, with smooth transitions."""
     heads = canonical_heads()
     axes = {
         "upper_leg": ("upperleg01", "lowerleg01"), "lower_leg": ("lowerleg01", "foot"),
@@ -147,7 +147,7 @@ def _is_below(bones: tuple[RigBone, ...], bone: RigBone, name: str) -> bool:
 
 
 def _lumpy(person: Variant, size_m: float, seed: int) -> Variant:
-    """Smooth random differences of the shape along the normals."""
+    """Return smooth random differences of the shape along the normals."""
     random = np.random.default_rng(seed)
     waves = random.normal(size=(24, 3)) * 12.0
     phases, sizes = random.uniform(0.0, 2.0 * np.pi, 24), random.normal(size=24)
@@ -167,7 +167,7 @@ def _lifted(person: Variant, lift_m: F64) -> Variant:
 
 
 def _soles(person: Variant, thick_m: float, heel_m: float) -> Variant:
-    """Shoes: the soles go down, the heel farther than the ball; the rig's feet stay."""
+    """Add shoes: soles move down, the heel farther than the ball; the rig's feet stay."""
     rest, names = load_avatar().vertices.astype(np.float64), _part_names()
     heads = canonical_heads()
     foot = np.isin(names, ("foot_sole", "foot_dorsum", "lower_leg"))
@@ -200,7 +200,7 @@ def _gloves(person: Variant) -> Variant:
 
 
 def _cut(person: Variant, below_m: float) -> Variant:
-    """Half a body: no skin below a height of the shipped avatar, or of the legs."""
+    """Return half a body: no skin below a height of the shipped avatar, except the arms."""
     rest, names = load_avatar().vertices.astype(np.float64), _part_names()
     arms = np.isin(names, ("upper_arm", "forearm", "hand_palm", "hand_dorsum", "fingers"))
     is_left = (rest[:, 2] > below_m) | arms
@@ -231,7 +231,7 @@ CLOTHES: Mapping[str, Callable[[Variant], Variant]] = {
 
 
 def _blurred(person: Variant) -> Variant:
-    """Weights of a broad brush: the mean of the neighbours', several times."""
+    """Smooth skin weights: the mean of the neighbours, several times."""
     from scipy.sparse import coo_array, csr_array, diags_array
 
     target, count = person.target, len(person.target.vertices)

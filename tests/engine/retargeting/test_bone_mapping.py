@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mapping avatars' bones: each convention's names against counterparts written by hand."""
+"""Bone mapping of avatars: names of each convention against counterparts written by hand."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def few_bones(variant: Variant) -> Any:
 
 
 def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
-    """Median distance from the truth of each part's vertices."""
+    """Return the median distance from the truth, by part."""
     model = load_model(MODEL_ID)
     fitted, quality = retarget.fit(model, warped)
     # Limbs stretched beyond human proportions make the hinges uncertain.

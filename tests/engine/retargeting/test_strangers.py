@@ -67,7 +67,7 @@ def test_a_rig_that_agrees_with_its_skin_keeps_its_joints() -> None:
 
 
 def test_a_model_lies_at_the_knees_and_elbows_that_are_seen() -> None:
-    """The front and the back of each: 45 mm off where the rig alone was believed."""
+    """Front and back of each joint: 45 mm off with the rig as the only source."""
     figure = Figure("mannequin", ENGINE, is_blurred=True, knees_m=0.045, elbows_m=0.03)
     person, model = made(figure), load_model("hfx-pressure-1")
     mapping = map_bones(person.target.bones)  # type: ignore[arg-type]

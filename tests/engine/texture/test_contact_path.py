@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ways of contacts: nearest places, seams, tiles, moving and deforming meshes."""
+"""Paths of contacts: nearest points, seams, tiles, moving and deforming meshes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hfx_blender.engine.texture.contact_path import ContactFollower, ContactPath
 
 
 def _sheet(count: int = 8, size: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
-    """A square in the plane z = 0 about the origin: vertices and triangles."""
+    """Return a square in the plane z = 0 about the origin: vertices and triangles."""
     steps = np.linspace(-0.5 * size, 0.5 * size, count + 1)
     x, y = np.meshgrid(steps, steps)
     vertices = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
@@ -24,7 +24,7 @@ def _sheet(count: int = 8, size: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pieces(paths: ContactPaths) -> np.ndarray:
-    """Path pieces, (n, 2, 2, 2): piece, begin and end, coordinate."""
+    """Return path pieces, (n, 2, 2, 2): piece, begin and end, coordinate."""
     return paths.ends_m.transpose(2, 0, 1).reshape(-1, 2, 2, 2)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Micro-collisions: no texel on the way is skipped, and the most salient come first."""
+"""Micro-collisions: no texel of the path is skipped, and salient collisions come first."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Micro-collision maps: the layers against arithmetic of their own."""
+"""Micro-collision maps: layers against independent arithmetic."""
 
 from __future__ import annotations
 

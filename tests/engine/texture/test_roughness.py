@@ -20,7 +20,7 @@ X = np.arange(int(LENGTH / SPACING)) * SPACING
 
 
 def _pulse(phase: np.ndarray) -> np.ndarray:
-    """1 for a fifth of each period, else 0."""
+    """Return 1 for a fifth of each period, else 0."""
     return ((phase / (2.0 * np.pi) + 0.005) % 1.0 < 0.2).astype(float)
 
 

@@ -89,7 +89,7 @@ def test_the_textile_renderer_equals_an_independent_computation() -> None:
 
 
 def test_a_device_of_short_updates_plays_windows_of_the_paper_as_an_export_does() -> None:
-    """Every 10 ms the 50 ms before; an export keeps as much of each contact's heights."""
+    """Every 10 ms covers the 50 ms before; an export keeps this span of each contact's heights."""
     field = HeightField(np.random.default_rng(4).normal(size=(32, 32)) * 1e-5, (1e-4, 1e-4))
     stroke = strokes.line((0.0, 0.0), 0.4, 0.01, 0.1, 240.0)
     texture = SurfaceTexture(field, None, SurfaceRenderer.TEXTILE, 1e4)

@@ -84,7 +84,7 @@ def calibrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _strongest(header: TrackHeader, run: SampleRun) -> tuple[float, float]:
-    """Strength of the device's first actuator in an export, and live."""
+    """Return the strength of the device's first actuator in an export, and live."""
     device = load_device(DEVICE)
     exported = DeviceRenderer(header, device)
     exported.add([run])

@@ -68,7 +68,7 @@ def _block(
     history: int = 0,
     levels: np.ndarray | None = None,
 ) -> AnimationBlock:
-    """The body stands still; the sheet, below a fingertip, is moved by the offsets."""
+    """Return a block with a still body; the sheet, below a fingertip, moves by the offsets."""
     times = len(offsets)
     fingers = np.flatnonzero(model.part == FINGERS)
     lowest = model.vertices[fingers][np.argmin(model.vertices[fingers, 2])]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A file appears complete or not at all."""
+"""Atomic files: complete or absent."""
 
 import errno
 import os
@@ -254,7 +254,7 @@ def test_an_interrupted_track_keeps_the_earlier_file(tmp_path, error):
 
 @pytest.mark.parametrize("budget", range(0, 4000, 157))
 def test_a_disk_that_fills_up_at_any_point(tmp_path, budget):
-    """Writes fail once ``budget`` bytes are on the disk."""
+    """Make writes fail after ``budget`` bytes."""
     record(tmp_path / "whole.hfxtrack")
     size = (tmp_path / "whole.hfxtrack").stat().st_size
     whole = (tmp_path / "whole.hfxtrack").read_bytes()

@@ -91,7 +91,7 @@ def test_chunks_hold_no_more_than_a_reader_holds(
     cuts: set[int],
     precise: bool,
 ) -> None:
-    """Up to 4 streams of 15 vertices a sample on average, below any limit a sample alone."""
+    """Up to 4 streams of 15 vertices a sample on average, below any limit on a single sample."""
     folder = tmp_path_factory.mktemp("limited")
     track_header = header(sample_count=count)
     runs = _recording(track_header, seed)

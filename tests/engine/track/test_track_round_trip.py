@@ -141,7 +141,7 @@ def test_any_time_equals_the_sequence(tmp_path, runs, data):
 
 
 def test_every_sample_time_finds_its_own_sample(tmp_path):
-    """Times are rounded to float64; none may fall into the sample before."""
+    """Times rounded to float64 must not fall into the sample before."""
     track_header = header(sample_count=20_000)
     indices = np.arange(20_000)
     sets = [np.array([k % 2000]) for k in indices]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A second reader, written from docs/track-format.md with plain Python, agrees with the first."""
+"""A second reader, written from docs/track-format.md in plain Python, agrees with the package."""
 
 import io
 import json
@@ -56,7 +56,7 @@ def toggled(counts, gaps):
 
 
 def twin(path):
-    """(stream, sample index) -> level, parameters, vertices, weights, channels."""
+    """Return (stream, sample index) -> level, parameters, vertices, weights, channels."""
     archive = zipfile.ZipFile(path)
     head = json.loads(archive.read("header.json"))
     index = json.loads(archive.read("index.json"))

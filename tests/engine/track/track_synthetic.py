@@ -63,7 +63,7 @@ def run(track_header, stream, indices, sets, weights, levels=None, parameters=No
 
 
 def cut(whole, first, last):
-    """The samples ``first`` to ``last - 1`` of a run."""
+    """Return the samples ``first`` to ``last - 1`` of a run."""
     low, high = whole.offsets[first], whole.offsets[last]
     channels = ("positions", "velocities", "depth_m")
     return SampleRun(
@@ -83,12 +83,12 @@ def cut(whole, first, last):
 
 
 def quantised(weights):
-    """Weights rounded to 8 bits; written independently of the code under test."""
+    """Return weights rounded to 8 bits, independent of the code under test."""
     return np.array([np.float32(max(1, round(float(w) * 255)) / 255) for w in weights], np.float32)
 
 
 def rows(runs):
-    """Comparable values of every sample of some runs, keyed by stream and index."""
+    """Return comparable values of every sample of some runs, keyed by stream and index."""
     actual = {}
     for item in runs:
         for k, sample in enumerate(item):
@@ -111,7 +111,7 @@ def rows(runs):
 
 
 def body_points(spacing_m=0.012):
-    """Points on the skin of a body of capsules, (V, 3) metres, in a spatially coherent order."""
+    """Return points on a body of capsules, (V, 3) metres, in a spatially coherent order."""
     points = []
     for low, high, radius in (
         ((0.0, 0.0, 0.9), (0.0, 0.0, 1.45), 0.17),

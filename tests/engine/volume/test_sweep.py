@@ -47,7 +47,7 @@ SHAPES: dict[str, Shape] = {
 
 
 def passage(shape: Shape, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times by the library for meshes, by the reference for formulas."""
+    """Return times by the library for meshes, by the reference for formulas."""
     if isinstance(shape, MeshVolume):
         return shape.compiled().passages(starts, ends)
     return reference.passage(shape, np.stack([starts, ends]))
@@ -110,7 +110,7 @@ def test_no_plate_is_too_thin() -> None:
 
 
 def test_ways_along_an_edge_do_not_slip_between_two_triangles() -> None:
-    """Straight down on the shared edges and corners of a mesh's faces."""
+    """Vertical paths hit shared edges and corners of a mesh's faces."""
     torus = _torus()
     tops = torus.vertices[np.abs(torus.vertices[:, 2] - 0.25) < 1e-9].T
     middles = 0.5 * (tops + np.roll(tops, 1, axis=1))

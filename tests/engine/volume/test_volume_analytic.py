@@ -42,7 +42,7 @@ def gauge(shape, x, y, z):
 
 
 def support(shape, directions):
-    """Support function in shape space of directions (n, 3), (n,)."""
+    """Return the support function in shape space for directions (n, 3), (n,)."""
     if isinstance(shape, Cuboid):
         return np.abs(directions).sum(axis=1)
     if isinstance(shape, Sphere):

@@ -34,7 +34,9 @@ def assert_agrees_with_winding_number(vertices, triangles, points, least_way):
 
 
 def probes(vertices, triangles, rng, count):
-    """Points where ray parity fails: above corners, edges and faces, in line with coordinates."""
+    """Return points where ray parity fails: above corners, edges and faces, in line with
+    coordinates.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     anywhere = low + (high - low) * rng.random((count, 3))
     lattice = np.stack([rng.choice(vertices[:, k], count) for k in range(3)], axis=1)
@@ -337,7 +339,7 @@ def test_small_holes_are_closed_and_reported(rng):
 
 
 def test_bent_holes_are_closed_too(rng):
-    """Away from a hole nothing changes; a mesh with hundreds of holes has an inside again."""
+    """Away from a hole, results are equal; a mesh with hundreds of holes has an inside again."""
     vertices, triangles = mesh("sphere, 5120", rng)
     is_kept = rng.random(len(triangles)) < 0.97
     volume = MeshVolume(vertices, triangles[is_kept], "Sieve")

@@ -15,7 +15,7 @@ from hfx_blender.engine.volume.placing_matrix import inverse_placement, world_bo
 
 
 def exact_inverse(matrix):
-    """Gauss-Jordan in fractions, (4, 4)."""
+    """Return the inverse by Gauss-Jordan in fractions, (4, 4)."""
     rows = [
         [Fraction(x) for x in row] + [Fraction(int(i == j)) for j in range(4)]
         for i, row in enumerate(matrix.tolist())

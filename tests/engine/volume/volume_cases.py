@@ -33,7 +33,7 @@ def placing(kind, rng):
 
 
 def points_in(bounds, count, rng):
-    """Random points of a box a little larger than ``bounds``, (3, count)."""
+    """Return random points of a box a little larger than ``bounds``, (3, count)."""
     low, high = bounds
     spread = 1.1 * (high - low)
     return np.ascontiguousarray((0.5 * (low + high) + (rng.random((count, 3)) - 0.5) * spread).T)

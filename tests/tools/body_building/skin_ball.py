@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The left half of a ball of two parts, where everything about the skin is known."""
+"""Left half of a ball of two parts, with a known skin."""
 
 from __future__ import annotations
 

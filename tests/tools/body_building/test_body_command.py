@@ -28,7 +28,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*words: object) -> tuple[str, str]:
-    """Text on standard output and on standard error."""
+    """Return text of standard output and standard error."""
     parser = argparse.ArgumentParser()
     body.add_parser(parser.add_subparsers())
     options = parser.parse_args(["body", *map(str, words)])

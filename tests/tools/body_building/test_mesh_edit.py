@@ -25,7 +25,7 @@ def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def characteristic(triangles: np.ndarray, count: int) -> tuple[int, int]:
-    """Euler characteristic and number of border edges."""
+    """Return the Euler characteristic and the number of border edges."""
     edges = mesh_edges.edges_of(triangles, count)
     used = len(np.unique(triangles))
     return used - len(edges.ends) + len(triangles), int(edges.is_border.sum())

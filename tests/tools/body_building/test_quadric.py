@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's own way to thin a body, on a ball of two parts; and both ways side by side."""
+"""The paper's way to thin a body, on a ball of two parts; and both ways compared."""
 
 from __future__ import annotations
 

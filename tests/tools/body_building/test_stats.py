@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of spacings, on a body small enough for a pencil."""
+"""Table of spacings, on a body small enough for a pencil."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hfx_tools.body_building import correspondence, stats
 
 @pytest.fixture
 def pencil() -> model.PerceptualModel:
-    """Two triangles: 0 1 2 on the head with sides 3, 4, 5 cm, vertex 3 on the torso."""
+    """Return two triangles: 0 1 2 on the head with sides 3, 4, 5 cm, vertex 3 on the torso."""
     vertices = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.04, 0], [0.03, 0.04, 0]], np.float32)
     return replace(
         model.load_model("hfx-temperature-1"),

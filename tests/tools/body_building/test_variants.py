@@ -53,7 +53,7 @@ def models(people: dict[str, Person]) -> dict[str, model.PerceptualModel]:
 
 
 def cage(folder: Path, who: Variant) -> F64:
-    """The body of the base mesh, metres."""
+    """Return the body of the base mesh, metres."""
     data = source.read(folder, variant.target_shares(who))
     return data.vertices[np.unique(data.faces)]
 
@@ -261,7 +261,7 @@ def _volume_m3(points: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def _inside(places: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Inside a closed mesh, by solid angle (van Oosterom and Strackee 1983)."""
+    """Test for points inside a closed mesh, by solid angle (van Oosterom and Strackee 1983)."""
     inside = []
     for point in places:
         a, b, c = np.moveaxis(points[triangles].astype(np.float64) - point, 1, 0)

@@ -22,7 +22,9 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
 
 
 def posed_bones(bones: model.Skeleton, walk: model.WalkCycle, frame: int) -> np.ndarray:
-    """Bone matrices in rest space, by Blender's rule: parent, offset at rest, own rotation."""
+    """Return bone matrices in rest space, by Blender's rule: parent, offset at rest, local
+    rotation.
+    """
     rest = bones.rest.astype(float)
     posed = np.zeros_like(rest)
     for number, parent in enumerate(bones.parents):
@@ -48,14 +50,14 @@ def bones() -> model.Skeleton:
 
 @pytest.fixture(scope="module")
 def heads(walk: model.WalkCycle, bones: model.Skeleton) -> dict[str, np.ndarray]:
-    """Way of each joint over the cycle: name -> (T, 3)."""
+    """Return the path of each joint over the cycle: name -> (T, 3)."""
     posed = np.array([posed_bones(bones, walk, t) for t in range(len(walk.rotations))])
     return {name: posed[:, number, :3, 3] for number, name in enumerate(bones.bone_names)}
 
 
 @pytest.fixture(scope="module")
 def skins(walk: model.WalkCycle, bones: model.Skeleton) -> np.ndarray:
-    """The avatar's vertices in every frame, (T, V, 3)."""
+    """Return the avatar's vertices in every frame, (T, V, 3)."""
     from scipy.sparse import csr_array
 
     avatar = model.load_avatar()

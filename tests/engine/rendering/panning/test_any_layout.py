@@ -45,7 +45,7 @@ MOTOR = load_device("back_pad").actuators[0].type
 
 
 def sheet() -> PerceptualModel:
-    """A piece of skin bent round an upright cylinder of 12 cm, 9 cm wide and high."""
+    """Return skin bent round an upright cylinder of 12 cm, 9 cm wide and high."""
     u, v = (item.ravel() for item in np.meshgrid(*[np.arange(SIDE) * 0.005 - 0.045] * 2))
     turn = u / 0.12
     normals = np.column_stack((np.sin(turn), np.cos(turn), 0.0 * u))
@@ -120,7 +120,7 @@ def shown(layout: PannedLayout, triangle: int) -> Callable[[np.ndarray], np.ndar
 
 
 def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, end: np.ndarray):
-    """Remaining largest change on a path under ever finer sampling."""
+    """Return the largest change on a path after repeated refinement around the maximum."""
     low, high = 0.0, 1.0
     for _ in range(6):
         way = np.linspace(low, high, 33)

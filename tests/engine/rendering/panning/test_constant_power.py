@@ -86,7 +86,7 @@ def test_inside_the_hull_gains_point_where_the_source_is(position):
 
 @pytest.mark.parametrize("layout", [CUBE, DOME], ids=["cube", "dome"])
 def test_a_path_over_the_sphere_never_jumps(layout):
-    """Down over the rim of a dome as well."""
+    """The path includes the rim of a dome."""
     turn = np.linspace(0.0, 2.0 * np.pi, 20001)
     for tilt in (0.3, 0.9, 1.4):
         path = np.column_stack(

@@ -27,7 +27,7 @@ MODEL = load_model("hfx-pressure-1")
 
 
 def actuators() -> tuple[Actuator, ...]:
-    """All over the back, some 2 cm apart, none on a vertex."""
+    """Return positions all over the back, about 2 cm apart, off the vertices."""
     rng = np.random.default_rng(3)
     back = (MODEL.part == PARTS.index("torso")) & (MODEL.normals[:, 1] > 0.3)
     places = MODEL.vertices[rng.choice(np.flatnonzero(back), COUNT)] + rng.normal(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""No phantom sensation joins two limbs, or spans more than 200 mm of skin, in any scheme."""
+"""Phantom sensations never join two limbs, or span more than 200 mm of skin, in any scheme."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_the_belt_of_eight_is_joined_all_round_and_not_across():
 
 
 def test_straight_through_the_body_is_not_along_the_skin():
-    """Navel and spine are 197 mm apart, and half a waist by the skin."""
+    """Navel and spine are 197 mm apart in space, and half a waist along the skin."""
     places = centres_of(BELT)[[0, 4]]
     assert np.linalg.norm(places[0] - places[1]) < MAX_SPAN_M
     assert not joined_on_skin(MODEL, places, anchors_of(BELT)[[0, 4]])[0, 1]

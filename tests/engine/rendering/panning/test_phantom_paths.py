@@ -75,7 +75,7 @@ def raster_of(device: DeviceConfig, path: np.ndarray) -> np.ndarray:
 
 
 def along(path: np.ndarray) -> np.ndarray:
-    """Places (COUNT, D) at even distances along a polyline."""
+    """Return points (COUNT, D) at equal distances along a polyline."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
     positions = np.linspace(0.0, at[-1], COUNT)
@@ -95,7 +95,7 @@ def pad_path(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def barycentric(places: np.ndarray) -> np.ndarray:
-    """Shares (n, A) of the tactors in their Delaunay triangles."""
+    """Return shares (n, A) of the tactors in the Delaunay triangles."""
     actual = tactors()
     mesh = Delaunay(actual)
     shares = np.zeros((len(places), len(actual)))
@@ -127,7 +127,7 @@ def test_log_gains_are_mangos(seed: int) -> None:
 
 
 def decibels(gains: np.ndarray) -> float:
-    """Deviation of the total power from 1, dB."""
+    """Return the deviation of the total power from 1, dB."""
     return float(np.abs(10.0 * np.log10((gains**2).sum(axis=1))).max())
 
 

@@ -27,7 +27,7 @@ coordinate = st.floats(-0.3, 0.3)
 
 
 def inside_pad(draw_weights: list[float]) -> np.ndarray:
-    """A convex combination of the tactors: always in their hull."""
+    """Results are convex combinations of the tactors, always in the hull."""
     weights = np.array(draw_weights) + 1e-9
     return (weights / weights.sum()) @ PAD
 
@@ -77,7 +77,7 @@ def test_log_gains_follow_the_formula_from_linear_ones(point):
 @given(st.tuples(coordinate, coordinate), st.tuples(coordinate, coordinate))
 @settings(max_examples=200, deadline=None)
 def test_shares_never_change_faster_than_the_place(a, b):
-    """In an equilateral triangle of height h a share changes by at most 1 / h a metre."""
+    """In an equilateral triangle of height h, a share changes by at most 1 / h per metre."""
     scheme = PlanarPanning(PAD, "linear")
     first, second = scheme.gains(np.array([a, b]))
     steepest = 1.0 / (EDGE * np.sqrt(3) / 2)

@@ -25,7 +25,7 @@ def vertex_near(model, part: str, side: str, *point: float) -> int:
 
 
 def back(model, rows: int = 3, columns: int = 4) -> np.ndarray:
-    """A grid on the back, 7 cm apart."""
+    """Return a grid on the back, 7 cm apart."""
     torso = np.flatnonzero((model.part == PARTS.index("torso")) & (model.normals[:, 1] > 0.5))
     places = [
         ((c - (columns - 1) / 2) * 0.07, 1.15 + r * 0.07)
@@ -67,7 +67,7 @@ def test_neighbouring_vertices_have_neighbouring_gains(model):
 
 
 def fingertips(model) -> list[int]:
-    """The vertex farthest from the palm on each long finger of the left hand."""
+    """Return the vertex farthest from the palm on each long finger of the left hand."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -145,7 +145,9 @@ def folded_sheet(model, angle: float):
 
 
 def test_skin_that_sees_itself_across_a_fold_is_not_joined(model):
-    """Two places 6 cm from a fold: the way along the skin is only a third longer than the air."""
+    """Two points 6 cm from a fold: the path along the skin is only a third longer than through the
+    air.
+    """
     anchors = np.array([4 * 11 + 5, 16 * 11 + 5])
     flat = surface_gains(folded_sheet(model, 0.0), anchors, "linear")
     assert {0, 1} in [set(simplex) for simplex in flat.simplices.tolist()]
