@@ -84,6 +84,7 @@ def convert(
     stem = target.name.removesuffix(info.suffix) or target.name
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
+    # Files are checked in the staging folder, and get their names only if all of them are valid.
     with inputs_kept([source]), staging(target.parent, "hfx") as stage:
         if source.suffix == TRACK_SUFFIX:
             written = _of_track(source, info, stage / stem, device, body, tolerance)

@@ -116,6 +116,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 script=None if script is None else script.as_request(),
                 offset_ms=settings.offset_ms,
             )
+            # Playback ends when the most delayed device has finished.
             offset_ms = max(offset_ms, settings.offset_ms)
         try:
             failed = play(
@@ -222,6 +223,7 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
     """Connection of a device: from the options, else as last connected in Blender."""
     from ..devices.live import live_settings
 
+    # Addresses of another kind of connection do not apply; the measured delay does.
     known = live_settings.load().get(name, live_settings.LiveSettings())
     kind = _KINDS[options.to]
     if known.kind != kind:

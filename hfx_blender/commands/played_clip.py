@@ -89,6 +89,7 @@ class PlayedClip:
         after the end.
         """
         now = self._row(time_s)
+        # Rows since the last call: a slow caller must not skip a short strong row.
         first = now if self._shown is None else self._shown + 1
         if time_s >= self.end_s and first > now:
             return self._neutral[name]

@@ -156,7 +156,7 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
     watched = WatchedFolder(options.watch)
     results: list[dict[str, Any]] = []
     faults: list[str] = []
-    watched.settled()
+    watched.settled()  # the first call only records sizes, for comparison with the next
     if not options.once:
         console.say(f"watching {options.watch}; Ctrl-C ends it")
     while watched.is_waiting or not options.once:

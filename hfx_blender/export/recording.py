@@ -39,7 +39,7 @@ BlockSamples = tuple[AnimationBlock, list[SampleRun]]
 
 @dataclass(frozen=True)
 class Recorded:
-    """Counters, faults, notes and felt times of a recording, as plain data for other processes."""
+    """Counters, faults, notes and felt times of a recording, as plain data for worker processes."""
 
     engine: dict[str, Any]  # fields of Counters
     reading: dict[str, Any]  # fields of ReadingCounters
@@ -97,7 +97,7 @@ class Recorded:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of reading and evaluation, each with its number of samples."""
+        """Warnings of reading and evaluation, each with the number of samples."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
         return tuple(f"{text.rstrip('.')} ({count} times)" for text, count in counts.items())
 

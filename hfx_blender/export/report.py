@@ -25,7 +25,7 @@ _LARGEST_REPORT = 2**26
 
 @dataclass(frozen=True)
 class ExportReport:
-    """Results of one export."""
+    """Results of an export."""
 
     scene: str
     folder: Path  # of the files and their subfolders
@@ -118,7 +118,10 @@ def effect_facts(
     answering: Collection[str] = (),
     seen_on: Collection[str] = (),
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
-    """Facts of each effect of a scene: times at which any body feels it, or the reason of silence.
+    """Facts of each effect of a scene, for the report, and warnings about effects that are not
+    felt.
+
+    The facts are the times at which any body feels the effect, or the reason of silence.
 
     Parameters
     ----------
@@ -127,24 +130,17 @@ def effect_facts(
     unfelt : mapping
         Reasons known before the recording, by effect name.
     warnings : sequence of str
-        Warnings of the recording; an effect named in one of them gets no second warning.
+        Warnings of the recording; an effect with a warning gets no second warning.
     is_part : bool
         Only some frames of the scene were recorded, so silence of effects is expected.
     instances : collection of str
-        Ids of instances and particles; silence is expected if another one of the swarm is felt.
+        Ids of instances and particles; silence is expected if another instance is felt.
     times : FeltTimes, optional
         Samples at which effects are on with nonzero strength.
     answering : collection of str
         Ids of volumes with a contact response.
     seen_on : collection of str
         Ids of volumes that were on at samples far from all skin.
-
-    Returns
-    -------
-    tuple of dict
-        For the report.
-    tuple of str
-        Warnings about effects that are not felt.
     """
     spans_of: dict[str, list[tuple[float, float]]] = {}
     powerless = set()
@@ -155,6 +151,7 @@ def effect_facts(
             spans_of.setdefault(summary.stream.effect_id, []).append(span)
         elif summary.sample_count:
             powerless.add(summary.stream.effect_id)
+    # Ids of instances are "emitter:number"; an emitter counts as felt with any of its instances.
     swarms = {instance.rpartition(":")[0] for instance in instances if instance in spans_of}
     lines, missed = [], []
     for effect in track.header.effects:
@@ -163,14 +160,13 @@ def effect_facts(
         known = unfelt.get(effect.name)
         if known is None and spans is None:
             is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
-            reason = _driver_fault(warnings, effect.name)
-            if reason is None and effect.id in powerless:
-                reason = powerless_reason(effect.modality, effect.is_contact)
-            elif reason is None:
-                has_response = effect.id in answering
-                reason = _why_missed(effect, times, has_response, effect.id in seen_on)
-                if reason == _NO_TOUCH and _is_flat(warnings, effect.name):
-                    reason = FLATTENED
+            # The most specific reason first: a failed driver explains missing samples, too.
+            if (reason := _driver_fault(warnings, effect.name)) is None:
+                reason = (
+                    powerless_reason(effect.modality, effect.is_contact)
+                    if effect.id in powerless
+                    else _why_missed(effect, times, answering, seen_on, warnings)
+                )
             is_warned = any(f"'{effect.name}'" in text for text in warnings)
             known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
             if not (known.is_expected or known.is_warned):
@@ -214,20 +210,26 @@ def _driver_fault(warnings: Sequence[str], name: str) -> str | None:
 
 
 def _why_missed(
-    effect: TrackEffect, times: FeltTimes | None, has_response: bool, is_seen_on: bool
+    effect: TrackEffect,
+    times: FeltTimes | None,
+    answering: Collection[str],
+    seen_on: Collection[str],
+    warnings: Sequence[str],
 ) -> str:
     """Reason for an effect without samples, as a predicate."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
             quantity = times.no_number[effect.id]
             return f"has {quantity} that is no number wherever it would be on"
-        if not is_seen_on:
+        if effect.id not in seen_on:
             return _NEVER_ON
+    has_response = effect.id in answering
     if has_response and times is None:
         return f"{_NO_TOUCH}, or its contact response gives nothing"
     if has_response and times is not None and effect.id in times.touched:
         return "touches a body, but its contact response gives nothing"
-    return _MISSED.get(effect.kind, _NEVER_ON)
+    reason = _MISSED.get(effect.kind, _NEVER_ON)
+    return FLATTENED if reason == _NO_TOUCH and _is_flat(warnings, effect.name) else reason
 
 
 def _felt_or_not(

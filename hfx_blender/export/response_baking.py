@@ -43,6 +43,7 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
         raise InputError(f"'{effect.name}' is muted, hidden or no effect of this scene.")
     engine = Engine(reader.description, tolerance=reader.tolerance)
     levels = np.zeros(reader.time.sample_count)
+    # Levels without contact, to divide activation out of the baked intensity.
     base = np.ones(reader.time.sample_count)
     for block in reader.blocks():
         for described, animated in zip(reader.description.effects, block.effects, strict=True):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports one scene: records its track, renders the track for devices, writes files and a report.
+"""Exports a scene: records the track, renders it for devices, writes files and a report.
 
-All files are written into a staging folder and moved to the destination together when complete.
+All files are written into a hidden folder at the destination and moved into place when complete.
 """
 
 from __future__ import annotations
@@ -109,9 +109,10 @@ class ScenePart:
 
 
 class SceneExport:
-    """Export of one scene of the open file, whole or in parts; InputError for an unusable scene."""
+    """Export of a scene of the open file, whole or in parts; InputError for an unusable scene."""
 
     def __init__(self, scene: bpy.types.Scene, settings: ExportSettings) -> None:
+        # Actuators with a position in the room are rendered from the positions of samples.
         if needs_positions(settings.devices) and "positions" not in settings.record:
             settings = replace(settings, record=(*settings.record, "positions"))
         self._scene = scene
@@ -200,7 +201,7 @@ class SceneExport:
     ) -> ExportReport:
         """Merge parts, in order of time, into the results of :meth:`whole`.
 
-        Devices are rendered here, on the whole track, because they carry state between samples.
+        Devices are rendered here, on the whole track, because devices carry state between samples.
         """
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
@@ -264,9 +265,9 @@ class SceneExport:
         folder: Path,
         made_from: Mapping[str, Any],
     ) -> ExportReport:
+        """Write the files and the report of a recorded track, and move them into ``folder``."""
         settings = self._settings
         stem = track.with_name(track.name.removesuffix(SUFFIX))
-        tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         with TrackReader(track) as whole:
             effects, missed = effect_facts(
                 whole,
@@ -284,34 +285,10 @@ class SceneExport:
                 for line in felt_effects(whole, recorded.times)
                 if line["effect"] not in unfelt or line["mean_vertices"]  # samples without strength
             )
-            if settings.per_clip:
-                written, rendered = write_clips(
-                    whole, settings.formats, settings.devices, rendered, stem, tolerance
-                )
-            else:
-                tracks = (track,) if "track" in settings.formats else ()
-                played = result_files.placed(whole.header, rendered.played, stem, stem)
-                written = Written(tracks) + writing.write_all(
-                    settings.formats,
-                    played,
-                    whole,
-                    settings.devices,
-                    stem,
-                    tolerance,
-                    recorders.spatial,
-                )
-            written = without_invalid_files(written)
-            if settings.formats and not written.files and recorders.volumes is None:
-                _refuse(written.left_out)
+            written, rendered = self._write(whole, recorders, rendered, stem)
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters)
             short = shortfalls(whole.header, rasters)
-            if recorders.volumes is not None:
-                models = [load_model(model.id) for model in whole.header.models]
-                names = {path.name for path in written.files}
-                hjif = stem.name + FORMATS["hjif"].suffix
-                has_hjif = hjif in names and not settings.per_clip
-                written += recorders.volumes.write(models, stem, quote(hjif) if has_hjif else None)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         if settings.strict:
@@ -347,6 +324,7 @@ class SceneExport:
             notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )
+        # Everything is complete in the staging folder; moving files is the only step that is left.
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
@@ -356,6 +334,42 @@ class SceneExport:
         for path in earlier:  # an old file would pass for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)
+
+    def _write(
+        self, whole: TrackReader, recorders: SceneRecorders, rendered: Rendered, stem: Path
+    ) -> tuple[Written, Rendered]:
+        """Write the files of all formats next to the track; InputError without any result.
+
+        Returns the rendering without devices that failed in a clip.
+        """
+        settings = self._settings
+        tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
+        if settings.per_clip:
+            written, rendered = write_clips(
+                whole, settings.formats, settings.devices, rendered, stem, tolerance
+            )
+        else:
+            tracks = (whole.path,) if "track" in settings.formats else ()
+            played = result_files.placed(whole.header, rendered.played, stem, stem)
+            written = Written(tracks) + writing.write_all(
+                settings.formats,
+                played,
+                whole,
+                settings.devices,
+                stem,
+                tolerance,
+                recorders.spatial,
+            )
+        written = without_invalid_files(written)
+        if settings.formats and not written.files and recorders.volumes is None:
+            _refuse(written.left_out)
+        if recorders.volumes is not None:
+            # The glb refers to the HJIF of the same export, by its file name as a URI.
+            models = [load_model(model.id) for model in whole.header.models]
+            hjif = stem.name + FORMATS["hjif"].suffix
+            has_hjif = hjif in {path.name for path in written.files} and not settings.per_clip
+            written += recorders.volumes.write(models, stem, quote(hjif) if has_hjif else None)
+        return written, rendered
 
 
 def export_scene(

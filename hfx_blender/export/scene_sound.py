@@ -89,6 +89,7 @@ class SoundRecorder:
         if len(rows):
             to_listener = self._listener.frames(pose, rows)
             for n, k in enumerate(self._volumes):
+                # Silent samples stay NaN, and :func:`_held` fills them with the last position.
                 effect = block.effects[k]
                 if effect.matrices is None or not (effect.levels[rows] > 0.0).any():
                     continue
@@ -155,6 +156,7 @@ class SoundRecorder:
 
 def _held(positions: F64) -> F64:
     """Fill gaps in positions (n, 3) with the last known position, for sounds that fade out."""
+    # Index of the last known row at each row; rows before the first known one take that one.
     known = ~np.isnan(positions).any(axis=1)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     first = int(np.argmax(known))

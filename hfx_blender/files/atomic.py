@@ -92,6 +92,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     first move. Raises OutputError for a file that cannot be forced to the disk, OSError for a
     failed move.
     """
+    # Sync all contents before the first rename: after a power cut, a final name has its content.
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     is_durable = not _is_passing(folder)
     if is_durable and files:
@@ -149,7 +150,7 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
 
 
 class WatchedFile(io.FileIO):
-    """Unbuffered file that raises its first write error only and stores that error in ``fault``.
+    """Unbuffered file that raises only the first write error, and stores the error in ``fault``.
 
     Later writes report success and write nothing, so that an archive can be closed without a second
     error.
@@ -206,7 +207,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     except BaseException as error:
         if raw is not None:
             _remove(temporary)
-        # The block may hide the write error behind one of its own; report the write error.
+        # The block may hide the write error behind a second error; report the write error.
         fault = raw.fault if raw is not None and isinstance(error, Exception) else None
         if fault is None and isinstance(error, OSError):
             own_names = {str(path), str(temporary), str(path.parent)}
@@ -324,7 +325,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
-    """Replace a JSON file under a lock against other processes that use this function.
+    """Replace a JSON file under a lock against all processes that use this function.
 
     ``content`` reads the file and returns the new document, while the lock is held; an exception
     leaves the file unchanged. Raises OutputError for an unwritable file, and for a lock that is

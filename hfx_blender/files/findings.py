@@ -30,7 +30,7 @@ class Finding:
 
 @dataclass
 class Report:
-    """Collector of the findings about one file, at most about ``MAX_FINDINGS``.
+    """Collector of findings about a file, at most about ``MAX_FINDINGS``.
 
     The first finding of each code and severity is always stored, so that an error is not lost
     behind a thousand warnings.

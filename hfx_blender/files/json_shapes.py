@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shapes of JSON documents: validation with located findings, reading, and JSON Schema.
 
-A shape declares a value: its type, range with unit, allowed texts, members. :func:`check` reports
+A shape declares type, range with unit, allowed texts and members of a value. :func:`check` reports
 findings, :meth:`Node.read` returns Python values, and ``hfx_tools/json_schema.py`` writes a JSON
 Schema from the same shape. Each :class:`Finding` has a stable code::
 
@@ -99,7 +99,7 @@ class Anything:
 
 @dataclass(frozen=True)
 class Items:
-    """List of items of one shape, with limits on the count and an order.
+    """List of items of equal shape, with limits on the count and an order.
 
     Lists as items are ordered by their first items.
     """
@@ -121,7 +121,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Row:
-    """List of a fixed number of items, each with a shape of its own."""
+    """List of a fixed number of items with separate shapes."""
 
     items: tuple[Shape, ...]
 
@@ -141,7 +141,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Table:
-    """Object with free keys and values of one shape."""
+    """Object with free keys and values of equal shape."""
 
     item: Shape
     least: int = 0
@@ -151,7 +151,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Tagged:
-    """Object of one of several kinds, chosen by the text at ``tag``, such as ``encoder.kind``."""
+    """Object of several possible kinds, chosen by the text at ``tag``, such as ``encoder.kind``."""
 
     tag: str
     kinds: Mapping[str, Shape]
@@ -159,7 +159,7 @@ class Tagged:
 
 @dataclass(frozen=True)
 class Either:
-    """Object of one of two shapes, chosen by the presence of ``member``."""
+    """Object of two possible shapes, chosen by the presence of ``member``."""
 
     member: str
     present: Record
@@ -195,7 +195,7 @@ def tagged(tag: str, kinds: Mapping[str, Record]) -> Tagged:
 
 
 def numbers(count: int, lowest: float, highest: float, unit: str = "") -> Row:
-    """Make a row of ``count`` numbers in one range."""
+    """Make a row of ``count`` numbers with equal range."""
     return Row((Number(lowest, highest, unit),) * count)
 
 
@@ -224,13 +224,13 @@ def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None
             if not isinstance(value, bool) or (shape.only is not None and value != shape.only):
                 report.error("TYPE", place, _found(value, shape.note))
         case Tagged() | Either():
-            # An unknown tag is the only fault: the other members belong to no known kind.
+            # An unknown tag is the only fault: members of an unknown kind cannot be checked.
             kind = chosen(shape, value) or _tag_only(shape)
             check(kind, value, report, place)
 
 
 def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
-    """Select the shape of a value by its tag or member; None for an unknown or missing tag."""
+    """Select the shape of a value by tag or member; None for an unknown or missing tag."""
     if isinstance(shape, Either):
         has_member = isinstance(value, dict) and shape.member in value
         return shape.present if has_member else shape.absent
@@ -240,7 +240,7 @@ def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
 
 
 def _tag_only(shape: Tagged | Either) -> Shape:
-    """Shape of an object with a valid tag and any other members."""
+    """Shape of an object with a valid tag and any further members."""
     assert isinstance(shape, Tagged)
     tag_shape: Shape = Text(tuple(shape.kinds))
     for key in reversed(shape.tag.split(".")):
@@ -332,6 +332,7 @@ def _check_list(shape: Items | Row, value: Any, report: Report, place: Place) ->
     before = report.count
     for k, item in enumerate(value):
         check(shape.item, item, report, (place, k))
+    # Only items without faults are comparable.
     if shape.order != "any" and report.count == before:
         _check_order(shape, value, report, place)
 
@@ -380,7 +381,7 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
 
 
 def _number_of(text: str) -> float | None:
-    """Parse a finite number; None for any other text."""
+    """Parse a finite number; None for text without one."""
     try:
         number = float(text)
     except ValueError:
@@ -413,7 +414,7 @@ def shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Node:
-    """Value of a JSON document with its file name and place, for messages."""
+    """Value of a JSON document with file name and place, for messages."""
 
     value: Any
     file: str

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits on the memory and time that one file may require, checked before any allocation.
+"""Limits on the memory and time that a file may require, checked before any allocation.
 
-A few bytes can require days of values. Every reader and converter checks these limits;
-``hfx ... --largest N``, or :func:`raised` in Python, multiplies the limits by N.
+A few bytes can require days of values. Every reader and converter checks the limits; ``hfx ...
+--largest N``, or :func:`raised` in Python, multiplies the limits by N.
 """
 
 from __future__ import annotations

@@ -48,9 +48,9 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     with unfinished(stage, remove_tree):
         try:
             owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-            with suppress(OSError):  # some network file systems have no locks: it is not removed
+            with suppress(OSError):  # without locks on a network file system, the folder stays
                 take_lock(owner, LOCKED_BYTE)
-                os.write(owner, _LOCKED)  # last; a full disk cannot take it
+                os.write(owner, _LOCKED)  # last; fails on a full disk
             yield stage
         finally:
             if owner is not None:
@@ -86,7 +86,7 @@ def remove_abandoned(parent: Path) -> None:
                 if is_ownerless(stage / _OWNER, _LOCKED):
                     shutil.rmtree(stage, ignore_errors=True)
                 elif time.time() - stage.stat().st_mtime > NEW_S:
-                    stage.rmdir()  # only if it is empty: its maker was killed at once
+                    stage.rmdir()  # fails unless empty: the maker was killed before the lock
 
 
 def make_folder(folder: Path) -> None:
@@ -113,7 +113,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
             made.enter_context(unfinished(each, Path.rmdir))
         folder.mkdir(parents=True, exist_ok=True)
         stage = made.enter_context(stage_folder(within or folder, name))
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         made.close()
         _remove_empty(new)
         reason = getattr(error, "strerror", None) or error
@@ -124,13 +124,13 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     except OSError as error:
         path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
-    except (InputError, OutputError) as error:  # the user knows the file by its final name
+    except (InputError, OutputError) as error:  # name the file by the final name
         text = with_final_names(str(error), stage, folder)
         if text == str(error):
             raise
         raise type(error)(text) from error
     finally:
-        _remove_empty(new)  # they hold the results, unless there are none
+        _remove_empty(new)  # folders with results are not empty and stay
 
 
 def _missing(folder: Path) -> list[Path]:

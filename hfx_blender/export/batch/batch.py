@@ -91,6 +91,7 @@ class _Batch:
     def run(self) -> list[Outcome]:
         self._fill()
         while self._running:
+            # The timeout lets the main thread check for signals while workers are busy.
             finished, _ = wait(self._running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
             process_end.check()
             for future in finished:
@@ -129,6 +130,7 @@ class _Batch:
         elif "part" in outcome:
             scene.shares[number] = 1.0
             scene.parts[number] = outcome["part"]
+            # Parts finish in any order; the merge needs all of them, in order of time.
             if len(scene.parts) == len(scene.shares):
                 ordered = tuple(scene.parts[k] for k in sorted(scene.parts))
                 self._ready.appendleft((scene, 0, replace(unit, kind="merge", done=ordered)))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Worker process for units of work, one at a time.
+"""Worker process for units of work, in sequence.
 
-Its messages are JSON: ``{"ready": true}`` or ``{"cannot_start": "..."}`` once, then for each unit
+Messages are JSON: ``{"ready": true}`` or ``{"cannot_start": "..."}`` once, then for each unit
 several ``{"progress": 0.5}`` and a final ``{"outcome": {...}}``.
 """
 

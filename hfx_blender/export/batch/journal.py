@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Journal of earlier exports: the report of each scene is its entry.
+"""Journal of earlier exports; a report of a scene is an entry.
 
-A report gets its final name after all listed files, and contains sizes and hashes of results and
+A report gets the final name after all listed files, and contains sizes and hashes of results and
 inputs, options and versions. A scene with a report that still matches is therefore complete,
-whichever machine exported it, and an interrupted batch needs no repair.
+whichever machine exported the scene, and an interrupted batch needs no repair.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def tools() -> dict[str, str | bool]:
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
-    """Inputs of the export of the open file, as plain data for the report.
+    """Inputs of the export of the open file, as plain data for a report.
 
     ``devices`` are names or files, ``models`` ids of body models.
     """
@@ -72,6 +72,7 @@ def is_still(recorded: Any, unit: Unit) -> bool:
         return False
     source = Path(unit.input)
     try:
+        # Cheap comparisons come first: files are hashed only with equal options and versions.
         files = dict(recorded["files"])
         return (
             recorded["options"] == unit.options.as_json()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Unit executors on this machine: this process itself, or worker processes.
+"""Unit executors on this machine: this process, or worker processes.
 
-A worker process starts with its first unit. A new process replaces it after a crash, after a time
-limit, and after :data:`RENEW_AFTER` units, which bounds its memory.
+A worker process starts with a first unit. A new process takes over after a crash, after a time
+limit, and after :data:`RENEW_AFTER` units, which bounds the memory of a worker.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ class UnitWorker:
             progress(float(answer["progress"]))
         self._count += 1
         outcome: Outcome = answer["outcome"]
+        # A unit that left Blender in a doubtful state asks for a new process.
         if outcome.pop("retire", False):
             self._count = RENEW_AFTER
         return outcome
@@ -119,7 +120,7 @@ class UnitWorker:
         raise WorkerDiedError(worker.how_it_ended())
 
     def close(self) -> None:
-        """End the process and discard its unit; any thread may call this method again."""
+        """End the process and discard the unit; any thread may call this method again."""
         self._closed = True
         self._end()
 
@@ -161,7 +162,7 @@ class Workers(Protocol):
         ...
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Begin a unit; the future returns its outcome."""
+        """Begin a unit; the future returns the outcome."""
         ...
 
     def close(self) -> None:
@@ -183,7 +184,7 @@ class ThisProcess:
         return future
 
     def close(self) -> None:
-        """Do nothing: there are no other processes."""
+        """Do nothing: this executor has no processes to end."""
 
 
 class LocalWorkers:
@@ -217,6 +218,7 @@ class LocalWorkers:
         return self._pool.submit(self._run_queued, unit, progress)
 
     def _run_queued(self, unit: Unit, progress: Progress) -> Outcome:
+        # Last in, first out: workers that run already are used before new ones start.
         worker = self._idle.get()
         stage = Path(tempfile.mkdtemp(dir=unit.stage))
         outcome: Outcome = {"error": ""}

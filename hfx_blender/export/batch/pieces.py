@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pieces of a scene, recorded by jobs of a render farm in any order and then merged.
 
-Piece 2 of 8 of ``out/scene`` is in ``out/scene.pieces``: a track, the places of volumes, and last
-the record, with sizes and hashes of these files and the inputs of the recording.
+Piece 2 of 8 of ``out/scene`` is in ``out/scene.pieces``: a track, positions of volumes, and last
+the record, with sizes and hashes of both files and the inputs of the recording.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ def finished(unit: Unit) -> dict[str, Any] | None:
 def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list[dict[str, Any]]:
     """Records of all nonempty pieces of a scene, in order of time.
 
-    Raises InputError for missing or damaged pieces, and for pieces with other inputs than
-    ``made_from``.
+    Raises InputError for missing or damaged pieces, and for pieces recorded from inputs that differ
+    from ``made_from``.
     """
     folder = folder_of(unit)
     count = _count(folder, unit)
@@ -133,6 +133,7 @@ def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list
             f"{folder}: of {count} pieces, {_numbers(wrong)} {'are' if len(wrong) > 1 else 'is'} "
             f"{why}; export with --piece {wrong[0]}/{count} and the same options."
         )
+    # Every piece must begin where the piece before ends: pairs (stop, first) at even positions.
     edges = [0, *(edge for record in records for edge in record["samples"]), sample_count]
     if any(stop != first for stop, first in list(pairwise(edges))[::2]):
         raise InputError(f"{folder}: the pieces do not fit together; export all of them again.")

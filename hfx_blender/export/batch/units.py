@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Units of work of an export: scenes, parts of scenes, pieces, and merges, with options.
 
-Workers of one command share the *parts* of a scene. The jobs of a render farm share *pieces*: each
+Workers of a command share the *parts* of a scene. Jobs of a render farm share *pieces*: each piece
 is recorded by a separate command and stored in the output folder until a last command joins them.
-
-Units and outcomes are JSON, as workers are other processes.
+Units and outcomes are JSON, for worker processes.
 """
 
 from __future__ import annotations
@@ -141,6 +140,7 @@ def even_parts(
 
 def parts_of(size: int, count: int) -> list[tuple[int, int]]:
     """Cut ``count`` samples into (first, stop) of ``size``, rounded up to whole chunks."""
+    # Round up to whole chunks: a chunk is compressed as a unit and belongs to one part.
     whole = -(-max(size, 1) // SAMPLES_PER_CHUNK) * SAMPLES_PER_CHUNK
     return _between(list(range(whole, count, whole)), count)
 

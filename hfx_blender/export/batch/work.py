@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Executes one unit of work in a process with Blender."""
+"""Executes a unit of work in a process with Blender."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
 def _piece(
     unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
 ) -> Outcome:
-    """Record one piece of a scene for a later merge; empty pieces get a record without samples."""
+    """Record a piece of a scene for a later merge; empty pieces get a record without samples."""
     from ..recording import why_in_one_go
 
     assert unit.piece is not None
