@@ -52,7 +52,8 @@ class Evaluation:
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene after a change of bodies, effects, tolerance, scene or view layer.
+        """Describe the scene after a change of bodies, effects, tolerance, scene, view layer or
+        :attr:`with_positions`.
 
         No effect without such a change. Errors become :attr:`fault`. Never call this during a
         depsgraph update.

@@ -16,7 +16,9 @@ _NAME_TIP = "Name in the Outliner; empty: the kind of effect"
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
-    """Show wires in object colours, which encode the modality, if a viewport has theme colours."""
+    """Show wires in object colours, which encode the modality, if the viewport has theme
+    colours.
+    """
     space = context.space_data
     if space is not None and space.type == "VIEW_3D":
         if space.shading.wireframe_color_type == "THEME":
@@ -83,7 +85,7 @@ class HFX_OT_add_volume(HfxOperator):
         return ""
 
     def _use_metres(self, units_a_metre: float) -> None:
-        """Convert default lengths, in metres, to the scene's unit."""
+        """Convert the defaults of unset lengths, in metres, to the scene's unit, in place."""
         for name in ("radius", "height"):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(self, name) * units_a_metre)

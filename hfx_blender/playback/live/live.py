@@ -290,7 +290,8 @@ class Live:
             self.handlers.request_update()
 
     def exchange_heartbeat(self) -> bool:
-        """Send a heartbeat and receive device events; returns True after an event.
+        """Send a heartbeat and receive device events; returns True after an event, False without a
+        client.
 
         Continues decaying contact responses, and fades the devices :data:`HOLD_S` after the last
         change.

@@ -146,7 +146,9 @@ class LiveHandlers:
         self._stop("stopped by an undo or redo")
 
     def beat(self) -> float:
-        """Send a heartbeat; returns the interval in seconds. Device events redraw the panel."""
+        """Timer: send a heartbeat, and redraw the panel after device events; returns the interval,
+        seconds. Errors stop the devices; a deleted object discards the description.
+        """
         try:
             if self._listener.exchange_heartbeat():
                 redraw("VIEW_3D")

@@ -290,7 +290,7 @@ class ActuatorPlaces:
 
 
 def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
-    """Nearest vertex of the visible avatar meshes for each actuator of a device.
+    """Nearest vertex of a body's avatar meshes at rest for each actuator, and radius of its disc.
 
     Raises
     ------

@@ -120,7 +120,7 @@ class _OnCard:
 
 
 def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
-    """A layer's vertices and colours."""
+    """Batch of a layer's triangles, with positions, normals and colours of its vertices."""
     import gpu
 
     batch = gpu.types.GPUBatch(

@@ -243,7 +243,9 @@ class ViewportPreview:
 
     @persistent
     def on_load(self, *_: object) -> None:
-        """Discard all data after an undo, a redo or the opening of a file."""
+        """Discard all data after an undo, a redo or the opening of a file, and schedule a check and
+        a record for a visible preview.
+        """
         self.forget()
         if self.is_on:
             call_soon(self.check_scene)

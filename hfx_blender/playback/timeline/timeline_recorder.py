@@ -149,7 +149,7 @@ class TimelineRecorder:
 
     @contextmanager
     def _working(self) -> Iterator[None]:
-        """Context that ignores depsgraph updates: reading causes them."""
+        """Context whose depsgraph updates, caused by reading, do not invalidate the record."""
         self._is_working = True
         try:
             yield

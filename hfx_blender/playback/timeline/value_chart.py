@@ -59,7 +59,9 @@ def chart(
     height: float,
     scale: float = 1.0,
 ) -> Chart:
-    """Lay out a record's values from the top; rows without room are left out.
+    """Lay out a record's values from the top: effects, then actuators below their device's name.
+
+    Rows without room are left out and counted.
 
     Parameters
     ----------
