@@ -13,7 +13,7 @@ from ..shared import HfxOperator, active_effect
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if a haptic volume; otherwise None."""
+    """Active effect, as of ``shared.active_effect``, if a haptic volume; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 

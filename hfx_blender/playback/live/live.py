@@ -101,7 +101,7 @@ class Live:
 
     @property
     def is_armed(self) -> bool:
-        """Test for a device in state "armed", which plays samples."""
+        """Test for any device in state "armed", which plays samples."""
         return any(device.is_armed for device in self.states.values())
 
     @property
@@ -414,7 +414,7 @@ _LISTENERS: Final = {
 
 
 def register() -> None:
-    """Listen to changes of properties of connected devices."""
+    """Listen to changes of track, source and mutes, and to requests to discard descriptions."""
     for event, function in _LISTENERS.items():
         events.listen(event, function)
 

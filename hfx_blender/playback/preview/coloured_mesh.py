@@ -29,7 +29,7 @@ class Shown:
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
+        """Memory of the three arrays, bytes."""
         return self.vertices.nbytes + self.triangles.nbytes + self.colours.nbytes
 
 

@@ -59,7 +59,7 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
 
 
 def draw_discs(parts: Sequence[Discs]) -> None:
-    """Draw actuators on the skin."""
+    """Draw discs of actuators over the skin and in the room, hidden behind other surfaces."""
     import gpu
 
     from . import card_shaders

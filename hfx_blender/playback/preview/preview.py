@@ -194,7 +194,7 @@ class ViewportPreview:
         events.redraw("VIEW_3D", "DOPESHEET_EDITOR")
 
     def draw_over(self, scene: bpy.types.Scene) -> None:
-        """Draw colours and actuators into the current viewport."""
+        """Draw colours and actuators, each if switched on, into the current viewport."""
         from . import drawing
 
         manager, settings = bpy.context.window_manager, scene.hfx

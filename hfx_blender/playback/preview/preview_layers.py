@@ -188,7 +188,10 @@ class Preview:
     def discs(
         self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Discs]:
-        """Actuators to be drawn now; parameters as for :meth:`layers`."""
+        """Discs of actuators at the current frame; parameters as for :meth:`layers`.
+
+        Empty without devices, and after an error, which stops the glow until the next description.
+        """
         self._take_colours(palette)
         if self._scene is None or self._glow is None:
             return []

@@ -104,7 +104,7 @@ class StrokePad:
         return np.array(self._points, np.float64).reshape(-1, 2)
 
     def press(self, time_s: float, point_m: tuple[float, float]) -> None:
-        """Begin a stroke."""
+        """Begin a stroke at a surface point; fault and history are cleared."""
         self._begin_s = time_s
         self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
         self.now = StrokeState(height_m=self._height(point_m))
@@ -171,7 +171,7 @@ class StrokePad:
         return self.take
 
     def cancel(self) -> None:
-        """Discard the stroke."""
+        """Discard the stroke and its state; :attr:`history` stays."""
         self._times, self._points, self.trail_m, self.now = [], [], [], StrokeState()
 
     def recent(self, seconds: float) -> list[tuple[float, StrokeState]]:
@@ -252,7 +252,7 @@ class StrokeSound:
         self._device.play(sound)
 
     def set_friction(self, share: float) -> None:
-        """Set the volume of the friction sound, 0 to 1."""
+        """Set the volume of the friction sound, clipped to 0..1; no effect without this sound."""
         if self._friction is not None:
             self._friction.volume = float(np.clip(share, 0.0, 1.0))
 

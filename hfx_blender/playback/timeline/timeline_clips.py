@@ -146,7 +146,7 @@ class TimelineClips:
         self._handle = add(self._draw, (), "WINDOW", "POST_PIXEL")
 
     def end_drawing(self) -> None:
-        """Draw no more."""
+        """Remove the draw handler, if any."""
         if self._handle is not None:
             bpy.types.SpaceDopeSheetEditor.draw_handler_remove(self._handle, "WINDOW")
             self._handle = None

@@ -46,7 +46,7 @@ class Chart:
     hidden: int = 0  # number of rows without room
 
     def x_of(self, frame: float) -> float:
-        """Horizontal position of a frame, pixels."""
+        """Horizontal position of a frame, pixels, within the ends of the time axis."""
         first, last = self.frames
         share = (frame - first) / max(last - first, 1e-9)
         return self.left + min(max(share, 0.0), 1.0) * (self.width - self.left)

@@ -125,7 +125,7 @@ def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
 
 
 def sentence_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
-    """Sentence on a joint's state."""
+    """Sentence on the bone of a joint: found, set by hand, missing, or the joint followed."""
     icon, label = icon_of(row, armature), label_of(row.name)
     if icon == _WRONG:
         return f"{label}: the armature has no bone '{row.bone}'"
