@@ -44,11 +44,10 @@ class Plan:
 def plan_of(
     found: HapticObjects, scene: SceneDescription, shapes: effect_values.ShapeCache
 ) -> Plan:
-    """Cheapest plan for a scene, before any comparison with Blender.
-
-    A frame handler of another add-on forces the own scene, read in order. Shapes of rigid volumes
-    are converted into ``shapes``.
-    """
+    """Cheapest plan for a scene, before any comparison with Blender: F-curves where these define
+    all values, else stepping. A scratch scene is stepped unless a dependency needs the own scene. A
+    frame handler of another add-on forces the own scene, read in order. Shapes of rigid volumes are
+    converted into ``shapes``."""
     handler = stepping.foreign_handler()
     if handler is not None:
         return Plan(reason=handler, in_own_scene=True, in_one_go=True, is_sequential=True)

@@ -46,11 +46,10 @@ class SampleRunBuilder:
         weights: F32,
         **details: Any,
     ) -> SampleRun:
-        """Run of an effect on a body at its rows, with motion if recorded.
-
-        ``details`` are further fields of :class:`SampleRun`; levels and parameters are clipped to
-        their ranges.
-        """
+        """Run of an effect on a body at the active rows, with motion if recorded; levels and
+        parameters are clipped to the allowed ranges. ``details`` are further fields of
+        :class:`SampleRun`. If fields are recorded, ``sets`` must give each row a set of its own,
+        and is dropped."""
         effect, animated, rows = active.effect, active.animated, active.rows
         indices = active.block.indices[rows]
         least, largest = MODALITIES[effect.modality].limits

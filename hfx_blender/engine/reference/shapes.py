@@ -44,11 +44,11 @@ def contains(shape: Shape, points: F64) -> Bool:
 
 
 def rise(shape: Shape, points: F64) -> F64:
-    """Fraction of the way from the boundary to the core, for points inside, (N,).
+    """Fraction (N,) of the way from the boundary to the core, for points (3, N) inside.
 
-    Linear along straight lines from the boundary to the centre of a cuboid or an ellipsoid, to
-    the axis of a capsule. For a mesh: depth in shape space over the radius of the largest
-    inscribed ball.
+    Linear along straight lines from the boundary to the centre of a cuboid or an ellipsoid, to the
+    axis of a capsule. For a mesh: depth in shape space over the radius of the largest inscribed
+    ball, at most 1.
     """
     if isinstance(shape, MeshVolume):
         core = shape.core_radius

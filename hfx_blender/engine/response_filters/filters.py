@@ -61,14 +61,11 @@ def mixed(value: F64, influence: F64) -> F64:
 
 
 def folded(filters: tuple[Filter, ...], start: F64, values: F64, influences: F64) -> F64:
-    """Result (n,) of a stack in 0..1, evaluated from top to bottom.
+    """Result (n,) of a stack, evaluated from top to bottom, clipped to 0..1 at the end.
 
-    Parameters
-    ----------
-    start : (n,) float64
-        Value without filters: 1 while touched, else 0.
-    values, influences : (n, F) float64
-        By filter; filters in space are skipped, because weights include them.
+    MULTIPLY blends the factor with 1 by the influence; ADD and MAXIMUM use influence times value.
+    ``start`` (n,) is the value without filters: 1 while touched, else 0. ``values`` and
+    ``influences`` are (n, F); filters in space are skipped, because weights include them.
     """
     result = np.array(start, np.float64)
     for k, filter_ in enumerate(filters):

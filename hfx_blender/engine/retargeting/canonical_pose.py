@@ -362,10 +362,9 @@ class _Segments:
         return affine(new @ old.T, linear, self._c[joint], self._t[joint])
 
     def _girth(self, region: str, start: str = "", end: str = "") -> float:
-        """Ratio of target to canonical girth of a region, clipped; 1 with 10 or fewer vertices.
-
-        Around the line between two joints, or (without joints) across the region's principal axis.
-        """
+        """Ratio of target to canonical girth of a region, 0.4 to 2.5; 1 with 10 or fewer vertices
+        of the target. Around the line between two joints, or (without joints) across the region's
+        principal axis."""
         own, target = self._skins(region)
         if len(target) <= 10:
             return 1.0

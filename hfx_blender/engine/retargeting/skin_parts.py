@@ -69,11 +69,9 @@ def _shown(
 
 
 def joined(targets: Sequence[TargetAvatar]) -> TargetAvatar:
-    """Union of the meshes of one armature, with concatenated vertices (nothing is welded).
-
-    Vertex ``k`` of mesh ``m`` has the number ``k`` plus the vertex counts of all meshes before
-    ``m``.
-    """
+    """Union of the meshes of one armature, with concatenated vertices (nothing is welded); a single
+    mesh itself. Vertex ``k`` of mesh ``m`` has the number ``k`` plus the vertex counts of all
+    meshes before ``m``."""
     if len(targets) == 1:
         return targets[0]
     names = tuple(dict.fromkeys(name for target in targets for name in target.bone_names))

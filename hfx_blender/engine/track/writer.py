@@ -228,11 +228,9 @@ class TrackWriter:
         return encoded if fits else None
 
     def _halve_chunks(self) -> None:
-        """Rewrite the file with half as many samples per chunk.
-
-        A chunk of 2n samples splits into two of n, so the bytes equal a recording that
-        started with n.
-        """
+        """Rewrite the file with half as many samples per chunk; raises OutputError if a chunk has
+        one sample already. A chunk of 2n samples splits into two of n, so the bytes equal a
+        recording that started with n."""
         if self._samples_per_chunk == 1:
             raise OutputError(
                 f"{self.path}: more is felt in one sample than a track holds ({MAX_SET_ENTRIES:,} "

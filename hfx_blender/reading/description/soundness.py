@@ -96,11 +96,8 @@ def titled(obj: bpy.types.Object) -> str:
 
 
 def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:
-    """Notes on keyframes with NaN or infinite values, of objects, parents, meshes and shape
-    keys.
-
-    Such keys are evaluated as Blender does; effects are silent at samples with NaN.
-    """
+    """Notes on the first NaN or infinite key of each F-curve of objects, their parents, data and
+    shape keys. Such keys are evaluated as Blender does; effects are silent at samples with NaN."""
     owners: dict[bpy.types.ID, str] = {}
     for mover in dict.fromkeys(mover for obj in objects for mover in _with_parents(obj)):
         for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):

@@ -111,17 +111,10 @@ def swept_box(matrices: F64, bounds: F64) -> Box:
 
 
 def swept_boxes(matrices: F64, bounds: F64, is_present: npt.NDArray[np.bool_]) -> Box:
-    """World boxes around N moving boxes over all times and between them: corners (N, 3).
-
-    Corners are infinite if any number is NaN, and (inf, -inf), an empty box, without presence.
-
-    Parameters
-    ----------
-    matrices : (T, N, 4, 4) float64
-    bounds : (T, N, 2, 3) float64
-    is_present : (T, N) bool
-        False: the entry is ignored at this time.
-    """
+    """World boxes around N moving boxes over all times and between them: lowest and highest corners
+    (N, 3). ``matrices`` (T, N, 4, 4) and boxes ``bounds`` (T, N, 2, 3) count where ``is_present``
+    (T, N). Boxes reach from -inf to inf if any counted number is not finite, and are empty (inf,
+    -inf) if never present."""
     middle, half = bounds.mean(axis=2), 0.5 * (bounds[:, :, 1] - bounds[:, :, 0])
     linear, origins = matrices[..., :3, :3], matrices[..., :3, 3]
     counts = is_present[..., None]

@@ -197,11 +197,9 @@ class _Assignment(Digits):
     def _put_chain(
         self, side: str, bones: Sequence[str], candidates: Sequence[Sequence[str]]
     ) -> None:
-        """Assign the combination of candidates with most ancestor links to the bones of a limb.
-
-        At most four candidates per joint. Remnants of a second rig do not form a chain with the
-        limb.
-        """
+        """Assign the combination of candidates with most ancestor links, the first of equals, to
+        the bones of a limb; at most four candidates per joint, joints without any skipped. Remnants
+        of a second rig do not form a chain with the limb."""
         given = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
         choices = product(*(names[:_TRIED] for _, names in given))
         best = max(choices, key=self._links)  # first of equal combinations

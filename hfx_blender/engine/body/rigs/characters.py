@@ -21,10 +21,10 @@ _ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
 
 
 def check_single(rig: Rig) -> None:
-    """Reject an armature with two human bodies at different places.
+    """Reject an armature with two human bodies at different places; returns nothing.
 
-    Control rigs or duplicate bones at the same place count as one body. Raises InputError: two
-    separate branches of the hierarchy are human.
+    Control rigs or duplicate bones at the same place count as one body. Raises InputError: equal
+    joints of two human branches are, by the median, over a tenth of the body apart.
     """
     bodies = list(_bodies(rig, [name for name, above in rig.parent.items() if above is None]))
     for number, (top, first) in enumerate(bodies):
