@@ -23,6 +23,7 @@ _PACKAGES = ("numpy", "scipy", "trimesh", "embreex", "libigl")
 
 def describe() -> dict[str, Any]:
     """Describe machine, versions and UTC time; None for an unknown load, Blender or package."""
+    bpy = sys.modules.get("bpy")
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "hfx": __version__,
@@ -31,7 +32,7 @@ def describe() -> dict[str, Any]:
         "processors": os.cpu_count(),
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
-        "blender": _blender(),
+        "blender": None if bpy is None else str(bpy.app.version_string),
         "engine": library.state(),
         **{name: _version(name) for name in _PACKAGES},
     }
@@ -87,11 +88,6 @@ def append(path: Path, record: dict[str, Any]) -> int:
     with atomic_file(path) as file:
         file.write(before + json.dumps(record, sort_keys=True).encode() + b"\n")
     return len(lines) + 1
-
-
-def _blender() -> str | None:
-    bpy = sys.modules.get("bpy")
-    return None if bpy is None else str(bpy.app.version_string)
 
 
 def _processor() -> str:

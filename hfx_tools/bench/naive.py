@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any, Final
 
 import bpy
@@ -108,7 +109,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
 
 def _engine(scene: Any, frames: int) -> dict[int, Bool]:
     """Vertices inside, (V,) Booleans by frame, from the engine at the paper's tolerance."""
-    reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PAPER)
+    reader = SceneReader(scene, rate_hz=Fraction(scene.render.fps), tolerance=PAPER)
     engine = Engine(reader.description, tolerance=PAPER)
     count = len(load_model(_MODEL))
     inside = {frame: np.zeros(count, np.bool_) for frame in range(frames)}
@@ -117,12 +118,6 @@ def _engine(scene: Any, frames: int) -> dict[int, Bool]:
             for index, sample in zip(run.indices.tolist(), run, strict=True):
                 inside[index][sample.vertices] = True
     return inside
-
-
-def _rate(scene: Any) -> Any:
-    from fractions import Fraction
-
-    return Fraction(scene.render.fps)
 
 
 def _stepped(

@@ -76,6 +76,7 @@ class _Script:
         for name, matrix in frame.matrices.items():
             points, half = posed[self.model_of[name]], self.halves[name]
             reach, middle = np.abs(matrix[:3, :3]) @ half, matrix[:3, 3]
+            # World box of the volume, 0.1 % larger for float32.
             near = np.flatnonzero(
                 (np.abs(points - middle[:, None].astype(np.float32)) <= 1.001 * reach[:, None]).all(
                     axis=0

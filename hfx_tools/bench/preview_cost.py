@@ -198,6 +198,7 @@ def _play(
     with_preview, without_preview = [np.inf] * len(frames), [np.inf] * len(frames)
     for turn in range(rounds + 1):  # the first round warms up
         for k, frame in enumerate(frames):
+            # Alternating order cancels drift and warm caches.
             for is_on in (True, False) if (turn + k) % 2 else (False, True):
                 took = _Preview(is_on, is_check=k % check_interval == 0)
                 begun = time.perf_counter()
@@ -230,7 +231,7 @@ class _Preview:
         self.seconds = _Seconds()
 
     def on_frame(self) -> None:
-        """Call the preview's handler of frame changes."""
+        """Call the preview's frame handler and, on check frames, its check of the scene."""
         from hfx_blender.playback.preview.preview import preview
 
         self._timed(preview.on_frame)

@@ -252,7 +252,7 @@ def _against_winding(
 
 
 def compare_formula(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Compare a shape's inside test with whole-number arithmetic, on rational points."""
+    """Compare a shape's inside test with whole-number arithmetic, on rational points; counts."""
     whole = np.array(MATRICES[kind], np.int64)
     offset = np.array([17, -5, 40], np.int64)
     matrix = np.eye(4)

@@ -248,6 +248,7 @@ def subdivide(faces: I32, mirror: I32) -> tuple[Any, I32, I32]:
     degree = np.bincount(faces.ravel(), minlength=count).astype(float)
     face_mean = incidence(faces, (face_count, count), 1.0).T @ face_points
     edge_mean = incidence(edges, (edge_count, count), 1.0).T @ edge_means
+    # Catmull-Clark rule for a vertex of degree n: F / n + 2 R / n + (n - 3) P / n.
     moved = diags_array(degree**-2) @ (face_mean + 2.0 * edge_mean) + diags_array(
         (degree - 3.0) / degree
     )

@@ -178,6 +178,7 @@ def _mirror(vertices: F64) -> I64:
 def _components(fields: F64) -> F64:
     """Uncentred principal components, scaled to one standard deviation, (32, V, 3)."""
     rows = fields.reshape(len(fields), -1)
+    # The Gram matrix of people is far smaller than the covariance of coordinates.
     _, vectors = np.linalg.eigh(rows @ rows.T)
     largest = vectors[:, ::-1][:, :FIELDS]
     # The sign of an eigenvector is arbitrary: the largest component becomes positive.

@@ -186,6 +186,7 @@ def _hip_drop(feet: Mapping[str, _Foot]) -> float:
     reach = _LEG_REACH * (
         np.linalg.norm(foot.knee - foot.hip) + np.linalg.norm(foot.ankle - foot.knee)
     )
+    # Pythagoras per phase: the highest hip from which the leg still reaches the ankle.
     drop = 0.0
     for phase in np.linspace(0.0, 1.0, 65)[:-1]:
         ankle = foot.under_hip(float(phase))

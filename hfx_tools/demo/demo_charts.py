@@ -144,6 +144,7 @@ def _strongest(times_s: F64, values: F64, time: TimeBase) -> F64:
     start_s = time.times_s(np.array([0]))[0]
     first = np.floor((times_s - start_s) * per_second + 1e-6).astype(np.int64)
     stop = np.ceil((times_s + period_s - start_s) * per_second - 1e-6).astype(np.int64)
+    # Repeat each value for every column of its period.
     counts = np.maximum(stop - first, 1)
     within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     columns = np.clip(np.repeat(first, counts) + within, 0, _STEPS - 1)

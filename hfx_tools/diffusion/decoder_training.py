@@ -200,6 +200,7 @@ class DecoderTraining:
         near = pixel + chosen.perceptual_weight * self.network.distance(estimate, truth)
         fooled = -self.discriminator(estimate).mean()
         last = self.decoder.decoder.conv_out.weight
+        # Equation 7: the adversarial gradient at the last layer gets the size of the other terms'.
         norms = [
             torch.autograd.grad(term, last, retain_graph=True)[0].norm() for term in (near, fooled)
         ]

@@ -99,6 +99,7 @@ def cells(
     second = np.full(rows.shape, np.inf)
     index = np.zeros(rows.shape, np.int64)
     ratio = per_side / along
+    # The nearest points of a texel lie in its own square or the eight around it.
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
             r, c = (row + down) % per_side, (column + right) % along

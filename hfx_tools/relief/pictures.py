@@ -216,6 +216,7 @@ def _lit(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -
             facing = facing * _shadow(heights, way, np.tan(elevation), rng.uniform(0.02, 0.5))
         strength = rng.uniform(0.4, 1.2) / np.sin(elevation) ** 0.7
         total += facing[..., None] * _tint(rng) * strength
+        # Blinn highlight, with a slightly tilted camera.
         half = sun + np.array([*rng.normal(0.0, 0.08, 2), 1.0])
         half /= np.linalg.norm(half)
         near = np.clip((half[2] - half[0] * down - half[1] * right) * up, 0.0, 1.0)
@@ -261,6 +262,7 @@ def jpeg(codes: F64, quality: float) -> F64:
     to_ycc = np.array([[0.299, 0.587, 0.114], [-0.169, -0.331, 0.5], [0.5, -0.419, -0.081]])
     n, m = codes.shape[:2]
     planes = (255.0 * codes @ to_ycc.T).reshape(n // 8, 8, m // 8, 8, 3).transpose(4, 0, 2, 1, 3)
+    # 8 x 8 cosine transform, with coarser quantization of both colour planes.
     steps = np.maximum(_LUMINANCE_QUANTA * scale, 1.0) * np.array([1.0, 1.6, 1.6]).reshape(
         3, 1, 1, 1, 1
     )

@@ -121,7 +121,7 @@ def run(
 
     def work(number: int) -> None:
         own = folder / str(number)
-        tell = progress if number == 0 else _no_progress
+        tell = progress if number == 0 else lambda share: None
         try:
             own.mkdir()
             results.append(rounds_of(name, partial(make, own), -(-rounds // at_a_time), tell))
@@ -143,10 +143,6 @@ def run(
         sum(trials.never_silent for trials in results),
         sum(trials.not_played for trials in results),
     )
-
-
-def _no_progress(_share: float) -> None:
-    pass
 
 
 def rounds_of(

@@ -49,6 +49,7 @@ def trace(map_: HapticMap, stroke: Stroke) -> Collisions:
 def collisions(map_: HapticMap, stroke: Stroke) -> Collisions:
     """Find the micro-collisions of a stroke: local maxima of the intensity along it."""
     texels = trace(map_, stroke)
+    # A run of equal intensities is one level; the middle of a locally highest run is the hit.
     change = np.flatnonzero(np.diff(texels.intensity) != 0.0)
     begins = np.concatenate([np.zeros(min(len(texels), 1), np.int64), change + 1])
     level = texels.intensity[begins]

@@ -157,7 +157,10 @@ def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, 
 
 
 def intensity_of(case: Case, weights: Weights | None = None) -> F32:
-    """Intensity (N, N) estimated from a picture; the map's blur is one texel."""
+    """Intensity (N, N) estimated from a picture, with a blur of one texel.
+
+    ``weights`` None: the shipped network.
+    """
     settings = MapSettings()
     size = TEXELS * settings.blur_m
     relief = estimate(case.srgb, (size, size), tiles=case.tiles, weights=weights)

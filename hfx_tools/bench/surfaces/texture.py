@@ -249,7 +249,7 @@ def _frames(
 
 
 def _sheet(count: int) -> tuple[F64, npt.NDArray[np.int32]]:
-    """A square of 20 cm with ``count`` quads a side."""
+    """Vertices and triangles of a flat square of 20 cm with ``count`` quads a side."""
     steps = np.linspace(-0.1, 0.1, count + 1)
     x, y = np.meshgrid(steps, steps)
     first = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()

@@ -12,7 +12,6 @@ from hfx_blender.engine.texture.procedural import KINDS
 from hfx_blender.engine.texture.roughness import roughness_of_surface
 from hfx_blender.errors import InputError
 from hfx_blender.generation import library_search
-from hfx_blender.generation.generated import Generated
 from hfx_blender.generation.interpretation import read_words
 
 from . import classify, texture
@@ -102,7 +101,7 @@ def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, A
                 surface = library_search.generate(words, seed=100 + number, texels=TEXELS)
             except InputError:
                 continue  # counted in kinds()
-            strokes = _strokes(surface, number)
+            strokes = texture.strokes_over(surface.map, _DIRECTIONS, _SPEEDS_M_S, number)
             truth += [kind] * len(strokes)
             signals += strokes
     table = classify.confusion(truth, known.classify(signals), KINDS)
@@ -111,10 +110,6 @@ def judge(train: int, prompts: dict[str, tuple[str, ...]] | None) -> dict[str, A
         "confusion": table.tolist(),
         "share": float(np.trace(table) / table.sum()),
     }
-
-
-def _strokes(surface: Generated, seed: int) -> list[Any]:
-    return texture.strokes_over(surface.map, _DIRECTIONS, _SPEEDS_M_S, seed)
 
 
 def as_text(result: dict[str, Any]) -> str:

@@ -36,7 +36,7 @@ VERTICES = 1 << 24
 
 
 def contacts_of(runs: Sequence[SampleRun]) -> dict[Stream, StreamContacts]:
-    """Collect all contacts of a recording, by stream."""
+    """Collect all contacts of a recording, by stream, sorted by sample and vertex."""
     parts_of_streams: dict[Stream, list[tuple[I64, F64]]] = {}
     for run in runs:
         sets = run.set_of
@@ -103,6 +103,7 @@ def boundary_distance_m(shape: Shape, to_shape: F64, points: F64) -> F64:
     Probes in 64 directions at growing distance search the first point on the opposite side: right
     for every shape to a tenth. Infinite if the boundary is farther than 0.5 m.
     """
+    # Even directions on a sphere, by a Fibonacci spiral.
     k = np.arange(_DIRECTIONS) + 0.5
     polar, turn = np.arccos(1.0 - 2.0 * k / _DIRECTIONS), np.pi * (1.0 + 5.0**0.5) * k
     around = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
@@ -155,7 +156,7 @@ def onset_error(one: F64, reference: F64) -> OnsetError:
         if not near.any():
             missed += 1
             continue
-        used |= near
+        used |= near  # all near events count as matched, the nearest begin gives the error
         late = one[near, 0] - begin
         errors.append(float(late[np.abs(late).argmin()]))
     return OnsetError(np.array(errors), missed, int(np.count_nonzero(~used)))

@@ -65,6 +65,8 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
     ends, corners = ends[apart], corners[apart]
     start, end = points[ends[:, 0]], points[ends[:, 1]]
     a, b, c = (points[corners[:, k]] for k in range(3))
+    # Signed volumes: the ends are on opposite sides of the plane, and the edge passes all three
+    # sides of the triangle in one sense.
     through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
     sides = np.column_stack(
         [_volume(start, end, one, second) for one, second in ((a, b), (b, c), (c, a))]

@@ -40,6 +40,7 @@ def owners(coarse: PerceptualModel, fine: PerceptualModel) -> I32:
     links = (*_along_the_mesh(fine), *_from_seeds(coarse, seeds, fine, left_ids))
     row, column, length_m = (np.concatenate(column_) for column_ in zip(*links, strict=True))
     size = (len(fine) + len(coarse),) * 2
+    # One search from all seeds; ``source`` is the nearest seed of each node.
     _, _, source = dijkstra(
         csr_array(coo_array((np.maximum(length_m, _SHORTEST_M), (row, column)), shape=size)),
         directed=False,
@@ -63,6 +64,7 @@ def _along_the_mesh(fine: PerceptualModel) -> list[_Links]:
     label = np.where(fine.side == RIGHT, -1, fine.part.astype(np.int64))
     inside = (label[a] == label[b]) & (label[a] >= 0)
     (x, y), (u, v) = _unfolded(points, a, b, c, edge), _unfolded(points, a, b, d, edge)
+    # The straight line between both apexes is a path only if it crosses the common edge.
     crossing = x + (u - x) * y / np.maximum(y + v, _SHORTEST_M)
     straight = inside & ~edges.is_border & (label[c] == label[a]) & (label[d] == label[a])
     straight &= (crossing > 0.0) & (crossing < edge)

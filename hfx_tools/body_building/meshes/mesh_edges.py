@@ -41,6 +41,7 @@ def edges_of(triangles: I64, count: int) -> Edges:
     starts, ends = triangles, np.roll(triangles, -1, axis=1)
     opposite = np.roll(triangles, -2, axis=1).ravel()
     keys = key(starts, ends, count).ravel()
+    # Both half edges of an inner edge have one key, so they are neighbours after sorting.
     order = np.argsort(keys, kind="stable")
     sorted_keys = keys[order]
     first = np.flatnonzero(np.diff(sorted_keys, prepend=-1))

@@ -34,6 +34,7 @@ def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
     own = np.full(edges.count, worst)
     np.minimum.at(own, one, rank)
     np.minimum.at(own, other, rank)
+    # Ranks spread by one edge, so no two winners are adjacent.
     around = own.copy()
     np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
     np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
@@ -50,11 +51,13 @@ def collapsible(
     """
     offsets, around = neighbours(edges)
     places, owner = expand(offsets, gone)
+    # Link condition: count the neighbours common to both ends.
     shared = edges.exists(around[places], stays[owner]) & (around[places] != stays[owner])
     common = np.bincount(owner[shared], minlength=len(gone))
     index = np.searchsorted(edges.keys, key(gone, stays, edges.count))
     allowed = common == np.where(edges.is_border[index], 1, 2)
 
+    # Triangles around the removed vertex, without the vanishing ones, must not turn over.
     corner_order = np.argsort(triangles.ravel(), kind="stable")
     corner_offsets = np.searchsorted(triangles.ravel()[corner_order], np.arange(edges.count + 1))
     places, owner = expand(corner_offsets.astype(np.int64), gone)
@@ -96,6 +99,7 @@ def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
     done : (M,) int64
         Split edges, in the order of their new vertices.
     """
+    # Each triangle keeps its first edge; an edge wins if both its triangles keep it.
     rank = np.arange(len(chosen))
     best = np.full(len(triangles) + 1, len(chosen))  # the last entry is for "no triangle"
     first, second = edges.triangle[chosen].T
@@ -104,6 +108,7 @@ def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
     wins = (best[first] == rank) & ((best[second] == rank) | (second < 0))
     done = chosen[wins]
     new = edges.count + np.arange(len(done))
+    # The first half replaces a triangle in place, the second half is appended.
     pieces = [triangles.copy()]
     for column in range(2):
         has = edges.triangle[done, column] >= 0
@@ -172,6 +177,7 @@ def flip(
     np.minimum.at(best, first, rank)
     np.minimum.at(best, second, rank)
     winners = np.flatnonzero(safe & (best[first] == rank) & (best[second] == rank))
+    # Two flips far apart may create one and the same edge: only the first is done.
     _, unique = np.unique(key(c[winners], d[winners], len(points)), return_index=True)
     winners = winners[unique]
     triangles = triangles.copy()

@@ -57,6 +57,7 @@ def _decimated(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]
     area = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
+    # A triangular grid has two triangles per vertex.
     count = 2.0 * float(area.sum()) / (HEXAGON * spacing_m**2)
     fewer_points, fewer = points, triangles
     for _ in range(_STEPS):

@@ -56,7 +56,7 @@ class Remesher:
         return np.where(area > 0.0, beside, 0), on
 
     def refine(self) -> None:
-        """Split edges, in place, until none is longer than 0.6 of its part's spacing."""
+        """Split edges within parts, in place, until none is longer than 0.6 of the spacing."""
         while True:
             edges = mesh_edges.edges_of(self.triangles, len(self.points))
             start, end = edges.ends.T
@@ -166,6 +166,7 @@ class Remesher:
         degree = offsets[1:] - offsets[:-1]
         row = np.repeat(np.arange(len(self.points)), degree)
         column = np.arange(len(around)) - offsets[row]
+        # Row of neighbours of each vertex, padded with the vertex itself.
         table = np.repeat(np.arange(len(self.points))[:, None], degree.max(), axis=1)
         table[row, column] = around
         # A sample within half the distance from its owner to the next vertex has no nearer vertex.
@@ -200,6 +201,7 @@ class Remesher:
         distance = _squared(self.samples.points - centre[self.owner])
         least = np.full(count, np.inf)
         np.minimum.at(least, self.owner, distance)
+        # Reversed, so that among equally near samples the first one wins the assignment below.
         hits = np.flatnonzero(distance == least[self.owner])[::-1]
         nearest_of = np.zeros(count, np.int64)
         nearest_of[self.owner[hits]] = hits

@@ -116,6 +116,7 @@ class _Patch:
         state = self._weighed(self.start)
         best: _State | None = None
         for step in range(STEPS):
+            # Metropolis rule: the chance of accepting a higher cost falls with the temperature.
             warmth = _COLDEST + _WARMEST * (1.0 - step / STEPS) ** 2
             change = self._flipped if rng.random() < _FLIPS else self._moved
             new = change(state, rng)
@@ -174,6 +175,7 @@ class _Patch:
         (a, b), (c, d) = edges.ends[edge], edges.opposite[edge]
         if c == d or edges.exists(np.array([c]), np.array([d]))[0]:
             return None
+        # The edge could be the only connection of its part.
         if self.part[a] == self.part[b] and self.part[a] not in (self.part[c], self.part[d]):
             return None
         if self.is_midline[c] and self.is_midline[d]:
