@@ -180,14 +180,14 @@ def _parser() -> argparse.ArgumentParser:
         "--platform",
         action="append",
         choices=(*PLATFORMS, "all"),
-        help="for which computers (default: this one; may be given several times)",
+        help="platform of the zip (default: this computer; repeatable)",
     )
     parser.add_argument(
         "--python",
         action="append",
         choices=PYTHONS,
         help="for Blenders with this Python (default: those of blender.org's Blender 4.2 to 5.2; "
-        "Debian's 4.3 has 3.13, its 5.2 has 3.14; may be given several times)",
+        "Debian's 4.3 has 3.13, its 5.2 has 3.14; repeatable)",
     )
     parser.add_argument(
         "--no-wheels",
@@ -197,13 +197,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--without-native",
         action="store_true",
-        help="leave out the compiled library: what is felt is worked out in numpy, slower",
+        help="leave out the compiled library: samples are computed in numpy, slower",
     )
     parser.add_argument(
-        "--wheels", type=Path, default=WHEELS, metavar="DIR", help="where fetched wheels are kept"
+        "--wheels", type=Path, default=WHEELS, metavar="DIR", help="folder of fetched wheels"
     )
     parser.add_argument(
-        "--lock", action="store_true", help="pin the wheels anew instead of building"
+        "--lock", action="store_true", help="pin the wheels again instead of building"
     )
     return parser
 

@@ -16,7 +16,7 @@ from packaging.tags import sys_tags
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from release import native_build  # beside this file, not installed
+from release import native_build  # next to this file, not installed
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):

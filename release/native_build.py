@@ -294,10 +294,14 @@ def _macos_release() -> tuple[int, ...]:
 def main() -> int:
     parser = argparse.ArgumentParser(description="Compile the library of engine/native.")
     parser.add_argument(
-        "--platform", choices=TARGETS, help="for which computers (default: this one)"
+        "--platform", choices=TARGETS, help="platform of the library (default: this computer)"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="default: beside engine/native/library.py"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="default: folder of engine/native/library.py",
     )
     options = parser.parse_args()
     target = TARGETS.get(options.platform) or this_target()

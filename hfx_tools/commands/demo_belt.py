@@ -58,8 +58,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 "",
                 f"In {folder}:",
                 f"  {STEM}.blend      the scene; hfx export and hfx sound make the rest again",
-                f"  {STEM}.hfxtrack   what was felt, a stream a particle",
-                f"  {STEM}.{belt.DEVICE}.wav, .csv   what the belt's eight motors play",
+                f"  {STEM}.hfxtrack   haptic samples, a stream for each particle",
+                f"  {STEM}.{belt.DEVICE}.wav, .csv   output of the belt's eight motors",
                 f"  {STEM}{SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
                 "  belt.svg        motors and loudspeakers over time",
             )

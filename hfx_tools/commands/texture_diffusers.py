@@ -21,9 +21,11 @@ _PRESETS: Final = ("wood", "gravel", "metal", "textile")
 
 def add_arguments(parser: Any) -> None:
     """Add the options of generation by a model."""
-    group = parser.add_argument_group("a diffusion model of your own")
+    group = parser.add_argument_group("your diffusion model")
     group.add_argument("--model", type=Path, metavar="DIR", help="folder of diffusers, safetensors")
-    group.add_argument("--decoder", type=Path, metavar="DIR", help="of hfx texture train-decoder")
+    group.add_argument(
+        "--decoder", type=Path, metavar="DIR", help="output of hfx texture train-decoder"
+    )
     group.add_argument("--preset", choices=_PRESETS, help="words of the map paper's materials")
     group.add_argument("--inference-steps", type=int, default=30, metavar="N", help="(30)")
     group.add_argument("--guidance", type=float, default=7.5, metavar="N", help="(7.5)")

@@ -24,15 +24,15 @@ _HELD_OUT: Final = 32
 def add_parser(actions: Any) -> None:
     parser = actions.add_parser(
         "train-decoder",
-        help="train a decoder of touch for a diffusion model",
+        help="train a touch decoder for a diffusion model",
         description="Train a decoder with one channel, the intensity of touch, against the fixed "
-        "encoder of a model's VAE, as the map paper does (section 3.3). Ctrl-C saves; the same "
-        "command goes on.",
+        "encoder of a model's VAE, as in the map paper (section 3.3). Ctrl-C saves; the same "
+        "command resumes.",
     )
     parser.add_argument("--model", type=Path, required=True, metavar="DIR")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="pictures (default: those of the library)"
+        "--pictures", type=Path, metavar="DIR", help="pictures (default: of the library)"
     )
     parser.add_argument(
         "--truth",
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             option = name.replace("_", "-")
             raise UsageError(f"--{option} {getattr(options, name)}: expected 1 or more")
     if options.pictures is not None and options.truth == "relief":
-        raise UsageError("--truth relief: only the library knows its true relief")
+        raise UsageError("--truth relief: only the library has a true relief; remove --pictures")
     model = ModelFolder(options.model, options.device)
     pairs: Pairs
     if options.pictures is None:
@@ -98,9 +98,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     options.output.mkdir(parents=True, exist_ok=True)
     training = DecoderTraining(model.vae, pairs, options.output, settings, options.perceptual)
     if training.step:
-        console.say(f"going on after step {training.step}")
+        console.say(f"resuming after step {training.step}")
     if _is_stopped(training, console):
-        console.warn(f"stopped after step {training.step}; the same command goes on from there")
+        console.warn(f"stopped after step {training.step}; the same command resumes")
         return 130
     errors = training.errors(judged, list(numbers))
     which = "held-out pairs" if options.pictures is None else "pairs of the training"

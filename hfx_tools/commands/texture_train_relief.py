@@ -15,7 +15,7 @@ from hfx_blender.errors import UsageError
 
 def add_parser(actions: Any) -> None:
     parser = actions.add_parser(
-        "train-relief", help="train the network that estimates relief again; needs PyTorch"
+        "train-relief", help="retrain the network for relief from pictures; needs PyTorch"
     )
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("relief_network.npz"), metavar="FILE"
@@ -25,7 +25,7 @@ def add_parser(actions: Any) -> None:
         type=Path,
         default=Path("relief-data"),
         metavar="DIR",
-        help="folder for the pictures, 2.1 GB; those that are there are used",
+        help="folder for the pictures, 2.1 GB; existing pictures are used",
     )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
     add_json(parser, run)

@@ -35,15 +35,15 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[_Row], str]], ...]] = (
 
 LEGEND: Final = """\
 Times are processor time of the fastest run, in ms per frame of the scene: reading + engine +
-rendering for devices. Missed and extra: contacts (vertex, effect, sample) that only the exact
-reference has, or that it has not, as shares of its contacts. Skin: area felt too weakly and too
-strongly, mean over samples with contact. From edge: distance of wrong contacts to the boundary,
-mean (95 %). Actuators: error at the devices as share of full scale, mean where anything plays
-(largest that no shift within the setting's own time explains). Onset: begin of contacts against
-the reference at a higher rate, mean (largest). Lost: contacts that nobody felt, of all. MB:
-most memory held.
-* is on the Pareto front: no other setting that bounds its error is faster and as exact in every
-column. 'paper' bounds none: it is what the others are compared with."""
+rendering for devices. Missed and extra: contacts (vertex, effect, sample) only in the exact
+reference, or only at the setting, as shares of the reference's contacts. Skin: area with too weak
+and too strong contact, mean over samples with contact. From edge: distance of wrong contacts to
+the boundary, mean (95 %). Actuators: error at the devices as share of full scale, mean of driven
+actuators (largest, shifts within the setting's time excluded). Onset: begin of contacts against
+the reference at a higher rate, mean (largest). Lost: missed contact events, of all. MB: peak
+memory.
+*: on the Pareto front: no setting with a bounded error is faster and as exact in every column.
+'paper' bounds no error and serves for comparison."""
 
 
 def _share(count: int, of: int) -> str:

@@ -50,10 +50,10 @@ class Remesher:
     def expected(self) -> tuple[I64, I64]:
         """Expected numbers of vertices off and on the midline, by part."""
         area = np.bincount(self.samples.part, self.samples.areas_m2, minlength=len(PARTS))
-        on = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
+        on_midline = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
         cells = area / (HEXAGON * self.spacing_m**2)
-        beside = np.maximum(np.rint(cells - 0.5 * on), 1).astype(np.int64)
-        return np.where(area > 0.0, beside, 0), on
+        off_midline = np.maximum(np.rint(cells - 0.5 * on_midline), 1).astype(np.int64)
+        return np.where(area > 0.0, off_midline, 0), on_midline
 
     def refine(self) -> None:
         """Split edges within parts, in place, until none is longer than 0.6 of the spacing."""
@@ -79,17 +79,17 @@ class Remesher:
             self.is_midline = np.concatenate((self.is_midline, edges.is_border[done]))
             self._find_owners(2)
 
-    def thin(self, beside: I64, on: I64) -> None:
+    def thin(self, off_midline: I64, on_midline: I64) -> None:
         """Merge vertices along short edges, in place, down to the given numbers by part.
 
-        ``beside`` counts vertices off the midline, ``on`` vertices on the midline. Fewer vertices
-        are merged if no further collapse is safe.
+        ``off_midline`` and ``on_midline`` are numbers of vertices, (parts,). Fewer vertices are
+        merged if no further collapse is safe.
         """
         seed = 0
         reach = 0.35
         while True:
             kinds = self.part.astype(np.int64) + len(PARTS) * self.is_midline
-            excess = self._counts(kinds) - np.concatenate((beside, on))
+            excess = self._counts(kinds) - np.concatenate((off_midline, on_midline))
             if (excess <= 0).all() or reach > 8.0:
                 return
             # A limb thinner than its cells needs collapses with turned triangles.

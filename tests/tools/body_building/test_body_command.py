@@ -40,16 +40,16 @@ def run(*words: object) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("words", "message"),
     (
-        (["--variant", "age=8", "--targets", "table1"], "cannot have other --targets or --method"),
-        (["--variant", "age=8", "--method", "quadric"], "cannot have other --targets or --method"),
-        (["--variant", "age=8"], "--variant needs a folder of its own"),
-        (["--method", "quadric"], "--method quadric needs a folder of its own"),
-        (["--targets", "table1"], "--targets needs a folder of its own"),
-        (["--install"], "--install is for a --variant, other --targets or another --method"),
-        (["--variant", "age=8", "--install", "-o", "x"], "cannot have -o DIR too"),
+        (["--variant", "age=8", "--targets", "table1"], "remove --targets and --method"),
+        (["--variant", "age=8", "--method", "quadric"], "remove --targets and --method"),
+        (["--variant", "age=8"], "--variant needs a separate folder"),
+        (["--method", "quadric"], "--method quadric needs a separate folder"),
+        (["--targets", "table1"], "--targets needs a separate folder"),
+        (["--install"], "--install needs --variant, --targets or --method"),
+        (["--variant", "age=8", "--install", "-o", "x"], "remove -o DIR"),
         (["--variant", "age=8", "--install", "../x"], "expected a plain name"),
         (["--variant", "age=8", "--install", ".x"], "expected a plain name"),
-        (["--levels", "--variant", "age=8"], "--levels takes nothing but the folder"),
+        (["--levels", "--variant", "age=8"], "--levels allows only -o DIR"),
     ),
 )  # fmt: skip
 def test_conflicting_options_are_refused(own: Path, words: list[str], message: str) -> None:
@@ -87,7 +87,7 @@ def test_a_set_is_installed_under_its_name(
 
 def test_stats_lists_levels_and_installed_models(own: Path) -> None:
     text, err = run("stats")
-    assert not err and f"None of your own in {own}" in text
+    assert not err and f"No user models in {own}" in text
     assert "pressure, levels of detail: 19210, 4803, 1201 vertices" in text
     body_sets.scaled_variant(own / "Eve", "+0badcafe", 0.9)
     text, err = run("stats")
@@ -114,7 +114,7 @@ def test_the_comparison_has_both_ways_and_their_times(own: Path) -> None:
     text, _ = run("stats", "--compare")
     compared = text[text.index("Left half of the body") :]
     assert compared.count("processor time") == compared.count("all  ") == 3
-    with pytest.raises(UsageError, match="--compare is of the shipped models"):
+    with pytest.raises(UsageError, match="--compare is for the shipped models"):
         run("stats", own, "--compare")
 
 
