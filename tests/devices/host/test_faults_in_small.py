@@ -51,7 +51,7 @@ from hfx_tools import processes
 DEVICE = load_device(BAND)
 
 
-class Kept:
+class RecordingOutput:
     """Output recording values."""
 
     def __init__(self) -> None:
@@ -67,16 +67,16 @@ class Kept:
         pass
 
 
-def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
+def open_device_thread(device: Any) -> tuple[DeviceThread, RecordingOutput]:
     """Return an open device thread, without running threads, and a recording output."""
-    output = Kept()
+    output = RecordingOutput()
     thread = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
     thread.output, thread.is_open = output, True
     return thread, output
 
 
 def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
-    thread, _ = lane_of(DEVICE)
+    thread, _ = open_device_thread(DEVICE)
     thread.feed(playing())
     thread.pulse(2)
     assert not thread.waiting and thread.test_pulse is None
@@ -87,7 +87,7 @@ def test_a_stopped_lane_takes_no_values_and_no_pulse() -> None:
 
 
 def test_stop_and_arm_clear_the_queue() -> None:
-    thread, _ = lane_of(DEVICE)
+    thread, _ = open_device_thread(DEVICE)
     thread.arm()
     thread.feed(playing())
     thread.stop("enough")
@@ -98,7 +98,7 @@ def test_stop_and_arm_clear_the_queue() -> None:
 
 
 def test_a_device_that_is_not_open_yet_is_not_armed_but_will_be() -> None:
-    thread, _ = lane_of(DEVICE)
+    thread, _ = open_device_thread(DEVICE)
     thread.is_open = False
     thread.arm()
     assert not thread.is_armed and thread.is_wanted
@@ -133,7 +133,7 @@ def test_after_a_stop_everything_begins_from_silence(
 
 
 def test_a_process_that_ends_while_a_device_connects_waits_for_nothing() -> None:
-    thread = DeviceThread(0, DEVICE, Kept, lambda *_, **__: None)
+    thread = DeviceThread(0, DEVICE, RecordingOutput, lambda *_, **__: None)
     thread.close("the output process was ended")
     began_s = time.monotonic()
     thread.wait_closed()
@@ -414,7 +414,7 @@ def test_a_port_never_blocks_for_any_kind_of_file(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("actuator", [-1, 8, 10**6])
 def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None:
-    thread, _ = lane_of(DEVICE)
+    thread, _ = open_device_thread(DEVICE)
     thread.arm()
     thread.pulse(actuator)
     assert thread.test_pulse is None
@@ -437,7 +437,7 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
 
 
 def test_a_device_thread_stops_before_closing(monkeypatch: pytest.MonkeyPatch) -> None:
-    thread, _ = lane_of(DEVICE)
+    thread, _ = open_device_thread(DEVICE)
     reported: list[tuple[str, bool]] = []
     monkeypatch.setattr(thread, "stop", lambda reason: reported.append((reason, thread.is_closed)))
     thread.close("bye")
@@ -446,7 +446,7 @@ def test_a_device_thread_stops_before_closing(monkeypatch: pytest.MonkeyPatch) -
     assert len(reported) == 1
 
 
-class Asked:
+class RecordingScript:
     """Device script or device thread recording method calls."""
 
     def __init__(self) -> None:
@@ -490,16 +490,16 @@ class Asked:
 
 
 def test_stop_ends_and_arm_starts_the_script() -> None:
-    thread, _ = lane_of(DEVICE)
-    thread.script = script = Asked()  # type: ignore[assignment]
+    thread, _ = open_device_thread(DEVICE)
+    thread.script = script = RecordingScript()  # type: ignore[assignment]
     thread.arm()
     thread.stop("enough")
     assert script.told == ["start", "close"]
 
 
 def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> None:
-    thread, output = lane_of(DEVICE)
-    thread.script = Asked()  # type: ignore[assignment]
+    thread, output = open_device_thread(DEVICE)
+    thread.script = RecordingScript()  # type: ignore[assignment]
     thread.arm()
     thread.feed(playing())
     reported: list[str] = []
@@ -509,9 +509,9 @@ def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> 
     assert reported == ["its script did not answer within 100 ms"] and not output.given
 
 
-def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
+def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, RecordingScript]:
     """Return an output process without threads, and the only device thread."""
-    host, thread = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
+    host, thread = Host(lambda *_, **__: None), RecordingScript()  # type: ignore[arg-type]
     host.device_threads[1] = thread  # type: ignore[assignment]
     return host, thread
 

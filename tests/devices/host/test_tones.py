@@ -269,7 +269,7 @@ def test_tones_of_one_frequency_are_in_phase_however_they_begin():
     assert np.abs(created.block(RATE_HZ // 10)).max() == pytest.approx(0.8, abs=1e-3)
 
 
-class Ears:
+class ToneRecorder:
     """Output recording sums of tones."""
 
     def __init__(self) -> None:
@@ -289,9 +289,9 @@ class Ears:
 def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
-    ears = Ears()
-    thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread.output, thread.is_open = ears, True  # the test thread stands for the output thread
+    recorder = ToneRecorder()
+    thread = DeviceThread(0, slow, lambda: recorder, lambda *_, **__: None)
+    thread.output, thread.is_open = recorder, True  # the test thread stands for the output thread
     thread.arm()
     thread.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: the sum of 5 m/s^2 reaches 1 after 10 ms and 5 after 50 ms.
@@ -300,18 +300,19 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     for k in range(8):
         thread.step(now + 0.01 * k, 0.01, newest if k == 0 else None, thread.generation)
     sums = [
-        np.hypot(strength_of(message, LOW), strength_of(message, HIGH)) for message in ears.heard
+        np.hypot(strength_of(message, LOW), strength_of(message, HIGH))
+        for message in recorder.heard
     ]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
-    assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
+    assert strength_of(recorder.heard[-1], LOW) == pytest.approx(3.0)
 
 
 def test_a_frame_weaker_than_its_tones_exceeds_no_limit() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
-    ears = Ears()
-    thread = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
-    thread.output, thread.is_open = ears, True  # the test thread stands for the output thread
+    recorder = ToneRecorder()
+    thread = DeviceThread(0, slow, lambda: recorder, lambda *_, **__: None)
+    thread.output, thread.is_open = recorder, True  # the test thread stands for the output thread
     thread.arm()
     frame = both(3.0, 4.0)
     frame[0] = 1e-6
@@ -319,6 +320,7 @@ def test_a_frame_weaker_than_its_tones_exceeds_no_limit() -> None:
     for k in range(3):
         thread.step(now + 0.01 * k, 0.01, frame if k == 0 else None, thread.generation)
     sums = [
-        np.hypot(strength_of(message, LOW), strength_of(message, HIGH)) for message in ears.heard
+        np.hypot(strength_of(message, LOW), strength_of(message, HIGH))
+        for message in recorder.heard
     ]
     assert sums == pytest.approx([1.0, 2.0, 3.0])

@@ -170,7 +170,7 @@ def test_closing_says_goodbye_and_ends_the_thread(serve: Any) -> None:
     assert bytes(a ^ b for a, b in zip(mask, content, strict=False)) == struct.pack(">H", 1000)
 
 
-class Deaf:
+class StalledSocket:
     """Socket with a far end blocked after the handshake."""
 
     def __init__(self, inner: socket.socket) -> None:
@@ -187,7 +187,7 @@ class Deaf:
 def deaf(monkeypatch: pytest.MonkeyPatch) -> None:
     connect = socket.create_connection
     monkeypatch.setattr(
-        websocket.socket, "create_connection", lambda *a, **k: Deaf(connect(*a, **k))
+        websocket.socket, "create_connection", lambda *a, **k: StalledSocket(connect(*a, **k))
     )
 
 

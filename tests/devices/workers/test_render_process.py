@@ -337,7 +337,7 @@ def test_devices_stop_at_the_end_of_the_renderer_and_play_restarts(
     assert _worker(client) != before
 
 
-class Asked:
+class RecordingRenderer:
     """Render process with records of messages, answers and faults."""
 
     def __init__(self) -> None:
@@ -358,13 +358,13 @@ class Asked:
 
 
 @pytest.fixture
-def asked() -> Iterator[Asked]:
-    actual = Asked()
+def asked() -> Iterator[RecordingRenderer]:
+    actual = RecordingRenderer()
     yield actual
     actual.process.close()
 
 
-def test_each_answer_holds_the_question(asked: Asked) -> None:
+def test_each_answer_holds_the_question(asked: RecordingRenderer) -> None:
     asked.process.describe(encode_scene(SceneMessage(HEADER, BODY, (worn(BAND),))))
     for k in range(25):
         asked.process.show(encode_live_frame(moment(), places()), {1: Question(k, 0.0, k)})
@@ -394,7 +394,7 @@ def test_the_newest_waiting_moment_is_rendered_unless_forgotten(
     assert [item[1].generation for item in answered if item][: len(expected)] == expected
 
 
-def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
+def test_a_scene_that_is_none_is_everybodys_fault(asked: RecordingRenderer) -> None:
     asked.process.describe(b"nonsense")
     asked.until(lambda: asked.told)
     assert asked.told[0].kind is MessageKind.FAULT and asked.told[0].device == EVERY_DEVICE

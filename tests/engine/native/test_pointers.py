@@ -129,7 +129,7 @@ def test_declarations_are_read_as_they_stand_in_c(
     source.write_text(text)
     monkeypatch.setattr(declarations, "structure", cache(declarations.structure.__wrapped__))
     content = interface([source]).encode()
-    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(content))
+    library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=FunctionStub(content))
     declarations.declare(library)
     thing = declarations.structure("hfx_thing")
     assert library.hfx_ask.restype is ctypes.c_double
@@ -162,11 +162,11 @@ def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> Non
     content = interface([source]).encode()
     with pytest.raises(KeyError, match="long"):
         declarations.declare(
-            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=Telling(content))
+            SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=FunctionStub(content))
         )
 
 
-class Telling:
+class FunctionStub:
     """Stand-in for a library function without arguments."""
 
     def __init__(self, told: bytes) -> None:

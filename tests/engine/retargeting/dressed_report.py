@@ -41,7 +41,7 @@ _HINGES = {"elbow": "lowerarm01", "wrist": "wrist", "knee": "lowerleg01", "ankle
 
 
 @dataclass(frozen=True)
-class Judged:
+class FitResult:
     """Fit of a single combination; lengths on a body 1.75 m tall."""
 
     name: str
@@ -69,7 +69,7 @@ def combinations() -> list[tuple[str, str, str, str]]:
     ]
 
 
-def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
+def judge(shape: str, clothes: str, pose: str, convention: str) -> FitResult:
     avatar, model = load_avatar(), load_model("hfx-pressure-1")
     worn = dressed(shape, clothes, pose, TABLES[convention])
     name = f"{shape}, {clothes}, {pose}, {convention}"
@@ -84,7 +84,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         if lost:
             (fitted,) = retarget.fit_by_bones([model], avatar, target, mapping)
     except InputError as error:
-        return Judged(name, clothes, str(error), {}, {}, (), False, float("nan"), True)
+        return FitResult(name, clothes, str(error), {}, {}, (), False, float("nan"), True)
     scale = _STANDARD_MM / worn.height
     corners = worn.places[model.avatar_vertices]
     truth = np.einsum("vc,vci->vi", model.avatar_weights.astype(np.float64), corners)
@@ -108,7 +108,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
     left = truth[:, 0] > 0.0
     limb = known & (np.abs(truth[:, 0]) > 0.05) & (model.part > 1)
     swapped = float(np.mean((fitted.vertices[:, 0] > 0.0)[limb] == left[limb])) < RIGHT_WAY
-    return Judged(
+    return FitResult(
         name,
         clothes,
         "bones" if lost else "surface",
@@ -165,7 +165,7 @@ def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: floa
     return near / whole
 
 
-def lines(judged: list[Judged]) -> list[str]:
+def lines(judged: list[FitResult]) -> list[str]:
     """Return a Markdown table with a line per kind of clothes, and a total."""
     actual = [
         "| clothes | avatars | landmarks, median mm | hinges, median mm | worst hinge, mm "

@@ -25,7 +25,7 @@ MODEL_ID = "hfx-pressure-1"
 
 
 @dataclass(frozen=True)
-class Followed:
+class ForeignFit:
     """Fit of a third-party avatar; with the truth where known (millimetres, at avatar size)."""
 
     avatar: Foreign
@@ -39,7 +39,7 @@ class Followed:
     plausible: dict[str, float]  # mm on a body of 1.8 m: see _plausible
 
 
-def follow(avatar: Foreign) -> Followed:
+def follow(avatar: Foreign) -> ForeignFit:
     """Fit the pressure model by bone names alone."""
     target, model = avatar.target, load_model(MODEL_ID)
     mapping = map_bones(target.bones)  # type: ignore[arg-type]
@@ -69,7 +69,7 @@ def follow(avatar: Foreign) -> Followed:
             marks[name] = float(max([error[k] for k in ids if known[k]], default=np.nan))
         nearest = np.flatnonzero(known)[cKDTree(truth[known]).query(fitted.vertices)[1]]
         agreement = float(np.mean(model.part[nearest] == model.part))
-    return Followed(
+    return ForeignFit(
         avatar, mapping, quality, refused, parts, p95, marks, agreement,
         _plausible(warped.bodies, points),
     )  # fmt: skip
@@ -95,7 +95,7 @@ def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
     }
 
 
-def with_truth() -> dict[str, Followed]:
+def with_truth() -> dict[str, ForeignFit]:
     """Third-party avatars with derivable correspondence."""
     actual = {"SOMA": follow(foreign_avatars.soma())}
     rigs = ("mixamo", "game_engine", "cmu", "mixamo")
@@ -104,7 +104,7 @@ def with_truth() -> dict[str, Followed]:
     return actual
 
 
-def without_truth() -> dict[str, Followed]:
+def without_truth() -> dict[str, ForeignFit]:
     """Return game characters, where folders are configured."""
     actual = {name: follow(make()) for name, make in foreign_avatars.assetcoop().items()}
     fixit = foreign_avatars.mrfixit()
@@ -139,7 +139,7 @@ def lines() -> list[str]:
     return text
 
 
-def _row(name: str, row: Followed) -> str:
+def _row(name: str, row: ForeignFit) -> str:
     parts = row.quality.parts
     far = max(parts, key=lambda part: part.distance_p95_mm)
     out = min(parts, key=lambda part: part.in_place)
