@@ -71,13 +71,13 @@ class Played:
         self.port = Port(self.clock)
         self.reports: list[tuple[str, str]] = []
         self.thread = DeviceThread(
-            1, device, lambda: self.port, self._told, clock=self.clock, **more
+            1, device, lambda: self.port, self._report, clock=self.clock, **more
         )
         self.thread.output, self.thread.is_open = self.port, True  # without threads
         self.thread.silence = self.port.stop  # type: ignore[method-assign]
         self.thread.arm()
 
-    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+    def _report(self, event: str, _device: int, text: str = "", **_: Any) -> None:
         self.reports.append((event, text))
 
     def events(self) -> list[str]:

@@ -170,7 +170,7 @@ def without_script(path: Path, device: DeviceConfig) -> Raster:
         return render(track.header, track.runs(), device)
 
 
-def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
+def live_messages(path: Path, device: DeviceConfig) -> list[bytes]:
     """Return live messages to a script at each row of a track, with latency compensation."""
     late_ms = device.actuators[0].type.latency_ms
     late = round(late_ms / 1000.0 * RATE_HZ)
@@ -251,7 +251,7 @@ def test_a_script_has_the_same_input_as_live(folder: Path, path: Path) -> None:
     played(path, device)
     exported = log.read_text().splitlines()
     log.unlink()
-    answers_live(device, told_live(path, device))
+    answers_live(device, live_messages(path, device))
     live = log.read_text().splitlines()
     assert len(exported) == len(live) == ROWS
     assert "'buzz'" in exported[BUZZ[0]] and "'warm'" in exported[WARM[0]]
@@ -286,7 +286,7 @@ def test_the_shipped_script_plays_the_same_live_and_in_an_export(folder: Path, p
     own_device(folder, "peltier_sleeve", "my_sleeve", latency_ms=0, update_interval_ms=20)
     source = (resources.device_configs() / "peltier_sleeve.py").read_text()
     device = scripted(folder, source, "my_sleeve_left")
-    live = answers_live(device, told_live(path, device))
+    live = answers_live(device, live_messages(path, device))
     raster = played(path, device)
     assert raster.values.max() > raster.neutral[0] + 1.0
     assert raster.values.tolist() == live.tolist()

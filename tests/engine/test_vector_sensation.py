@@ -98,7 +98,7 @@ def _animated(effect: EffectDescription, curves: np.ndarray = CURVES) -> EffectB
     return EffectBlock(*fixed, drive=curves) if effect.kind == "actuators" else EffectBlock(*fixed)
 
 
-def _felt(effects: Sequence[EffectDescription], **options: object) -> list[SampleRun]:
+def _runs(effects: Sequence[EffectDescription], **options: object) -> list[SampleRun]:
     world = np.tile(np.eye(4), (TIMES, 1, 1))
     pose = PoseBlock(np.ones(TIMES, bool), world, world[:, None, :3])
     engine = Engine(_scene(effects), models=_load, **options)  # type: ignore[arg-type]
@@ -112,7 +112,7 @@ def _header(effects: Sequence[EffectDescription]) -> TrackHeader:
 
 def _rendered(effects: Sequence[EffectDescription], device: DeviceConfig) -> Raster:
     renderer = Renderer(_header(effects), device, _load)
-    renderer.add(_felt(effects))
+    renderer.add(_runs(effects))
     return renderer.raster()
 
 
@@ -148,7 +148,7 @@ def test_a_track_keeps_spots_and_curves(tmp_path: Path, record: tuple[str, ...])
     effects = [VECTOR, SPOT, PAINT]
     path = tmp_path / "a.hfxtrack"
     with TrackWriter(path, _header(effects)) as writer:
-        runs = writer.append(_felt(effects, record=record))
+        runs = writer.append(_runs(effects, record=record))
     with TrackReader(path) as track:
         again = list(track.runs())
         assert [effect.kind for effect in track.header.effects] == ["actuators", "spot", "painted"]
@@ -178,7 +178,7 @@ def test_the_new_version_is_used_only_when_needed(tmp_path: Path) -> None:
     for effects, version in (([PAINT], 1), ([SPOT], 2), ([VECTOR, PAINT], 2)):
         path = tmp_path / "v.hfxtrack"
         with TrackWriter(path, _header(effects)) as writer:
-            writer.append(_felt(effects))
+            writer.append(_runs(effects))
         with zipfile.ZipFile(path) as archive:
             text = archive.read("header.json").decode()
         assert f'"version": {version}' in text
@@ -190,7 +190,7 @@ def test_a_track_of_the_first_version_knows_no_spots(tmp_path: Path) -> None:
 
     path, old = tmp_path / "new.hfxtrack", tmp_path / "old.hfxtrack"
     with TrackWriter(path, _header([SPOT])) as writer:
-        writer.append(_felt([SPOT]))
+        writer.append(_runs([SPOT]))
     with zipfile.ZipFile(path) as source, zipfile.ZipFile(old, "w") as target:
         for name in source.namelist():
             content = source.read(name)
@@ -204,11 +204,11 @@ def test_a_track_of_the_first_version_knows_no_spots(tmp_path: Path) -> None:
 def test_a_run_that_is_not_of_its_kind_is_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 
-    run = _felt([SPOT])[0]
+    run = _runs([SPOT])[0]
     for bad in (
         replace(run, focus=None),
         replace(run, focus=np.full((len(run), 4), np.nan, np.float32)),
-        replace(run, drive=_felt([VECTOR])[0].drive),
+        replace(run, drive=_runs([VECTOR])[0].drive),
     ):
         with pytest.raises(ValueError), TrackWriter(tmp_path / "x", _header([SPOT])) as writer:
             writer.append([bad])

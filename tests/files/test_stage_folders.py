@@ -40,7 +40,7 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def _told(holder: subprocess.Popen[str]) -> Path:
+def _stage_of(holder: subprocess.Popen[str]) -> Path:
     assert holder.stdout is not None
     return Path(holder.stdout.readline().strip())
 
@@ -56,7 +56,7 @@ def test_a_folder_is_hidden_and_gone_afterwards(tmp_path: Path) -> None:
 def test_that_of_a_killed_run_is_removed_by_the_next(
     tmp_path: Path, holder: subprocess.Popen[str]
 ) -> None:
-    left = _told(holder)
+    left = _stage_of(holder)
     holder.kill()
     holder.wait()
     assert (left / "half").is_file()
@@ -65,7 +65,7 @@ def test_that_of_a_killed_run_is_removed_by_the_next(
 
 
 def test_that_of_a_living_run_stays(tmp_path: Path, holder: subprocess.Popen[str]) -> None:
-    alive = _told(holder)
+    alive = _stage_of(holder)
     with stage_folder(tmp_path, "other"), stage_folder(tmp_path, "other"):
         assert (alive / "half").is_file()
     assert list(tmp_path.iterdir()) == [alive]
@@ -74,7 +74,7 @@ def test_that_of_a_living_run_stays(tmp_path: Path, holder: subprocess.Popen[str
 def test_that_of_another_machine_stays(
     tmp_path: Path, holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left = _told(holder)
+    left = _stage_of(holder)
     holder.kill()
     holder.wait()
     monkeypatch.setattr(atomic.platform, "node", lambda: "elsewhere")

@@ -137,7 +137,7 @@ BEFORE_OURS = ("hfx_blender", "sitecustomize", "usercustomize", "_distutils_hack
 
 
 @pytest.fixture(scope="module")
-def beside_a_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scene_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fill a folder with foreign modules, except for those imported by Python at the start."""
     folder = tmp_path_factory.mktemp("beside")
     fill(folder)
@@ -167,9 +167,9 @@ def test_hfx_runs_nothing_of_the_current_folder(hfx: list[str], strange: Path) -
 
 @pytest.mark.parametrize("python_path", PYTHONPATHS)
 def test_hfx_imports_nothing_from_a_relative_pythonpath(
-    hfx: list[str], beside_a_scene: Path, python_path: str
+    hfx: list[str], scene_folder: Path, python_path: str
 ) -> None:
-    done = _devices(hfx, beside_a_scene, python_path)
+    done = _devices(hfx, scene_folder, python_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "back_pad" in done.stdout
 

@@ -63,12 +63,12 @@ class Playing:
     def __init__(self) -> None:
         self.output = Recorder()
         self.reports: list[tuple[str, str]] = []
-        self.thread = DeviceThread(0, DEVICE, lambda: self.output, self._told)
+        self.thread = DeviceThread(0, DEVICE, lambda: self.output, self._report)
         self.thread.start()
         self.thread.arm()
         self.until(lambda: "armed" in self.events())
 
-    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+    def _report(self, event: str, _device: int, text: str = "", **_: Any) -> None:
         self.reports.append((event, text))
 
     def events(self) -> list[str]:
@@ -219,14 +219,14 @@ class Opening:
         self.opens = threading.Event()
         self.output = Recorder()
         self.events: list[str] = []
-        self.thread = DeviceThread(0, DEVICE, self._open, self._told)
+        self.thread = DeviceThread(0, DEVICE, self._open, self._report)
         self.thread.start()
 
     def _open(self) -> Recorder:
         self.opens.wait(PATIENCE_S)
         return self.output
 
-    def _told(self, event: str, _device: int, **_: Any) -> None:
+    def _report(self, event: str, _device: int, **_: Any) -> None:
         if event == "connected":  # arming has to wait for the opening
             second = threading.Thread(target=self.thread.arm)
             second.start()

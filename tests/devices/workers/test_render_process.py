@@ -68,7 +68,7 @@ HEADER = TrackHeader(
 )
 
 
-def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleRun:
+def vibration(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleRun:
     """Return a vibration of all skin."""
     count = len(MODEL)
     return SampleRun(
@@ -85,9 +85,9 @@ def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleR
 
 
 def moment(low: float = 3.0, high: float = 0.0, **more: object) -> LiveFrame:
-    runs = [felt(STREAMS[0], low, 80.0)]
+    runs = [vibration(STREAMS[0], low, 80.0)]
     if high:
-        runs.append(felt(STREAMS[1], high, 250.0))
+        runs.append(vibration(STREAMS[1], high, 250.0))
     return LiveFrame(1.0, runs, **more)  # type: ignore[arg-type]
 
 
@@ -106,10 +106,10 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
     assert scene.header.streams == STREAMS and scene.devices == (worn(BAND),)
     drive = Drive("band", ("a", "b"), np.float32([[0.5, 0.25]]))
     runs = [
-        felt(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
-        felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
+        vibration(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
+        vibration(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
     ]
-    later = {30.0: [felt(STREAMS[1], 1.0, 90.0)], 100.0: []}
+    later = {30.0: [vibration(STREAMS[1], 1.0, 90.0)], 100.0: []}
     sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), later)
     live_frame = decode_live_frame(encode_live_frame(sent, places()), STREAMS)
     assert (live_frame.time_s, live_frame.gains) == (2.5, {7: 0.5})
@@ -198,7 +198,7 @@ def test_late_actuators_get_later_samples(tmp_path: Path) -> None:
     for kind in content["actuator_types"].values():
         kind["latency_ms"] = 30
     (tmp_path / "late.json").write_text(json.dumps(content))
-    later = [felt(STREAMS[1], 2.0, 250.0)]
+    later = [vibration(STREAMS[1], 2.0, 250.0)]
     device = worn("late", folder=tmp_path)
     now = decode_values(answered((device,), moment(3.0))[1])
     alone = decode_values(answered((device,), LiveFrame(1.0, later))[1])
@@ -422,7 +422,7 @@ def test_one_that_does_not_answer_in_time_is_ended(
 
 
 def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
-    huge = replace(felt(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
+    huge = replace(vibration(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
     stopped: list[str] = []
     pipe = client.pipe
     pipe.stop = stopped.append  # type: ignore[method-assign, assignment]

@@ -30,7 +30,7 @@ def run(source: str, haptics: Haptics) -> np.ndarray:
     return as_values(names["render"](haptics), haptics)
 
 
-def told(device: DeviceConfig, *felt: Effect, time_s: float = 0.0) -> Haptics:
+def haptics_of(device: DeviceConfig, *felt: Effect, time_s: float = 0.0) -> Haptics:
     neutral = [c.neutral for a in device.actuators for c in a.type.controls]
     return Haptics(time_s, felt, np.array(neutral), device)
 
@@ -54,19 +54,19 @@ def test_warmer_skin_pulses_faster() -> None:
     def beats(temperature: float) -> int:
         warm = effect("temperature", gains, temperature_c=temperature)
         times = np.arange(0.0, 10.0, 0.01)
-        actual = [run(examples()[0], told(band, warm, time_s=t))[0] for t in times]
+        actual = [run(examples()[0], haptics_of(band, warm, time_s=t))[0] for t in times]
         return int(np.count_nonzero((np.array(actual[1:]) > 0) & (np.array(actual[:-1]) == 0)))
 
     assert beats(29.0) == 10  # 1 Hz
     assert beats(39.0) == 20  # 2 Hz
-    silent = told(band)
+    silent = haptics_of(band)
     assert run(examples()[0], silent).tolist() == silent.values.tolist()
 
 
 def test_the_grill_has_warm_and_cool_bars_in_turn() -> None:
     bars = of_modality("temperature", ("a", "b", "c", "d"))
     hot = effect("temperature", [1.0, 1.0, 0.0, 0.5], temperature_c=55.0)
-    assert run(examples()[1], told(bars, hot)).tolist() == [40.0, 20.0, 33.0, 26.5]
+    assert run(examples()[1], haptics_of(bars, hot)).tolist() == [40.0, 20.0, 33.0, 26.5]
 
 
 def test_wind_plays_on_the_fan_in_its_direction() -> None:
@@ -75,7 +75,7 @@ def test_wind_plays_on_the_fan_in_its_direction() -> None:
     east = effect(
         "wind", [1.0, 1.0], speed_m_s=3.0, direction_x=1.0, direction_y=0.0, direction_z=0.0
     )
-    completed = run(examples()[2], told(fans, east))
+    completed = run(examples()[2], haptics_of(fans, east))
     assert completed[0] == pytest.approx(3.0)
     assert completed[count] == 0.0
-    assert run(examples()[2], told(fans)).tolist() == told(fans).neutral.tolist()
+    assert run(examples()[2], haptics_of(fans)).tolist() == haptics_of(fans).neutral.tolist()

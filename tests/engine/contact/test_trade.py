@@ -65,7 +65,7 @@ def engine_of(tolerance: Tolerance) -> Engine:
     return Engine(scene(), models=lambda _: MODEL, tolerance=tolerance)
 
 
-def felt(tolerance: Tolerance, volumes: list[list[Placed]], first: int = 0) -> list[SampleRun]:
+def runs_of(tolerance: Tolerance, volumes: list[list[Placed]], first: int = 0) -> list[SampleRun]:
     """Return samples for volumes with matrices over time, on a standing body."""
     times = len(volumes[0])
     bones = np.tile(np.eye(4)[:3], (times, len(MODEL.bone_names), 1, 1))
@@ -138,13 +138,13 @@ def here(drawn: dict, grown_m: float = 0.0) -> list[Placed]:
 @given(scenes=st.lists(SCENES, min_size=3, max_size=3))
 def test_edges_are_within_the_stated_distance(name, scenes):
     tolerance = SETTINGS[name]
-    actual = weights_of(felt(tolerance, [here(item) for item in scenes]))[:3]
+    actual = weights_of(runs_of(tolerance, [here(item) for item in scenes]))[:3]
     # The distance is a share of the local spacing, so vertices are judged by their own.
     edges = np.array([tolerance.edge_m(spacing) for spacing in SPACING_M])
     for edge_m in np.unique(np.quantile(edges, [0.3, 1.0])):
         mine = edges <= edge_m * (1.0 + 1e-9)
         exact = [here(item, grown) for grown in (-edge_m, edge_m) for item in scenes]
-        smaller, larger = np.split(weights_of(felt(EXACT, exact)), 2)
+        smaller, larger = np.split(weights_of(runs_of(EXACT, exact)), 2)
         slack = tolerance.amplitude + 0.02  # the exact setting samples skin, too
         assert (actual[:, mine] >= smaller[:, mine] - slack).all()
         assert (actual[:, mine] <= larger[:, mine] + slack).all()
@@ -157,8 +157,10 @@ def test_actuators_are_within_the_stated_share_of_full_scale(name, drawn):
     """Measured at shipped devices, with the devices' rendering."""
     tolerance = SETTINGS[name]
     edge_m = max(tolerance.edge_m(float(spacing)) for spacing in SPACING_M)
-    lower, upper = (played(felt(EXACT, [here(drawn, grown)])) for grown in (-edge_m, edge_m))
-    for actual, low, high in zip(played(felt(tolerance, [here(drawn)])), lower, upper, strict=True):
+    lower, upper = (played(runs_of(EXACT, [here(drawn, grown)])) for grown in (-edge_m, edge_m))
+    for actual, low, high in zip(
+        played(runs_of(tolerance, [here(drawn)])), lower, upper, strict=True
+    ):
         assert (actual >= low - tolerance.amplitude - 0.02).all()
         assert (actual <= high + tolerance.amplitude + 0.02).all()
 
@@ -197,7 +199,7 @@ def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radiu
         return placed("sphere", radius, 0.0, centre)
 
     def is_touched(time_s: float) -> bool:
-        return any(len(run) for run in felt(EXACT, [[ball(time_s)]]))
+        return any(len(run) for run in runs_of(EXACT, [[ball(time_s)]]))
 
     apart, inside = 0.0, 0.6 / speed  # in the middle of the body
     way_there = np.linspace(apart, inside, 25)
@@ -207,7 +209,7 @@ def test_contacts_begin_within_the_stated_time(name, speed, angle, height, radiu
         middle = 0.5 * (apart + inside)
         apart, inside = (apart, middle) if is_touched(middle) else (middle, inside)
     start = max(int(inside * RATE_HZ) - 12, 0)
-    runs = felt(tolerance, [[ball(k / RATE_HZ) for k in range(start, start + 25)]], start)
+    runs = runs_of(tolerance, [[ball(k / RATE_HZ) for k in range(start, start + 25)]], start)
     (run,) = runs
     begin_s = int(run.indices[0]) / RATE_HZ
     late = max(tolerance.time_s, 1.0 / RATE_HZ) + tolerance.edge_m(float(SPACING_M.max())) / speed

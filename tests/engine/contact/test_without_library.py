@@ -16,7 +16,7 @@ from hfx_blender.engine.tolerance import EXACT, PAPER
 from hfx_blender.engine.volume.analytic import Sphere
 
 
-def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
+def _weights(modality: str) -> dict[tuple[str, int], np.ndarray]:
     """Return weights by effect and sample, for a bending, stretching and turning body among
     volumes.
     """
@@ -33,9 +33,9 @@ def _felt(modality: str) -> dict[tuple[str, int], np.ndarray]:
 @needs_library
 @pytest.mark.parametrize("modality", ["pressure", "temperature"])
 def test_vertices_of_shipped_models_feel_the_same(modality: str) -> None:
-    expected = _felt(modality)
+    expected = _weights(modality)
     with by_reference():
-        actual = _felt(modality)
+        actual = _weights(modality)
     assert actual.keys() == expected.keys() and len(actual) > 4
     for key, weights in actual.items():
         np.testing.assert_allclose(weights, expected[key], atol=1e-6)

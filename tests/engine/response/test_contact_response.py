@@ -132,7 +132,7 @@ def _levels(runs: list[SampleRun]) -> np.ndarray:
     return levels
 
 
-def _felt(
+def _runs(
     stack: list[tuple[Filter, list[float]]], heights: np.ndarray | None = None, levels: Any = 1.0
 ) -> list[SampleRun]:
     heights = _there_and_back() if heights is None else heights
@@ -151,7 +151,7 @@ CONTACT = (7, 8)
 
 
 def test_without_filters_a_ball_plays_during_contact() -> None:
-    assert [index for index, _ in _each(_felt([]))] == list(CONTACT)
+    assert [index for index, _ in _each(_runs([]))] == list(CONTACT)
 
 
 # The first touch is at |0.15 - 2 t| = 0.02, between samples 6 and 7.
@@ -161,7 +161,7 @@ ONSET_S = 0.065
 def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
     decay, full = 0.1, 4.0
     stack = [_filter(FilterKind.IMPACT, decay_s=decay, full_m_s=full)]
-    levels = _levels(_felt(stack))
+    levels = _levels(_runs(stack))
     for k in range(COUNT):
         since = k / RATE - ONSET_S
         expected = SPEED_M_S / full * np.exp(-since / decay)
@@ -177,15 +177,15 @@ def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
 
 
 def test_an_impact_rings_at_its_vertices_until_decayed() -> None:
-    actual = dict(_each(_felt([_filter(FilterKind.IMPACT, decay_s=0.1)])))
+    actual = dict(_each(_runs([_filter(FilterKind.IMPACT, decay_s=0.1)])))
     assert all(set(actual[k]) == {0, 1} for k in actual if k != CONTACT[0])
 
 
 def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> None:
-    soft = _levels(_felt([_filter(FilterKind.IMPACT, decay_s=0.2)]))
-    stiff = _levels(_felt([_filter(FilterKind.IMPACT, decay_s=0.05)]))
+    soft = _levels(_runs([_filter(FilterKind.IMPACT, decay_s=0.2)]))
+    stiff = _levels(_runs([_filter(FilterKind.IMPACT, decay_s=0.05)]))
     assert (stiff[8:] <= soft[8:]).all() and stiff[12] < 0.6 * soft[12]
-    slow = _levels(_felt([_filter(FilterKind.IMPACT, attack_s=0.05, decay_s=0.2)]))
+    slow = _levels(_runs([_filter(FilterKind.IMPACT, attack_s=0.05, decay_s=0.2)]))
     assert slow[CONTACT[0] - 1] == 0.0 and slow[CONTACT[0]] < 0.2
     peak = np.log(0.2 / 0.05) * 0.2 * 0.05 / 0.15  # of exp(-t / 0.2) - exp(-t / 0.05)
     # The whole peak is in the next sample.
@@ -197,8 +197,8 @@ def test_impacts_add_up_and_stay_within_full_strength() -> None:
     times = np.arange(COUNT) / RATE
     heights = np.where(times < 0.2, _there_and_back(), np.abs(0.3 - SPEED_M_S * (times - 0.1)))
     stack = [_filter(FilterKind.IMPACT, decay_s=0.3, full_m_s=4.0)]
-    levels = _levels(_felt(stack, heights))
-    once = _levels(_felt(stack))
+    levels = _levels(_runs(stack, heights))
+    once = _levels(_runs(stack))
     second = int(np.flatnonzero(np.diff(levels) > 0.1)[-1]) + 1
     assert second == 23
     began_s = 0.1 + (0.3 - 0.05) / SPEED_M_S  # 0.225 s: the ball's lowest point is on the skin
@@ -210,7 +210,7 @@ def test_impacts_add_up_and_stay_within_full_strength() -> None:
 def test_vertices_inside_at_the_start_are_not_hit() -> None:
     levels = np.where(np.arange(COUNT) < 7, 0.0, 1.0)
     stack = [_filter(FilterKind.IMPACT)]
-    assert not _felt(stack, levels=levels)
+    assert not _runs(stack, levels=levels)
 
 
 def test_vertices_touched_before_a_part_are_not_hit() -> None:
@@ -223,7 +223,7 @@ def test_vertices_touched_before_a_part_are_not_hit() -> None:
 def test_near_vertices_without_contact_have_no_speed() -> None:
     near = _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM)
     speed = _filter(FilterKind.SPEED, full_m_s=4.0, operation=Operation.ADD)
-    slow, fast = _levels(_felt([near])), _levels(_felt([near, speed]))
+    slow, fast = _levels(_runs([near])), _levels(_runs([near, speed]))
     np.testing.assert_array_equal(fast[CONTACT[1] + 1 :], slow[CONTACT[1] + 1 :])
     assert slow[CONTACT[1] + 1] > 0.0
 
@@ -232,7 +232,7 @@ def test_nearness_rises_before_contact_and_holds() -> None:
     stack = [
         _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM),
     ]
-    felt_value = dict(_each(_felt(stack, np.linspace(0.2, 0.06, COUNT))))
+    felt_value = dict(_each(_runs(stack, np.linspace(0.2, 0.06, COUNT))))
     heights = np.linspace(0.2, 0.06, COUNT)
     for k in range(COUNT):
         for vertex in (0, 1):
@@ -247,7 +247,7 @@ def test_nearness_does_not_jump_where_contact_begins() -> None:
         _filter(FilterKind.IMPACT, decay_s=0.1, attack_s=0.1, full_m_s=1e2),
         _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.5, operation=Operation.MAXIMUM),
     ]
-    felt_value = dict(_each(_felt(stack, heights)))
+    felt_value = dict(_each(_runs(stack, heights)))
     strengths = np.array([felt_value[k][0] for k in range(COUNT)])
     assert np.abs(np.diff(strengths)).max() < 1.05 * 0.5 * (heights[0] - heights[1]) / 0.1
     assert strengths[-1] == pytest.approx(0.5)
@@ -255,12 +255,12 @@ def test_nearness_does_not_jump_where_contact_begins() -> None:
 
 def test_the_relative_speed_scales_a_touch() -> None:
     stack = [_filter(FilterKind.SPEED, still_m_s=1.0, full_m_s=3.0)]
-    levels = _levels(_felt(stack))
+    levels = _levels(_runs(stack))
     assert levels[CONTACT[0]] == pytest.approx((SPEED_M_S - 1.0) / 2.0)
     standing = np.full(COUNT, 0.03)
-    assert not _felt(stack, standing)
+    assert not _runs(stack, standing)
     halved = [_filter(FilterKind.SPEED, still_m_s=1.0, full_m_s=3.0, influence=0.5)]
-    assert _levels(_felt(halved, standing))[5] == pytest.approx(0.5)
+    assert _levels(_runs(halved, standing))[5] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_the_distance_from_the_centre_or_axis_weakens_each_vertex(
     about: About, expected: tuple[float, float]
 ) -> None:
     stack = [_filter(FilterKind.DISTANCE, far_m=0.1, about=about)]
-    actual = dict(_each(_felt(stack, np.full(COUNT, 0.03))))[10]
+    actual = dict(_each(_runs(stack, np.full(COUNT, 0.03))))[10]
     for vertex, distance in enumerate(expected):
         assert actual[vertex] == pytest.approx(1.0 - distance / 0.1, abs=1e-6)
 
@@ -278,13 +278,13 @@ def test_the_distance_from_the_centre_or_axis_weakens_each_vertex(
 def test_a_sine_in_time_runs_with_the_scene_and_one_in_space_with_the_place() -> None:
     still = np.full(COUNT, 0.03)
     levels = _levels(
-        _felt([_filter(FilterKind.SINE, about=About.TIME, cycles=5.0, depth=0.8)], still)
+        _runs([_filter(FilterKind.SINE, about=About.TIME, cycles=5.0, depth=0.8)], still)
     )
     times = np.arange(COUNT) / RATE
     expected = 1.0 - 0.4 * (1.0 - np.sin(2.0 * np.pi * 5.0 * times))
     np.testing.assert_allclose(levels, expected, atol=1e-9)
     stack = [_filter(FilterKind.SINE, about=About.AXIS, cycles=0.04, depth=1.0, phase=0.25)]
-    actual = dict(_each(_felt(stack, still)))[3]
+    actual = dict(_each(_runs(stack, still)))[3]
     assert actual[0] == pytest.approx(1.0)
     assert actual[1] == pytest.approx(
         0.5 + 0.5 * np.sin(2 * np.pi * (0.03 / 0.04 + 0.25)), abs=1e-6

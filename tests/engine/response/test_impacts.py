@@ -105,7 +105,7 @@ def bounce(deepest_s: float, depth_m: float, speed_m_s: float = 1.0, at: float =
     return centre
 
 
-def felt(
+def levels_of(
     centre: Centre,
     rate_hz: int,
     tolerance: Tolerance = STANDARD,
@@ -182,7 +182,7 @@ def test_an_impact_keeps_its_depth_at_every_rate(
         )
         low, high = min(low, high), max(low, high)
         actual = [
-            felt(bounce(deepest_s, depth_m), rate, tolerance, falls=falls, seconds=0.31)[
+            levels_of(bounce(deepest_s, depth_m), rate, tolerance, falls=falls, seconds=0.31)[
                 round(0.3 * rate), MIDDLE
             ]
             for rate in RATES
@@ -198,7 +198,7 @@ def test_an_impact_keeps_its_depth_at_every_rate(
 def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
     """From a bug report: 4.8 m/s2 at 100 Hz, 0.09 at 200, 1.9 at 500, set by the last graze."""
     for rate in RATES:
-        actual = felt(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
+        actual = levels_of(bounce(0.25, 0.025), rate, EXACT)[:, MIDDLE]
         times = np.arange(len(actual)) / rate
         after = times > 0.3
         np.testing.assert_allclose(
@@ -222,7 +222,7 @@ def test_later_covered_vertices_peak_between_samples(tolerance: Tolerance, decay
     stack = ((FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, decay_s, 1.0)),)
     tops = np.array(
         [
-            felt(going_in, rate, tolerance, stack=stack, seconds=0.3).max(axis=0)
+            levels_of(going_in, rate, tolerance, stack=stack, seconds=0.3).max(axis=0)
             for rate in (100, 125, 200, 333, 1000)
         ]
     )
@@ -261,7 +261,7 @@ def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
 
     began = [away_s - 0.03, away_s + pause_s][:count]
     for rate in (100, 200, 333, 1000):
-        actual = felt(pausing, rate, PAPER)[round(0.45 * rate), MIDDLE]
+        actual = levels_of(pausing, rate, PAPER)[round(0.45 * rate), MIDDLE]
         expected = sum(oracle_ring(round(0.45 * rate) / rate - item, 0.5) for item in began)
         assert actual == pytest.approx(expected, rel=0.03)
 
@@ -269,11 +269,11 @@ def test_a_touch_that_pauses_for_less_than_10_ms_is_one_impact(
 def test_a_graze_between_two_samples_is_in_the_next_sample() -> None:
     # 0.505 s lies between two samples; at both, the ball is 2 mm away.
     for tolerance in TOLERANCES:
-        actual = felt(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
+        actual = levels_of(bounce(0.505, 0.003), 100, tolerance)[:, MIDDLE]
         assert not actual[:51].any() and actual[51] > 0.4
         assert actual[60] == pytest.approx(actual[51] * oracle_ring(0.6 - 0.502), rel=0.02)
     late = bounce(0.505, -0.0005)  # turns back half a millimetre away
-    assert not felt(late, 100, EXACT).any()
+    assert not levels_of(late, 100, EXACT).any()
 
 
 def test_a_ball_that_passes_within_a_sample_rings_from_then_on() -> None:
@@ -282,7 +282,7 @@ def test_a_ball_that_passes_within_a_sample_rings_from_then_on() -> None:
 
     entered_s = 0.2533 - RADIUS_M / 20.0
     for rate in RATES:
-        actual = felt(passing, rate, STANDARD)[round(0.3 * rate) :, MIDDLE]
+        actual = levels_of(passing, rate, STANDARD)[round(0.3 * rate) :, MIDDLE]
         assert actual[0] == pytest.approx(oracle_ring(0.3 - entered_s), rel=0.01)
 
 
@@ -292,7 +292,7 @@ def test_the_speed_is_that_at_the_beginning() -> None:
         return np.stack([0.0 * times, 0.0 * times, height], axis=1)
 
     for rate in RATES:
-        actual = felt(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
+        actual = levels_of(falling, rate, EXACT, seconds=0.24)[round(0.21 * rate), MIDDLE]
         # The peak is 6 ms after the start: between samples at 100 Hz, at a sample for other rates.
         times = np.linspace(0.2, 0.21, 21) if rate == 100 else np.array([0.21])
         assert actual == pytest.approx(oracle_strongest(falling, times, 0.2, 0.5), rel=0.03)
@@ -310,7 +310,7 @@ def test_two_impacts_ring_at_their_vertices() -> None:
         return np.where((times < 0.3)[:, None], first, second)
 
     for rate in (100, 1000):
-        actual = felt(twice, rate, EXACT)[round(0.5 * rate)]
+        actual = levels_of(twice, rate, EXACT)[round(0.5 * rate)]
         first, second = oracle_ring(0.5 - 0.19), oracle_ring(0.5 - 0.38)
         assert actual[MIDDLE] == pytest.approx(first, rel=0.02)
         assert actual[far_vertex] == pytest.approx(first + second, rel=0.02)  # both impacts
@@ -330,7 +330,7 @@ def test_vertices_keep_peaks_of_their_own() -> None:
         for v in (MIDDLE, MIDDLE + 1, MIDDLE + 2)
     ]  # fmt: skip
     for rate in RATES:
-        actual = felt(sliding, rate, PAPER, falls=True)[round(0.5 * rate)]
+        actual = levels_of(sliding, rate, PAPER, falls=True)[round(0.5 * rate)]
         ring = oracle_ring(0.5 - 0.188)
         assert actual[[MIDDLE, MIDDLE + 1, MIDDLE + 2]] / ring == pytest.approx(
             expected, rel=0.03, abs=0.003
@@ -342,7 +342,7 @@ def test_a_ball_that_stays_rings_as_one_that_leaves() -> None:
         return bounce(0.25, 0.01)(np.minimum(times, 0.25))
 
     for rate in RATES:
-        actual, left = felt(staying, rate, EXACT), felt(bounce(0.25, 0.01), rate, EXACT)
+        actual, left = levels_of(staying, rate, EXACT), levels_of(bounce(0.25, 0.01), rate, EXACT)
         np.testing.assert_allclose(actual[:, MIDDLE], left[:, MIDDLE], atol=0.01)
 
 
@@ -358,7 +358,7 @@ def test_skin_that_was_left_rings_on_and_does_not_stay_touched() -> None:
         height = bounce(0.21, 0.01)(np.minimum(times, 0.21))[:, 2]
         return np.stack([x, 0.0 * x, height], axis=1)
 
-    actual = felt(along, 100, EXACT, stack=stack)
+    actual = levels_of(along, 100, EXACT, stack=stack)
     at = int(
         np.argmin(np.linalg.norm(SKIN.vertices - along(np.array([0.6]))[0] * [1, 0, 0], axis=1))
     )
@@ -372,7 +372,7 @@ def test_impacts_keep_the_proximity_of_their_time() -> None:
         (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
         (FilterKind.PROXIMITY, Operation.MAXIMUM, (0.3, 0.05, 1.0)),
     )
-    actual = felt(bounce(0.2, 0.01), 100, EXACT, stack=stack)
+    actual = levels_of(bounce(0.2, 0.01), 100, EXACT, stack=stack)
     gone = actual[40:]  # 0.19 m away
     assert gone[0, MIDDLE] == pytest.approx(oracle_ring(0.4 - 0.19), rel=0.02)
     held = gone[0] / gone[0, MIDDLE]
@@ -387,7 +387,7 @@ def test_the_level_at_the_current_time_scales_ringing() -> None:
     def fading(times: np.ndarray) -> np.ndarray:
         return np.clip(1.0 - times, 0.0, 1.0)
 
-    actual = felt(bounce(0.25, 0.025), 200, EXACT, levels=fading)
+    actual = levels_of(bounce(0.25, 0.025), 200, EXACT, levels=fading)
     for row in (70, 100, 120):
         since = row / 200 - 0.225
         assert actual[row, MIDDLE] == pytest.approx(
@@ -397,17 +397,17 @@ def test_the_level_at_the_current_time_scales_ringing() -> None:
 
 @pytest.mark.parametrize("tolerance", (STANDARD, PAPER), ids=lambda each: each.name)
 def test_a_body_that_hits_a_volume_is_hit_as_well(tolerance: Tolerance) -> None:
-    still = felt(bounce(0.2577, 0.004), 100, tolerance)
-    moving = felt(bounce(0.2577, 0.004), 100, tolerance, moves_body=True)
+    still = levels_of(bounce(0.2577, 0.004), 100, tolerance)
+    moving = levels_of(bounce(0.2577, 0.004), 100, tolerance, moves_body=True)
     assert still.any()
     np.testing.assert_allclose(moving, still, atol=1e-3)
 
 
 def test_live_only_the_beginning_is_found_between_updates() -> None:
-    actual = felt(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
+    actual = levels_of(bounce(0.25, 0.025), 100, PAPER, is_live=True)[:, MIDDLE]
     assert actual[40] == pytest.approx(oracle_ring(0.4 - 0.225), rel=1e-3)
     # At the neighbouring updates the ball is 2 mm away; live, later updates are unknown.
-    assert not felt(bounce(0.505, 0.003), 100, PAPER, is_live=True).any()
+    assert not levels_of(bounce(0.505, 0.003), 100, PAPER, is_live=True).any()
 
 
 # ---- paths -------------------------------------------------------------------------------------

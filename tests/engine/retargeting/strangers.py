@@ -78,9 +78,9 @@ def made(figure: Figure) -> Variant:
     person = variants.decimated(person, figure.triangles)
     if figure.is_blurred:
         person = _blurred(person)
-    person = _with_joints_beside(person, figure)
+    person = _with_displaced_joints(person, figure)
     if figure.is_bound_anew:
-        person = _bound_anew(person)
+        person = _rebound(person)
     person = replace(renamed(person, figure.rig), places=person.places)
     if figure.rig is ENGINE:
         person = _with_flat_twists(person)
@@ -203,8 +203,8 @@ def _cut(person: Variant, below_m: float) -> Variant:
     """Return half a body: no skin below a height of the shipped avatar, except the arms."""
     rest, names = load_avatar().vertices.astype(np.float64), _part_names()
     arms = np.isin(names, ("upper_arm", "forearm", "hand_palm", "hand_dorsum", "fingers"))
-    is_left = (rest[:, 2] > below_m) | arms
-    triangles = person.target.triangles[is_left[person.target.triangles].all(axis=1)]
+    is_remaining = (rest[:, 2] > below_m) | arms
+    triangles = person.target.triangles[is_remaining[person.target.triangles].all(axis=1)]
     used, corners = np.unique(triangles, return_inverse=True)
     target = replace(
         person.target,
@@ -213,7 +213,7 @@ def _cut(person: Variant, below_m: float) -> Variant:
         weights=variants.rows_of(person.target.weights, used),
     )
     places = person.places.copy()
-    places[~is_left] = np.nan
+    places[~is_remaining] = np.nan
     return Variant(target, places)
 
 
@@ -250,7 +250,7 @@ def _blurred(person: Variant) -> Variant:
     return replace(person, target=replace(target, weights=sparse(weights.toarray())))
 
 
-def _with_joints_beside(person: Variant, figure: Figure) -> Variant:
+def _with_displaced_joints(person: Variant, figure: Figure) -> Variant:
     heads = {bone.name: np.asarray(bone.head) for bone in person.target.bones}
     moved = {}
     for first, joint, last, off in (
@@ -268,7 +268,7 @@ def _with_joints_beside(person: Variant, figure: Figure) -> Variant:
     return replace(person, target=replace(person.target, bones=bones))
 
 
-def _bound_anew(person: Variant) -> Variant:
+def _rebound(person: Variant) -> Variant:
     """Bind the skin again, with the weights changing at the rig's joints."""
     from foreign_avatars import sparse
 

@@ -315,14 +315,14 @@ def test_a_second_head_and_four_arms_are_reported() -> None:
     (arm,) = (bone for bone in bones if bone.name == "LeftHand")
     (head,) = (bone for bone in bones if bone.name == "Head")
 
-    def beside(bone: RigBone, name: str, parent: str, way: tuple[float, float, float]) -> RigBone:
+    def shifted(bone: RigBone, name: str, parent: str, way: tuple[float, float, float]) -> RigBone:
         ends = (tuple(np.add(end, way)) for end in (bone.head, bone.tail))
         return RigBone(name, parent, *ends)
 
     more = [
-        beside(head, "Head2", "Neck", (0.3, 0.0, 0.0)),
-        beside(arm, "LeftHand2", "Spine", (0.0, 0.0, -0.4)),
-        beside(head, "Head_ik", "Neck", (0.3, 0.0, 0.0)),
+        shifted(head, "Head2", "Neck", (0.3, 0.0, 0.0)),
+        shifted(arm, "LeftHand2", "Spine", (0.0, 0.0, -0.4)),
+        shifted(head, "Head_ik", "Neck", (0.3, 0.0, 0.0)),
     ]
     mapping = bone_mapping.map_bones([*bones, *more])
     assert "Further heads or limbs ('LeftHand2' and 'Head2') are not felt." in mapping.report

@@ -144,7 +144,7 @@ def test_each_row_is_chosen_by_itself() -> None:
     assert of_fewer_faces((fine,), which[:1], matrices[:1], np.zeros(1))[0] == (fine,)
 
 
-def felt_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[int, float]:
+def weights_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[int, float]:
     effects = (EffectDescription("v", "v", "pressure", MODEL.id, HapticVolume(falloff)),)
     body = BodyDescription("anna", "Anna", SkinBinding(MODEL.bone_names))
     scene = SceneDescription(TimeBase(Fraction(100), Fraction(100), 0, 0, 1), (body,), effects)
@@ -176,10 +176,10 @@ def chosen_surfaces(monkeypatch: pytest.MonkeyPatch) -> dict[int, MeshVolume]:
 def test_contacts_are_those_of_all_faces(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = dented()
     chosen = chosen_surfaces(monkeypatch)
-    fewer = felt_of(fine, LOOSE, SMOOTH)
+    fewer = weights_of(fine, LOOSE, SMOOTH)
     assert [len(volume.corners) < 6000 for volume in chosen.values()] == [True]
     monkeypatch.setattr(mesh, "MANY_FACES", 10**9)
-    every = felt_of(fine, LOOSE, SMOOTH)
+    every = weights_of(fine, LOOSE, SMOOTH)
     assert len(every) > 20
     ids = every.keys() | fewer.keys()
     assert max(abs(every.get(k, 0.0) - fewer.get(k, 0.0)) for k in ids) < 0.08  # 1 of 27 mm, 1.5 x
@@ -192,7 +192,7 @@ def test_all_faces_are_used_without_tolerance_or_gain(
     tolerance: Tolerance, falloff: Falloff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen = chosen_surfaces(monkeypatch)
-    felt_of(dented(), tolerance, falloff)
+    weights_of(dented(), tolerance, falloff)
     assert not chosen
 
 
