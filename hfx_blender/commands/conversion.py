@@ -133,7 +133,7 @@ def _of_track(
 def _of_file(
     source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: float
 ) -> Written:
-    """Convert a raster or vibration envelopes."""
+    """Convert a raster or envelopes, for a device where given or needed; else UsageError."""
     info = format_of(source)
     if not info.read_raster and not info.decode:
         raise UsageError(
@@ -255,7 +255,7 @@ def _refuse_unfolding(
 
 
 def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
-    """Raise TooLargeError for a track with too many values, before any allocation."""
+    """Raise TooLargeError for a track above a day, or with too many values for the memory."""
     time, name = track.header.time, str(track.path)
     limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
     # One time plus the device's columns; for HJIF, six values of one effect at a time.
@@ -267,7 +267,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
 
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
-    """Rename files: leave out the name of the only signal."""
+    """Rename files of the only signal: leave out the signal's name."""
     long = part_path(stem, signal, "").name
     files = tuple(
         path.replace(path.with_name(stem.name + path.name.removeprefix(long)))

@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Convert the file; print results, notes and omitted content."""
+    """Convert the file; print results, notes and omissions. InputError without any result."""
     from ..errors import UsageError
     from .conversion import convert
 

@@ -75,9 +75,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
-    """Exit code for the results of scenes; ``is_named``: formats and devices were given
-    as options.
-    """
+    """Exit code for results; ``is_named``: formats and devices were given as options."""
     failed = [result for result in results if "error" in result]
     if not failed:
         if any(result.get("silent_devices") for result in results):

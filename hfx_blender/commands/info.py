@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info``: shows the content of a scene, track, model, device, or a file of any
-known format.
-"""
+"""``hfx info``: shows the content of a scene, track, model, device, or other known file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about this program's own files for ``hfx info`` and ``hfx validate``: reports, effects,
-paths.
+"""Facts about reports, effects and paths for ``hfx info`` and ``hfx validate``.
 
 Other formats are in :mod:`hfx_blender.formats.files`.
 """

@@ -141,9 +141,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
-    """Raise UsageError for ``--to log`` without a file, and for one-device options with several
-    devices.
-    """
+    """Raise UsageError for ``--to log`` without a file, and several devices for one address."""
     of_one = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
         raise UsageError("--to log: give the file with --path")
@@ -195,9 +193,7 @@ def _listening(
 def _opened(
     options: argparse.Namespace, names: list[str], stack: ExitStack
 ) -> tuple[ValueSource, Targets]:
-    """Open the file, and the devices with their scripts (None for clips: values are rendered
-    already).
-    """
+    """Open the file and load the devices, with their scripts for a track and None for a clip."""
     from ..devices.configuration import load_device
     from ..devices.live import live_settings
     from ..devices.live.track_playback import PlayedTrack

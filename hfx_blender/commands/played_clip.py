@@ -33,9 +33,7 @@ class _Rows:
     away: Records
 
     def strongest(self, first: int, last: int) -> F64:
-        """Values (columns,) of the row farthest from neutral in a span; of equal rows
-        the latest.
-        """
+        """Values (columns,) of the row farthest from neutral, of equal rows the latest."""
         begin, end = np.searchsorted(self.rows, [first, last], side="right").tolist()
         distances = self.away[begin - 1 : end]
         return np.asarray(self.values[end - 1 - int(np.argmax(distances[::-1]))])
@@ -85,9 +83,7 @@ class PlayedClip:
         self._shown = self._row(time_s)
 
     def values(self, name: str, time_s: float) -> F64:
-        """Values (columns,) of a device: the strongest since :meth:`show`, neutral
-        after the end.
-        """
+        """Strongest values (columns,) of a device since :meth:`show`; neutral after the end."""
         now = self._row(time_s)
         # Rows since the last call: a slow caller must not skip a short strong row.
         first = now if self._shown is None else self._shown + 1

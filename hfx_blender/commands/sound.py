@@ -70,9 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(options: argparse.Namespace) -> Any:
-    """Sound settings from the options; UsageError for impossible loudspeakers, panning or
-    distances.
-    """
+    """Sound settings from the options; UsageError for impossible combinations."""
     from ..engine.spatial_sound.hearing import Hearing
     from ..engine.spatial_sound.layouts import parse
     from ..engine.spatial_sound.panner import Panner

@@ -229,9 +229,7 @@ def _refuse_lasting(seconds: float) -> None:
 
 
 def path_table(path: Path) -> Any:
-    """Read positions (n, 2), or times and positions (n, 3), of a CSV file; a first line may be a
-    heading.
-    """
+    """Read rows x, y or time, x, y (n, 2 or 3) of a CSV file; a first line may be a heading."""
     import numpy as np
 
     refuse_no_file(path)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture generate``: makes haptic surfaces from words, or from pictures of image
-generators.
-"""
+"""``hfx texture generate``: makes haptic surfaces from words or generated pictures."""
 
 from __future__ import annotations
 
@@ -200,9 +198,7 @@ def steps_of(options: argparse.Namespace) -> Any:
 
 
 def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Write a surface into the output folder; returns name, files, notes, unknown words
-    and kind.
-    """
+    """Write a surface into the output folder; returns facts about the results."""
     from ..generation import generated
 
     written = generated.write(surface, options.output, __version__)

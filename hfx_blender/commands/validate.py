@@ -32,7 +32,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Check each file; report every finding."""
+    """Check each file and report all findings; returns 0, 3 if all files have errors, else 5."""
     results = [
         _check(path, options.strict, console)
         for given in expanded(options.files)

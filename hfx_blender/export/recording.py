@@ -239,9 +239,7 @@ def _chunk(pair: BlockSamples) -> int:
 
 
 class SceneRecorders:
-    """Recorders for the chosen formats: ``volumes`` for glb, ``spatial`` for clip; None if not
-    needed.
-    """
+    """Recorders for formats: ``volumes`` for glb, ``spatial`` for clip, or None."""
 
     def __init__(self, scene: SceneDescription, formats: Sequence[str], detail: int) -> None:
         self.volumes = VolumeRecorder(scene) if "glb" in formats else None

@@ -118,8 +118,7 @@ def effect_facts(
     answering: Collection[str] = (),
     seen_on: Collection[str] = (),
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
-    """Facts of each effect of a scene, for the report, and warnings about effects that are not
-    felt.
+    """Facts of each effect for the report, and warnings about effects that are not felt.
 
     The facts are the times at which any body feels the effect, or the reason of silence.
 

@@ -98,7 +98,5 @@ def listed(folder: Path, name: object) -> Path | None:
 
 
 def _as_folder(part: str) -> str:
-    """Escape a dot or space at the start or end, which names another folder or is cut off on
-    Windows.
-    """
+    """Escape a dot or space at the start or end of a folder name, for Windows and ``..``."""
     return re.sub(r"^[. ]|[. ]$", lambda match: f"%{ord(match[0]):02X}", part)

@@ -88,8 +88,8 @@ class ExportSettings:
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> ExportSettings:
-        """Return settings without the given devices, mapped to reasons; InputError without any
-        output.
+        """Return settings without the given devices, mapped to reasons; InputError
+        without output.
         """
         if not missing:
             return self
@@ -163,8 +163,8 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> Generator[float, None, ExportReport]:
-        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closing the generator leaves no
-        files.
+        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closed early, no files
+        are left.
         """
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)

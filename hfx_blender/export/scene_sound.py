@@ -81,7 +81,9 @@ class SoundRecorder:
         self._number = {scene.effects[k].id: n for n, k in enumerate(self._volumes)}
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
-        """Record the next block and its samples."""
+        """Record positions relative to the listener, activation and contact of a block, in order of
+        time.
+        """
         rows = np.arange(len(block.indices))[block.own]
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
@@ -101,7 +103,7 @@ class SoundRecorder:
         self.add_felt(runs)
 
     def add_felt(self, runs: Iterable[SampleRun]) -> None:
-        """Record the contact levels of samples on the first body."""
+        """Record the contact levels of volumes on the first body."""
         body = self._scene.bodies[0].id
         for run in runs:
             number = self._number.get(run.stream.effect_id)

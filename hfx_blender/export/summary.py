@@ -11,9 +11,7 @@ _FILES = 12
 
 
 def describe(report: ExportReport) -> str:
-    """Describe an export in lines: files, warnings, notes, felt effects, unplayed and unfelt
-    effects.
-    """
+    """Describe an export: files, warnings, notes, felt effects, unplayed and unfelt effects."""
     lines = [f"Scene '{report.scene}'", *(f"  {text}" for text in _written_lines(report))]
     already_said = set(report.silent_devices)  # printed by the command separately
     warnings = (text for text in report.warnings if text not in already_said)

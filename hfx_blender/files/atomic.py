@@ -26,9 +26,7 @@ _passing: set[Path] = set()
 """Active folders of :func:`passing`."""
 
 _unfinished: dict[Path, Callable[[Path], object]] = {}
-"""Unfinished files and folders, each with the function for its removal by
-:func:`remove_unfinished`.
-"""
+"""Unfinished files and folders, with the functions for their removal at a forced end."""
 
 placing = threading.Lock()
 """Lock held while files get their final names; a forced end of the process waits for it."""
@@ -58,9 +56,7 @@ def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
 
 
 def remove_unfinished() -> None:
-    """Remove registered files and folders, newest first, ignoring OSError; for the end of a
-    process.
-    """
+    """Remove registered files and folders, newest first; OSErrors are ignored."""
     for path, remove in reversed(list(_unfinished.items())):
         with suppress(OSError):
             remove(path)
@@ -89,8 +85,8 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
 
     ``base`` is the root of the relative paths to keep, with existing subfolders in ``folder``;
     without it all files go directly into ``folder``. All files are forced to the disk before the
-    first move. Raises OutputError for a file that cannot be forced to the disk, OSError for a
-    failed move.
+    first move, except into folders of :func:`passing`. Raises OutputError for a file that cannot be
+    forced to the disk, OSError for a failed move.
     """
     # Sync all contents before the first rename: after a power cut, a final name has its content.
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
@@ -104,8 +100,8 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
 
 
 def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -> None:
-    """Give files their final names, all or none: an error restores replaced files and moves new
-    ones back.
+    """Give files their final names; after an error, replaced files are restored and new ones moved
+    back.
 
     Restoring needs hard links. ``is_durable`` forces the folders to the disk.
     """
@@ -251,8 +247,7 @@ def _remove_abandoned(path: Path) -> None:
 
 @contextmanager
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
-    """Context that forbids results in place of the given files, under any name (same device and
-    inode).
+    """Context that forbids results in place of the given files, found by device and inode.
 
     Missing files are ignored. Contexts may be nested.
     """

@@ -83,8 +83,7 @@ def _host_of(path: Path) -> str:
 
 
 def state_of(path: Path, beside: Path | None = None) -> str | None:
-    """SHA-256 of a file, a folder tree, or a numbered file sequence; of names and contents, not
-    times.
+    """SHA-256 of names and contents of a file, a folder tree, or a numbered file sequence.
 
     None for a missing file, an empty folder or an empty sequence; :data:`NOT_READ` for suffixes
     outside :data:`KINDS`, which are not opened, and for network paths on another machine than the

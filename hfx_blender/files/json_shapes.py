@@ -249,9 +249,7 @@ def _tag_only(shape: Tagged | Either) -> Shape:
 
 
 def known_members(shape: Shape, value: Any) -> Any:
-    """Copy a document without unknown members, in lists and tables, too; unknown members are
-    unchecked.
-    """
+    """Copy a document without unknown members, whose values were not checked."""
     if isinstance(shape, Record) and isinstance(value, dict):
         members = {**shape.required, **shape.optional}
         return {k: known_members(members[k], item) for k, item in value.items() if k in members}
@@ -263,8 +261,7 @@ def known_members(shape: Shape, value: Any) -> Any:
 
 
 def value_of(shape: Shape, value: Any) -> Any:
-    """Convert a valid value: numbers to float (unless whole), lists to tuples, records by their
-    ``into``.
+    """Convert a valid value: numbers to float unless whole, lists to tuples, records by ``into``.
 
     Unknown members of records are dropped.
     """
@@ -430,8 +427,8 @@ class Node:
         return self
 
     def read(self, shape: Shape) -> Any:
-        """Validate and convert the value, see :func:`value_of`; raise InputError for the first
-        error.
+        """Validate and convert the value by :func:`value_of`; raise InputError for the
+        first error.
         """
         return value_of(shape, self.hold(shape).value)
 

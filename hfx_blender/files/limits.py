@@ -40,8 +40,7 @@ class Limit:
         return self.default * (_times.get() or 1.0)
 
     def check(self, amount: float, name: str, clause: str) -> None:
-        """Raise TooLargeError for an amount above the limit, or NaN; the amount is in the limit's
-        unit.
+        """Raise TooLargeError for an amount, in the limit's unit, above the limit or NaN.
 
         The message begins with ``name`` of the file and ``clause``, subject and verb: ``values
         would take``, ``the envelope lasts``.
@@ -83,17 +82,15 @@ PACKING: Final = 200.0
 
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:
-    """Raise TooLargeError for a file of ``size`` bytes that expands more than :data:`PACKING`
-    times and above :data:`UNPACKED`.
+    """Raise TooLargeError for ``size`` bytes that expand above :data:`PACKING` and
+    :data:`UNPACKED`.
     """
     if unfolded > PACKING * size * (_times.get() or 1.0):
         UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
 
 
 def check_unpacked(unpacked: float, packed: float, name: str) -> None:
-    """Raise TooLargeError by :func:`check_unfolded`, and for more than :data:`MEMORY`; sizes in
-    bytes.
-    """
+    """Raise TooLargeError by :func:`check_unfolded`, and above :data:`MEMORY`; sizes in bytes."""
     check_unfolded(unpacked, packed, name)
     MEMORY.check(unpacked, name, "its arrays would take")
 

@@ -126,8 +126,7 @@ second opening of the scene costs."""
 def even_parts(
     samples: npt.NDArray[np.int64], count: int, parts: int, shortest: int = SHORTEST
 ) -> list[tuple[int, int]]:
-    """Cut ``count`` samples into at most ``parts`` ranges with about equal numbers of active
-    samples.
+    """Cut ``count`` samples into at most ``parts`` ranges with equal numbers of active samples.
 
     ``samples`` (n,) are the active ones (an effect may be felt), ascending. A range has about
     ``shortest`` of them or more. Returns ascending (first, stop), at multiples of
