@@ -55,7 +55,11 @@ def modality_colour(modality: str) -> tuple[float, float, float, float]:
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
-    """Scale (3,) of the unit shape, Blender units: half edges; radius, half height; mesh: 1."""
+    """Scale (3,) along x, y, z of the unit shape, Blender units.
+
+    Half the edges of a cuboid; radius, radius, half the height of a cylinder; three times the
+    radius of a sphere or capsule; 1 for a mesh.
+    """
     import numpy as np
 
     if hfx.shape == "CUBOID":

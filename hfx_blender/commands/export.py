@@ -87,10 +87,10 @@ def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
 
 
 def _stage_folder(options: argparse.Namespace) -> Path:
-    """Parent of the folder for unfinished files.
+    """Folder in which the hidden folder for unfinished files is made: the output folder.
 
-    For jobs of a render farm, which may be killed, the folder of pieces: its removal after the
-    merge removes unfinished files, too.
+    For a piece, and a merge with pieces, the folder of pieces: jobs of a farm may be killed, and
+    the removal of this folder after the merge removes their unfinished files as well.
     """
     output: Path = options.output
     if len(options.scenes) != 1:

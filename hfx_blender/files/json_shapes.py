@@ -249,7 +249,10 @@ def _tag_only(shape: Tagged | Either) -> Shape:
 
 
 def known_members(shape: Shape, value: Any) -> Any:
-    """Copy a document without unknown members, whose values were not checked."""
+    """Copy a document without the members that its shape does not name, at any depth.
+
+    Nothing is checked: a value of another type than its shape is returned unchanged.
+    """
     if isinstance(shape, Record) and isinstance(value, dict):
         members = {**shape.required, **shape.optional}
         return {k: known_members(members[k], item) for k, item in value.items() if k in members}

@@ -52,11 +52,11 @@ class Evaluation:
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene after a change of bodies, effects, tolerance, scene, view layer or
-        :attr:`with_positions`.
+        """Store a new description of the context's scene in :attr:`scene`.
 
-        No effect without such a change. Errors become :attr:`fault`. Never call this during a
-        depsgraph update.
+        Only after a change of bodies, effects, the live tolerance of the scene, the scene itself,
+        its view layer or :attr:`with_positions`; else nothing happens. The text of an HfxError is
+        stored in :attr:`fault` instead. Never call this during a depsgraph update.
         """
         from ..reading.description.scene_settings import live_tolerance
         from ..reading.live.live_scene import LiveScene, signature_of

@@ -122,8 +122,10 @@ def _add_effects(
     frame: float,
     is_own: bool,
 ) -> list[bpy.types.Object]:
-    """Add a painted effect per sign of the strength with a peak above 0: one, for a temperature up
-    to two; intensity and varying frequency are animated from ``frame``.
+    """Add painted effects for an envelope; returns them, or [] for a strength without a peak.
+
+    One effect, of a temperature up to two: warmth and cold. Intensity and a varying frequency are
+    animated from ``frame``. ``is_own``: HFX wrote the file, so its vertices are those of a model.
     """
     model = load_model(effects.model_id_for(modality))
     vertices = _vertices(envelope, model, is_own)

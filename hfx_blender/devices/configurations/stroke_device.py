@@ -43,8 +43,10 @@ class StrokeDevice:
         )
 
     def played(self, stroke: StrokeSignal) -> StrokeSignal:
-        """Copy of a stroke: amplitude times the device's gain, amplitude and frequency clipped to
-        the actuator's limits (NaN: neutral), and a waveform made of both.
+        """Copy of a stroke as the device plays it, with a new waveform.
+
+        The amplitude is multiplied by the device's gain. Amplitude and frequency are clipped to the
+        limits of the actuator's controls; NaN becomes the neutral value of the control.
         """
         controls = self._kind.controls
         values = limited(

@@ -476,14 +476,15 @@ class DeviceThread:
         self._due_s = self._ramp.next_s(due, now)
 
     def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send the values of time ``now``; return True for a change since the last call.
+        """Send the values of time ``now``; return True if they differ from the last values sent.
 
         Parameters
         ----------
         step_s : float
             Time since the last turn, seconds.
-        newest : (columns,) or with tones behind, optional
-            Frame that the ramp starts to approach; None continues the present ramp.
+        newest : (columns,) or (columns + tones,), optional
+            Frame that the ramp starts to approach, control values followed by values of tones for
+            actuators driven as sound; None continues the present ramp.
         generation : int
             ``self.generation`` at the start of the turn; after a change nothing is sent.
         """

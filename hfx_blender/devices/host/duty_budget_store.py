@@ -246,7 +246,10 @@ class DutyBudgetStore:
             entry.written = state
 
     def save_regularly(self) -> None:
-        """Save changes every :data:`KEEP_S`, and at the start of a device; runs in a thread."""
+        """Save changes every :data:`KEEP_S` and at the start of a device; never returns.
+
+        To be the target of a daemon thread.
+        """
         while True:
             self._changed.wait(KEEP_S)
             self._changed.clear()

@@ -26,7 +26,10 @@ _KILLED: Final = 1 << 8  # SIGKILL, signal 9, in the set of pending signals
 
 
 def await_end(pid: int) -> bool:
-    """Wait for the start of a process's exit and return True; False at once if not observable."""
+    """Wait until a process begins to exit, and return True.
+
+    False at once if the system does not allow it to be observed, or has no process ``pid``.
+    """
     with suppress(OSError, AttributeError):
         is_ending = end_test(pid)
         while not is_ending():

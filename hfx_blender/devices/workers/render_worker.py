@@ -114,7 +114,11 @@ def _fault(number: int, error: Exception) -> bytes:
 
 
 def main() -> None:
-    """Answer each scene (faults) and moment, then send READY, until the owner ends."""
+    """Answer requests of the owner until the owner ends.
+
+    A scene is answered with the faults of its devices, a moment with the values of each device;
+    READY follows each answer.
+    """
     owner = Owner()
     renderers: Renderers | None = None
     while True:

@@ -43,8 +43,11 @@ class SurfaceDrive:
         return cls(texture.drive_per_m, float(texture.device.amplitude_m_s2(1.0)))
 
     def amplitude(self, amplitude_m_s2: npt.ArrayLike, own_per_m: float | None) -> F64:
-        """Amplitudes (m/s^2) times the ratio of a device's c_v ``own_per_m`` to the common c_v;
-        unchanged for None. Scaling up stops at the amplitude of drive 1; larger amplitudes stay."""
+        """Amplitudes (m/s^2) of a surface on a device with a calibrated drive per metre of height.
+
+        ``own_per_m`` is that drive (c_v of the textile paper); amplitudes are multiplied by its
+        ratio to ``drive_per_m``, but raised at most to ``full_m_s2``. None: unchanged.
+        """
         amplitude = np.asarray(amplitude_m_s2, np.float64)
         if own_per_m is None:
             return amplitude

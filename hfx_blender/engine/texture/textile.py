@@ -61,7 +61,10 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
 
 
 def _by_fourier(heights: F64, rate_hz: float) -> F64:
-    """Weighted RMS (...) of windows (..., n) by its definition, with a Fourier transform."""
+    """RMS (...) of windows (..., n) of heights, weighted by receptor sensitivity; eq. 2 to 4.
+
+    By a Fourier transform, after the mean of each window is subtracted.
+    """
     n = heights.shape[-1]
     spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
     # einsum, because OpenBLAS would start threads for a matrix product.

@@ -86,10 +86,11 @@ def _cross(spans: F64, triangles: I64, points: F64) -> tuple[I64, F64, F64]:
 
 
 def _on_edges(rows: F64, triangles: I64, upper: Bool, rises: F64) -> tuple[F64, F64]:
-    """Coordinates on the long and the spanning short edge, (n,) each.
+    """x, or z, of the long edge and a short edge of triangles at given heights y, (n,) each.
 
-    ``rows`` (5, F) are starts and slopes of :func:`_spans`, ``rises`` (2, n) heights above the
-    starts of both edges.
+    ``triangles`` (n,) index the columns of ``rows`` (5, F): x or z of the low and middle corner,
+    slopes per y of the long, the lower and the upper edge. ``upper`` (n,) selects the upper short
+    edge; ``rises`` (2, n) are heights above the lower ends of the long and the short edge.
     """
     low, middle, slope_long, slope_lower, slope_upper = (row[triangles] for row in rows)
     on_long = low + rises[0] * slope_long

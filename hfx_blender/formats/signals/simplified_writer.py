@@ -30,11 +30,14 @@ def simplified_writer(
     decode: Decoder,
     grid_s: float = 0.0,
 ) -> SignalWriter:
-    """Create a ``write_signals`` for simplified signals, with a note on the largest error.
+    """Create a ``write_signals`` that reduces signals to few keyframes and writes these.
 
-    Further notes name stretches silenced by the tolerance. If a file exceeds the reader's limits,
-    the note says so instead. ``write_few`` writes signals to ``stem.<name><suffix>`` each, or all
-    to ``stem<suffix>``; ``decode`` reads a file back; ``grid_s`` is the format's time resolution.
+    The error allowed is the ``tolerance`` argument of the new function, a share of full scale. The
+    result has a note on the largest error, measured on the written files with ``decode``, and
+    notes on stretches that the tolerance silences. If a file exceeds the limits of ``decode``, a
+    note says that the error is not measured. ``write_few`` writes signals to
+    ``stem.<name><suffix>`` each, or all to ``stem<suffix>``; ``grid_s`` is the format's time
+    resolution, seconds: a value that is met within this time is not an error.
     """
 
     def write_signals(
