@@ -3,21 +3,21 @@
 
 Importing this package imports no ``bpy``; :func:`register` does.
 
-Packages, lowest first: each imports only from those above it in this list.
+Packages, lowest first; a package imports only from packages above.
 
 files        reading and writing of files: limits, hashes, atomic results, JSON
-blender      differences of Blender's versions, its events, values stored in a .blend
+blender      differences of Blender's versions, events, values stored in a .blend
 processes    processes of this package, and Blender without a screen
 engine       scene description to samples, tracks and rasters; no bpy
 devices      device configurations, live output; no bpy
-formats      files of other programs; no bpy
+formats      foreign file formats; no bpy
 generation   surfaces from words, and from pictures of generators; no bpy
-avatars      avatars in Blender, and perceptual models bound to them
-authoring    effects, volumes, surfaces, clips: what a user makes
+avatars      avatars in Blender, and perceptual models bound to avatars
+authoring    effects, volumes, surfaces and clips of a user
 reading      Blender's data as a scene description
 playback     preview and live devices
-properties   properties that a .blend and the preferences store
-export       one export of a scene, and batches of exports
+properties   properties in a .blend and in the preferences
+export       exports of scenes, and batches of exports
 commands     the command line
 operators    buttons and tools
 ui           panels, menus, gizmos

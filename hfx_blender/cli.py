@@ -30,7 +30,7 @@ exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a dev
 
 class _Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
-        # Abbreviated options would change their meaning when one is added.
+        # Abbreviated options would change meaning with a new option.
         super().__init__(**settings, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
@@ -61,7 +61,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
 
 
 def run(arguments: Sequence[str], prog: str = "hfx") -> int:
-    """Run one command and return its exit code; print each user fault as one line.
+    """Run a command and return the exit code; print each user fault as a single line.
 
     SystemExit is raised by ``--help`` and ``--version`` only.
     """
@@ -152,7 +152,9 @@ _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
 def _joined_ranges(arguments: Sequence[str]) -> list[str]:
-    """Join ``--frames -10:20`` into one argument; argparse would read the range as an option."""
+    """Join ``--frames -10:20`` into a single argument; argparse would read the range as
+    an option.
+    """
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in _MAY_BE_NEGATIVE:
@@ -163,7 +165,7 @@ def _joined_ranges(arguments: Sequence[str]) -> list[str]:
 
 
 def main() -> None:
-    """Run the command of ``sys.argv`` and end the process with its exit code."""
+    """Run the command of ``sys.argv`` and end the process with the exit code."""
     blender_session.open_standard_streams()
     blender_session.end_on_signals()
     try:
@@ -183,7 +185,7 @@ _blender_command: Any = None
 
 
 def run_in_blender(arguments: list[str]) -> int:
-    """Run one command in Blender's own process and return its exit code."""
+    """Run a command in Blender's own process and return the exit code."""
     if blender_session.inside_blender():
         startup.clean_import_path()  # safe: Blender's process ends with this command
     try:

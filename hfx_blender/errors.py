@@ -10,8 +10,8 @@ from .text import printable
 class HfxError(Exception):
     """Base of all errors with a one-sentence message for the user.
 
-    Raised by pure code; operators, the command line and the frame handlers catch it. ``exit_code``
-    is that of the command line.
+    Raised by pure code; operators, the command line and the frame handlers catch HfxError.
+    ``exit_code`` is that of the command line.
     """
 
     exit_code = 3
@@ -22,13 +22,13 @@ class HfxError(Exception):
 
 
 class UsageError(HfxError):
-    """Error in the command or its arguments; nothing was started."""
+    """Error in the command or an argument; nothing was started."""
 
     exit_code = 2
 
 
 class InputError(HfxError):
-    """Error in an unusable file or scene; no result was written for it."""
+    """Error in an unusable file or scene, which gets no result."""
 
 
 class NothingFeltError(InputError):
@@ -40,7 +40,7 @@ class OutputError(HfxError):
 
 
 class ScriptError(HfxError):
-    """Error of a device script that did not finish; no result was written for its device."""
+    """Error of a device script that did not finish; the device gets no result."""
 
     exit_code = 5
 

@@ -118,7 +118,7 @@ def _of_track(
             return target.function("write_track")(track, devices, stem, tolerance)  # type: ignore[no-any-return]
         config = _device(device, target)
         _refuse_long(track, config)
-        ids = (each.id for each in track.header.bodies if body in (each.id, each.name))
+        ids = (wearer.id for wearer in track.header.bodies if body in (wearer.id, wearer.name))
         renderers = renderers_of_track(track, (config,), [next(ids, body)])
         rendered = finish(rendering(track, renderers)).complete()
         ((_, raster),) = rendered.played

@@ -103,7 +103,7 @@ def _track(path: Path) -> dict[str, Any]:
     times = FeltTimes()
     with TrackReader(path) as track:
         header = track.header
-        times.add_runs(track.runs(), {each.id for each in header.effects if each.is_contact})
+        times.add_runs(track.runs(), {effect.id for effect in header.effects if effect.is_contact})
         return {
             "file": str(path),
             "bytes": path.stat().st_size,

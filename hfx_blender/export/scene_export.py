@@ -280,7 +280,7 @@ class SceneExport:
                 seen_on=recorded.reading.get("on", {}),
             )
             unfelt = {line["effect"] for line in effects if not line["felt"]}
-            felt = tuple(
+            felt_lines = tuple(
                 line
                 for line in felt_effects(whole, recorded.times)
                 if line["effect"] not in unfelt or line["mean_vertices"]  # samples without strength
@@ -300,7 +300,7 @@ class SceneExport:
             scene=self._scene.name,
             folder=stem.parent,
             files=written.files,
-            felt=felt,
+            felt=felt_lines,
             effects=effects,
             unrendered=lost,
             warnings=shortened(

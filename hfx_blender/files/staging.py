@@ -105,21 +105,21 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     are new and empty afterwards. Messages of InputError and OutputError within the block get final
     paths; an OSError becomes an OutputError. Raises OutputError for an unwritable folder.
     """
-    made = ExitStack()
+    contexts = ExitStack()
     new: list[Path] = []
     try:
         new = _missing(folder)
-        for each in new:
-            made.enter_context(unfinished(each, Path.rmdir))
+        for new_folder in new:
+            contexts.enter_context(unfinished(new_folder, Path.rmdir))
         folder.mkdir(parents=True, exist_ok=True)
-        stage = made.enter_context(stage_folder(within or folder, name))
+        stage = contexts.enter_context(stage_folder(within or folder, name))
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        made.close()
+        contexts.close()
         _remove_empty(new)
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
     try:
-        with made, passing(stage):
+        with contexts, passing(stage):
             yield stage
     except OSError as error:
         path = with_final_names(str(error.filename or folder), stage, folder)
@@ -135,7 +135,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
 
 def _missing(folder: Path) -> list[Path]:
     """Missing folders among a folder and its parents, outermost first."""
-    return [each for each in (folder, *folder.parents) if not each.exists()][::-1]
+    return [path for path in (folder, *folder.parents) if not path.exists()][::-1]
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:

@@ -141,12 +141,12 @@ def _located(text: str) -> str:
     except (ValueError, RecursionError):
         return ""
     while waiting:
-        value, place = waiting.pop()
+        value, location = waiting.pop()
         if isinstance(value, _Fault):
-            return f"{shown_place(place) or 'the document'}: {value.described}"
+            return f"{shown_place(location) or 'the document'}: {value.described}"
         if isinstance(value, dict | list):
             members = value.items() if isinstance(value, dict) else enumerate(value)
-            waiting += [(item, (place, key)) for key, item in reversed(list(members))]
+            waiting += [(item, (location, key)) for key, item in reversed(list(members))]
     return ""
 
 
