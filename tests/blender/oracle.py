@@ -251,7 +251,7 @@ def add_avatar() -> Any:
 
 def add_walk(body: Any, places: list[tuple[float, float, float]], start: int, end: int) -> None:
     bpy.context.view_layer.objects.active = body
-    way = [{"name": "", "location": place} for place in places]
+    way = [{"name": "", "location": position} for position in places]
     done = bpy.ops.hfx.add_walk(places=way, frame_start=start, frame_end=end)
     assert done == {"FINISHED"}
 

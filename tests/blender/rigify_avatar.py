@@ -41,7 +41,7 @@ def fit(rig: Any) -> None:
         RigBone(b.name, b.parent and b.parent.name, tuple(b.head_local), tuple(b.tail_local))
         for b in rig.data.bones
     ]
-    wanted = {name: heads[bone] for bone, name in map_bones(bones).bones.items()}
+    expected = {name: heads[bone] for bone, name in map_bones(bones).bones.items()}
     bpy.ops.object.mode_set(mode="EDIT")
     edit = rig.data.edit_bones
     for bone in edit["face"].children_recursive:
@@ -59,7 +59,7 @@ def fit(rig: Any) -> None:
     for bone in edit:  # parents first
         above = shift[bone.parent.name if bone.parent else ""]
         head, tail = np.array(bone.head), np.array(bone.tail)
-        shift[bone.name] = wanted[bone.name] - head if bone.name in wanted else above
+        shift[bone.name] = expected[bone.name] - head if bone.name in expected else above
         bone.head, bone.tail = head + shift[bone.name], tail + shift[bone.name]
     for parent, child in touching.items():
         edit[parent].tail = edit[child].head
@@ -92,8 +92,8 @@ def bound(rig: Any, ratio: float = 0.2) -> Any:
     graph = bpy.context.evaluated_depsgraph_get()
     skin.data = bpy.data.meshes.new_from_object(skin.evaluated_get(graph), depsgraph=graph)
     skin.modifiers.clear()
-    for other in bpy.context.selected_objects:
-        other.select_set(False)
+    for selected_object in bpy.context.selected_objects:
+        selected_object.select_set(False)
     skin.select_set(True)
     rig.select_set(True)
     bpy.context.view_layer.objects.active = rig

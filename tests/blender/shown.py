@@ -45,21 +45,21 @@ def assert_felt(
     scene: Any, rate_hz: int, *, every: int = 3, tolerance: Any = None, least: int = 100
 ) -> Any:
     """Vibrations are felt exactly where Blender shows volumes; returns what was evaluated."""
-    found = oracle.evaluate(scene, rate_hz=rate_hz, tolerance=tolerance or oracle.PAPER)
+    actual = oracle.evaluate(scene, rate_hz=rate_hz, tolerance=tolerance or oracle.PAPER)
     body = next(obj for obj in scene.objects if obj.hfx.role == "BODY")
     model = oracle.model_object(scene, body, "vibration")
     total = 0
-    for index in range(0, found.reader.time.sample_count, every):
-        oracle.set_time(scene, Fraction(found.reader.time.frame(index)))
+    for index in range(0, actual.reader.time.sample_count, every):
+        oracle.set_time(scene, Fraction(actual.reader.time.frame(index)))
         graph = bpy.context.evaluated_depsgraph_get()
         held, clear = inside(graph, "vibration", oracle.world_vertices(scene, model))
-        felt = np.zeros(len(held), bool)
-        for samples in found.samples.values():
+        expected = np.zeros(len(held), bool)
+        for samples in actual.samples.values():
             if index in samples:
-                felt[samples[index].vertices] = True
-        false, missed = felt & ~held & clear, held & ~felt & clear
+                expected[samples[index].vertices] = True
+        false, missed = expected & ~held & clear, held & ~expected & clear
         assert not false.any() and not missed.any(), (index, false.sum(), missed.sum())
         total += int(held.sum())
     assert total >= least
     bpy.data.objects.remove(model)
-    return found
+    return actual

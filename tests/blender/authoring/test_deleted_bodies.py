@@ -33,7 +33,7 @@ def _bodies_felt(tmp_path: Path) -> tuple[set[tuple[str, str]], list[str]]:
     path, out = hfx_scenes.save(tmp_path / "scene.blend"), tmp_path / "out"
     assert cli.run(["export", str(path), "-o", str(out)]) == 0
     report = json.loads((out / "scene.report.json").read_text())
-    return {(each["effect"], each["body"]) for each in report["felt"]}, report["warnings"]
+    return {(item["effect"], item["body"]) for item in report["felt"]}, report["warnings"]
 
 
 def test_an_effect_of_a_deleted_body_is_not_felt_and_said(
@@ -41,8 +41,8 @@ def test_an_effect_of_a_deleted_body_is_not_felt_and_said(
 ) -> None:
     assert ("Touch", "Anna") in _bodies_felt(tmp_path)[0]
     bpy.data.objects.remove(bpy.data.objects["Anna"])
-    felt, warnings = _bodies_felt(tmp_path)
-    assert felt == {("Ball", "Ben")}
+    samples, warnings = _bodies_felt(tmp_path)
+    assert samples == {("Ball", "Ben")}
     reason = "belongs to body 'Anna', which is not in the scene"
     (warning,) = warnings
     assert warning.startswith(f"effect 'Touch' {reason}: it was left out") and "Move to" in warning
@@ -71,8 +71,8 @@ def test_several_effects_of_one_deleted_body_are_one_warning(anna: Any, tmp_path
         effects.duplicate(bpy.data.objects["Touch"]).name = f"Copy {k}"
     bpy.data.objects["Copy 7"].hfx.is_muted = True  # nobody expects to feel it
     bpy.data.objects.remove(anna)
-    felt, (warning,) = _bodies_felt(tmp_path)
-    assert felt == {("Ball", "Ben")}
+    samples, (warning,) = _bodies_felt(tmp_path)
+    assert samples == {("Ball", "Ben")}
     assert warning.startswith("8 effects were left out, as each belongs to body 'Anna'")
     assert all(f"'Copy {k}'" in warning for k in range(7)) and "Copy 7" not in warning
 
@@ -132,11 +132,11 @@ def test_an_appended_effect_is_not_felt_on_a_stranger(anna: Any, tmp_path: Path)
     for source in (path, bodiless):
         bpy.ops.wm.read_homefile(use_empty=True)
         bodies.add_avatar(bpy.context, "Mine")
-        with bpy.data.libraries.load(str(source)) as (_, wanted):
-            wanted.objects = ["Touch"]
-        bpy.context.scene.collection.objects.link(wanted.objects[0])
-        assert effects.effects_without_body(bpy.context.scene) == wanted.objects[:]
-        assert "'Anna'" in effects.missing_body_reason(wanted.objects[0])
+        with bpy.data.libraries.load(str(source)) as (_, expected):
+            expected.objects = ["Touch"]
+        bpy.context.scene.collection.objects.link(expected.objects[0])
+        assert effects.effects_without_body(bpy.context.scene) == expected.objects[:]
+        assert "'Anna'" in effects.missing_body_reason(expected.objects[0])
 
 
 def test_an_effect_of_a_deleted_copy_names_no_other_body(anna: Any) -> None:

@@ -21,9 +21,9 @@ def effect(scene: Any) -> Any:
 
 @pytest.fixture
 def strip(effect: Any) -> Any:
-    made = clips.add_clip(effect, 10, 50, fade_in=10, fade_out=20, name="Clip")
+    created = clips.add_clip(effect, 10, 50, fade_in=10, fade_out=20, name="Clip")
     bpy.ops.hfx.draw_fades(name="Clip")
-    return made
+    return created
 
 
 def keys(strip: Any) -> list[tuple[float, float]]:
@@ -75,11 +75,11 @@ def test_a_copied_effect_has_a_curve_of_its_own(effect: Any, strip: Any) -> None
 
 def test_copied_clips_bring_their_curves(effect: Any, strip: Any) -> None:
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Other")
-    other = bpy.context.object
+    alternative = bpy.context.object
     effect.select_set(True)
     bpy.context.view_layer.objects.active = effect
     bpy.ops.hfx.copy_clips()
-    ((_, copied),) = clips.strips_of(other)
+    ((_, copied),) = clips.strips_of(alternative)
     for frame in (12, 20, 25, 37, 44):
         mine = drawn_fades.curve_of(copied).evaluate(frame)
         assert mine == pytest.approx(drawn_fades.curve_of(strip).evaluate(frame), abs=1e-5)

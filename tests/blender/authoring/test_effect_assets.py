@@ -38,15 +38,15 @@ def test_every_sensation_is_an_asset_with_a_catalog_a_picture_and_tags(scene: An
     folder = resources.effect_library()
     with bpy.data.libraries.load(str(folder / effect_assets.LIBRARY_FILE), assets_only=True) as (
         inside,
-        wanted,
+        requested,
     ):
-        wanted.objects = inside.objects
-    found = {obj[effect_assets.SENSATION]: obj for obj in wanted.objects}
+        requested.objects = inside.objects
+    actual = {obj[effect_assets.SENSATION]: obj for obj in requested.objects}
     library = effect_exchange.library()
-    assert set(found) == set(library), "run docs/regenerate.py assets"
+    assert set(actual) == set(library), "run docs/regenerate.py assets"
     catalogs = (folder / "blender_assets.cats.txt").read_text(encoding="utf-8")
     for stem in library:
-        sensation, obj = effect_exchange.load_library(stem), found[stem]
+        sensation, obj = effect_exchange.load_library(stem), actual[stem]
         assert obj.name == sensation.name
         assert obj.asset_data.description == sensation.description
         assert obj.asset_data.catalog_id in catalogs
@@ -107,7 +107,7 @@ def test_the_library_is_there_while_the_add_on_is_and_gone_afterwards(registered
     libraries = bpy.context.preferences.filepaths.asset_libraries
 
     def ours() -> list[Any]:
-        return [each for each in libraries if each.name == asset_library.NAME]
+        return [item for item in libraries if item.name == asset_library.NAME]
 
     others = len(libraries) - len(ours())
     asset_library.unregister()

@@ -24,8 +24,8 @@ def body(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 
 
 def only(obj: Any) -> None:
-    for other in bpy.context.selected_objects:
-        other.select_set(False)
+    for selected_object in bpy.context.selected_objects:
+        selected_object.select_set(False)
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
 
@@ -96,7 +96,7 @@ def test_large_areas_that_were_saved_can_be_loaded(body: Any, tmp_path: Path) ->
     bpy.ops.hfx.save_effects(filepath=str(path))
     assert path.stat().st_size > 1 << 20
     loaded, size = effect_file.load(path), len(load_model("hfx-vibration-1"))
-    assert [len(each.where.vertices) for each in loaded.effects] == [size, size]
+    assert [len(entry.where.vertices) for entry in loaded.effects] == [size, size]
 
 
 def test_own_sensations_are_listed_and_spoilt_ones_left_out(body: Any) -> None:

@@ -56,24 +56,24 @@ def again(effect: Any, path: Path, frame: float = 100.0, **placed: Any) -> Any:
 
 
 def test_every_filter_comes_back_with_all_that_it_is(ball: Any, tmp_path: Path) -> None:
-    made = again(ball, tmp_path / "a.hfxeffect")
-    assert len(made.hfx.response) == 5
-    for one, other in zip(ball.hfx.response, made.hfx.response, strict=True):
-        assert responses.described(other) == responses.described(one)
-        assert other.is_muted == one.is_muted
+    created = again(ball, tmp_path / "a.hfxeffect")
+    assert len(created.hfx.response) == 5
+    for one, second in zip(ball.hfx.response, created.hfx.response, strict=True):
+        assert responses.described(second) == responses.described(one)
+        assert second.is_muted == one.is_muted
         for name in responses.properties_of(one):
             if (one.kind, name) != ("distance", "near"):  # that one is animated
-                assert getattr(other, name) == pytest.approx(getattr(one, name)), name
+                assert getattr(second, name) == pytest.approx(getattr(one, name)), name
 
 
 def test_keyframes_of_filters_come_back_at_their_times(ball: Any, tmp_path: Path) -> None:
-    made = again(ball, tmp_path / "a.hfxeffect")
-    (curve,) = [c for c in compat.fcurves(made) if c.data_path == "hfx.response[0].near"]
+    created = again(ball, tmp_path / "a.hfxeffect")
+    (curve,) = [c for c in compat.fcurves(created) if c.data_path == "hfx.response[0].near"]
     keys = [tuple(key.co) for key in curve.keyframe_points]
     assert np.array(keys) == pytest.approx(np.array([(100.0, 0.1), (125.0, 0.6)]), abs=1e-5)
     bpy.context.scene.frame_set(125)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert made.evaluated_get(depsgraph).hfx.response[0].near == pytest.approx(0.6)
+    assert created.evaluated_get(depsgraph).hfx.response[0].near == pytest.approx(0.6)
 
 
 def test_a_file_has_metres_and_the_engines_names(ball: Any, tmp_path: Path) -> None:
@@ -147,17 +147,17 @@ def test_particles_of_a_loaded_swarm_are_felt(nest: Any, tmp_path: Path) -> None
     recipe = effect_exchange.sensation_of(scene, [source], "One").effects[0]
     swarm = effect_file.SwarmRecipe(12, born_until_s=0.0, radii_m=(0.5, 0.5, 0.5), gravity=0.0)
     where = replace(recipe.where, swarm=swarm)
-    found = effect_file.Sensation("Swarm", "", (replace(recipe, where=where),))
+    sensation = effect_file.Sensation("Swarm", "", (replace(recipe, where=where),))
     scene.frame_set(1)
-    (made,) = effect_exchange.place_sensation(
-        scene, found, body=None, frame=1.0, origin=(1.0, 0.0, 0.0)
+    (created,) = effect_exchange.place_sensation(
+        scene, sensation, body=None, frame=1.0, origin=(1.0, 0.0, 0.0)
     )
     for frame in range(1, 6):
         scene.frame_set(frame)
     places = [
-        each.matrix_world.translation[:]
-        for each in bpy.context.evaluated_depsgraph_get().object_instances
-        if each.is_instance and each.object.original == made
+        object_instance.matrix_world.translation[:]
+        for object_instance in bpy.context.evaluated_depsgraph_get().object_instances
+        if object_instance.is_instance and object_instance.object.original == created
     ]
     assert len(places) == 12
     away = np.linalg.norm(np.array(places) - (1.0, 0.0, 0.0), axis=1)

@@ -16,7 +16,7 @@ from hfx_blender.export.scene_export import ExportSettings, export_scene
 
 def exported(scene: bpy.types.Scene, folder: Path, stem: str) -> dict[str, Any]:
     report = export_scene(scene, folder, stem, ExportSettings(("track", "hjif")))
-    return {each["effect"]: each for each in report.felt}
+    return {item["effect"]: item for item in report.felt}
 
 
 @pytest.mark.parametrize("most_keys", [hjif_import.MOST_KEYS, 0])
@@ -34,8 +34,8 @@ def test_what_was_exported_is_felt_again(
     touch = bpy.data.objects["Touch.001"]
     assert effects.area(touch)[0] == vertices
     assert touch.hfx.pressure == pytest.approx(bpy.data.objects["Touch"].hfx.pressure, rel=0.01)
-    balls = [each for each in effects.effects_of(scene) if each.name.startswith("Ball, ")]
-    assert balls and all(each.hfx.modality == "vibration" for each in balls)
+    balls = [item for item in effects.effects_of(scene) if item.name.startswith("Ball, ")]
+    assert balls and all(ball.hfx.modality == "vibration" for ball in balls)
     assert balls[0].hfx.frequency == pytest.approx(bpy.data.objects["Ball"].hfx.frequency, abs=1)
     after = exported(scene, tmp_path, "second")
     assert after["Touch.001"]["seconds"] == pytest.approx(before["Touch"]["seconds"])

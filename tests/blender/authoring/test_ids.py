@@ -68,9 +68,9 @@ def test_an_effect_brings_its_area_into_another_file(small: Any, tmp_path: Path)
     uid, area, pressure = touch.hfx.uid, effects.area(touch), touch.hfx.pressure
     path = hfx_scenes.save(tmp_path / "library.blend")
     bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(str(path)) as (_, wanted):
-        wanted.objects = ["Touch"]
-    [appended] = wanted.objects
+    with bpy.data.libraries.load(str(path)) as (_, expected):
+        expected.objects = ["Touch"]
+    [appended] = expected.objects
     assert (appended.hfx.uid, effects.area(appended)) == (uid, area)
     assert appended.hfx.pressure == pressure
 
@@ -88,10 +88,10 @@ def test_saving_settles_the_ids_of_copies(small: Any, tmp_path: Path) -> None:
     touch = bpy.data.objects["Touch"]
     copy = touch.copy()
     bpy.context.scene.collection.objects.link(copy)
-    original, other = ids()["Touch"], ids()[copy.name]
+    original, second = ids()["Touch"], ids()[copy.name]
     hfx_scenes.save(tmp_path / "x.blend")
     touch.name = "Zebra"  # now behind its copy
-    assert (ids()["Zebra"], ids()[copy.name]) == (original, other)
+    assert (ids()["Zebra"], ids()[copy.name]) == (original, second)
 
 
 def test_a_linked_body_of_the_same_name_has_an_id_of_its_own(small: Any, tmp_path: Path) -> None:
@@ -101,6 +101,6 @@ def test_a_linked_body_of_the_same_name_has_an_id_of_its_own(small: Any, tmp_pat
         here.objects = ["Avatar", "Ball"]
     for obj in here.objects:
         bpy.context.scene.collection.objects.link(obj)
-    found = ids()
-    assert sorted(found) == ["Avatar", "Avatar [x.blend]", "Ball", "Ball [x.blend]", "Touch"]
-    assert len(set(found.values())) == 5
+    actual = ids()
+    assert sorted(actual) == ["Avatar", "Avatar [x.blend]", "Ball", "Ball [x.blend]", "Touch"]
+    assert len(set(actual.values())) == 5

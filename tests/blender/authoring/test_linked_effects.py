@@ -21,7 +21,7 @@ def felt() -> set[str]:
     scene = bpy.context.scene
     bpy.context.view_layer.update()
     live = LiveScene(scene, bpy.context.view_layer, PREVIEW)
-    names = {each.id: each.name for each in live.description.effects}
+    names = {item.id: item.name for item in live.description.effects}
     return {names[run.stream.effect_id] for run in live.runs() if len(run)}
 
 
@@ -52,12 +52,12 @@ def test_a_linked_duplicate_shares_the_mesh_until_its_size_is_changed(body: Any)
 
 def test_an_excluded_collection_is_not_felt_and_the_eye_makes_no_difference(body: Any) -> None:
     ball("Kept")
-    other = ball("Other")
+    alternative = ball("Other")
     collection = bpy.data.collections.new("Props")
     bpy.context.scene.collection.children.link(collection)
-    for owner in other.users_collection:
-        owner.objects.unlink(other)
-    collection.objects.link(other)
+    for owner in alternative.users_collection:
+        owner.objects.unlink(alternative)
+    collection.objects.link(alternative)
     layer = bpy.context.view_layer.layer_collection.children["Props"]
     layer.exclude = True
     assert felt() == {"Kept"}
@@ -80,9 +80,9 @@ def library(scene: Any, tmp_path: Path) -> Path:
 
 
 def link(path: Path) -> Any:
-    with bpy.data.libraries.load(str(path), link=True) as (_inside, wanted):
-        wanted.collections = [effects.COLLECTION]
-    (collection,) = wanted.collections
+    with bpy.data.libraries.load(str(path), link=True) as (_inside, expected):
+        expected.collections = [effects.COLLECTION]
+    (collection,) = expected.collections
     bpy.context.scene.collection.children.link(collection)
     return collection
 
@@ -149,9 +149,9 @@ def test_a_linked_effect_without_its_body_is_left_out_with_one_warning(
     ball("Ball")
     link(path)
     bpy.context.view_layer.update()
-    found = scene_description.find(bpy.context.scene, bpy.context.view_layer)
-    assert [effect.name for effect in found.effects] == ["Ball"]
-    (warning,) = found.warnings
+    actual = scene_description.find(bpy.context.scene, bpy.context.view_layer)
+    assert [effect.name for effect in actual.effects] == ["Ball"]
+    (warning,) = actual.warnings
     assert warning.startswith(
         "2 effects were left out, as each belongs to body 'Avatar', which is not"
     )

@@ -60,8 +60,8 @@ def test_it_is_exported(first: Any, tmp_path: Path) -> None:
     scene.frame_start, scene.frame_end, scene.hfx.rate = 12, 17, 25.0
     bpy.ops.hfx.export(filepath=str(tmp_path / "old.hfxtrack"), formats={"track"})
     report = json.loads((tmp_path / "old.report.json").read_text())
-    felt = {each["effect"]: each["seconds"] for each in report["felt"]}
-    assert all(felt[name] > 0.0 for name in ("Touch", "Fire", "Buzz")), felt
+    samples = {item["effect"]: item["seconds"] for item in report["felt"]}
+    assert all(samples[name] > 0.0 for name in ("Touch", "Fire", "Buzz")), samples
     # Both clips begin before frame 12 and end after frame 17.
     assert all(
         "first frame of the scene" in text or "last frame" in text for text in report["warnings"]

@@ -62,19 +62,19 @@ def test_filters_are_added_moved_muted_and_removed_with_their_animation(ball: An
     for kind in ("impact", "speed", "sine"):
         assert bpy.ops.hfx.add_response_filter(kind=kind) == {"FINISHED"}
     stack = ball.hfx.response
-    assert [each.name for each in stack] == ["Impact", "Speed", "Sine"]
+    assert [item.name for item in stack] == ["Impact", "Speed", "Sine"]
     stack[0].keyframe_insert("decay", frame=3)
     stack[2].driver_add("depth")
     ball.hfx.response_active = 0
     bpy.ops.hfx.move_response_filter(direction="DOWN")
     bpy.ops.hfx.move_response_filter(direction="DOWN")
-    assert [each.name for each in stack] == ["Speed", "Sine", "Impact"]
+    assert [item.name for item in stack] == ["Speed", "Sine", "Impact"]
     paths = {curve.data_path for curve in compat.fcurves(ball)}
     assert "hfx.response[2].decay" in paths
     assert ball.animation_data.drivers[0].data_path == "hfx.response[1].depth"
     ball.hfx.response_active = 1
     bpy.ops.hfx.remove_response_filter()
-    assert [each.name for each in stack] == ["Speed", "Impact"]
+    assert [item.name for item in stack] == ["Speed", "Impact"]
     assert not len(ball.animation_data.drivers)
     assert "hfx.response[1].decay" in {curve.data_path for curve in compat.fcurves(ball)}
 
@@ -82,8 +82,8 @@ def test_filters_are_added_moved_muted_and_removed_with_their_animation(ball: An
 def test_an_impact_rings_on_after_the_ball_has_left(ball: Any) -> None:
     without, _ = _runs()
     bpy.ops.hfx.add_response_filter(kind="impact")
-    each = ball.hfx.response[0]
-    each.decay, each.full_speed = DECAY_S, 2.0
+    item = ball.hfx.response[0]
+    item.decay, item.full_speed = DECAY_S, 2.0
     runs, reader = _runs()
     assert reader.stepping_note == "sampled F-curves, stepped no scene"
     levels, contact = _levels(runs), _levels(without) > 0.0
@@ -119,7 +119,7 @@ def test_an_impact_rings_alike_at_every_rate(ball: Any, is_stepped: bool) -> Non
             key.interpolation = "LINEAR"
     if is_stepped:
         ball.constraints.new("LIMIT_SCALE")
-    found = []
+    actual = []
     for rate in (99, 200, 1000):
         runs, reader = _runs(rate_hz=Fraction(rate), tolerance=STANDARD)
         assert is_stepped == ("stepped no scene" not in reader.stepping_note)
@@ -127,20 +127,20 @@ def test_an_impact_rings_alike_at_every_rate(ball: Any, is_stepped: bool) -> Non
         for sample in (sample for run in runs for sample in run):
             if time_s < sample.time_s <= 0.6 + 1e-9:
                 time_s, strongest = sample.time_s, sample.level * float(sample.weights.max())
-        found.append(strongest / np.exp(-(time_s - 0.496) / DECAY_S))
-    assert min(found) > 0.85 and min(found) >= 0.97 * max(found)
+        actual.append(strongest / np.exp(-(time_s - 0.496) / DECAY_S))
+    assert min(actual) > 0.85 and min(actual) >= 0.97 * max(actual)
 
 
 def test_an_export_that_begins_later_has_what_rings_from_before(ball: Any, tmp_path: Path) -> None:
     bpy.ops.hfx.add_response_filter(kind="impact")
     ball.hfx.response[0].decay = 0.3
-    felt = []
+    samples = []
     for frames in (None, (15, 24)):  # it is hit at frame 11 and left at 13
         settings = ExportSettings(("track",), frames=frames, full_precision=True)
         export_scene(bpy.context.scene, tmp_path, "ringing", settings)
         with TrackReader(tmp_path / "ringing.hfxtrack") as track:
-            felt.append([track.samples_at(0.605 + 0.01 * k)[0] for k in range(38)])
-    for whole, part in zip(*felt, strict=True):
+            samples.append([track.samples_at(0.605 + 0.01 * k)[0] for k in range(38)])
+    for whole, part in zip(*samples, strict=True):
         assert part.level == pytest.approx(whole.level, rel=1e-9)
         np.testing.assert_array_equal(part.vertices, whole.vertices)
         np.testing.assert_array_equal(part.weights, whole.weights)
@@ -201,20 +201,20 @@ def test_lengths_follow_the_scene_s_unit(ball: Any) -> None:
 
 def test_how_long_impacts_ring_is_bounded_by_their_keys(ball: Any) -> None:
     bpy.ops.hfx.add_response_filter(kind="impact")
-    each = ball.hfx.response[0]
+    item = ball.hfx.response[0]
 
     def bound() -> float:
-        (found,) = SceneReader(bpy.context.scene).description.effects[0].area.response
-        assert found.kind is FilterKind.IMPACT
-        return float(found.rings_s)
+        (actual,) = SceneReader(bpy.context.scene).description.effects[0].area.response
+        assert actual.kind is FilterKind.IMPACT
+        return float(actual.rings_s)
 
-    each.decay = 0.2
+    item.decay = 0.2
     assert bound() == pytest.approx(0.2 * np.log(1000.0))
-    each.attack = 0.3
+    item.attack = 0.3
     assert bound() == pytest.approx(12 * 0.3)
     for frame, decay in ((0, 0.2), (10, 0.9)):
-        each.decay = decay
-        each.keyframe_insert("decay", frame=frame)
+        item.decay = decay
+        item.keyframe_insert("decay", frame=frame)
     assert bound() >= 12 * 0.9 - 1e-5
 
 

@@ -47,16 +47,16 @@ def test_every_sensation_can_be_added_and_most_are_felt(body: Any) -> None:
     scene, layer = bpy.context.scene, bpy.context.view_layer
     silent = set()
     for name in NAMES:
-        made = effect_exchange.place_sensation(
+        placed_effects = effect_exchange.place_sensation(
             scene, effect_exchange.load_library(name), body=body, frame=0.0
         )
-        felt = False
+        samples = False
         for frame in range(0, 150, 5):
             scene.frame_set(frame)
-            felt |= bool(LiveScene(scene, layer, PAPER).runs()) if not felt else True
-        if not felt:
+            samples |= bool(LiveScene(scene, layer, PAPER).runs()) if not samples else True
+        if not samples:
             silent.add(name)
-        for effect in made:
+        for effect in placed_effects:
             bpy.data.objects.remove(effect)
     assert silent <= {"hot_object", "cold_object"}
 

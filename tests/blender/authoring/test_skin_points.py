@@ -107,16 +107,16 @@ def test_recording_keeps_place_and_speed(spot: Any) -> None:
     times = [0.0, 0.4, 0.8, 1.2, 1.6]
     bpy.context.scene.frame_set(5)
     bpy.ops.hfx.draw_path(
-        mode="RECORD", stroke=_stroke(*[(each, 0.06, 1.25) for each in x], times=times)
+        mode="RECORD", stroke=_stroke(*[(item, 0.06, 1.25) for item in x], times=times)
     )
     curve = paths.motion_of(spot)
     assert [key.co[0] for key in curve.keyframe_points] == pytest.approx([5, 15, 25, 35, 45])
     shares = [key.co[1] for key in curve.keyframe_points]
     assert shares == pytest.approx([0.0, 0.25, 0.5, 1.0, 1.0], abs=0.03)
-    for frame, place in zip((5, 15, 25, 35, 45), x, strict=True):
+    for frame, position in zip((5, 15, 25, 35, 45), x, strict=True):
         bpy.context.scene.frame_set(frame)
         (run,) = _runs()
-        assert run.focus[0, 0] == pytest.approx(place, abs=0.004)
+        assert run.focus[0, 0] == pytest.approx(position, abs=0.004)
 
 
 def test_a_point_is_placed_by_one_click_and_taken_back_by_one_undo(spot: Any) -> None:
@@ -136,11 +136,11 @@ def test_a_path_is_reversed_and_mirrored(spot: Any) -> None:
     assert paths.path_of(spot) == pytest.approx(before[::-1])
     bpy.ops.hfx.move_along_path(seconds=1.0)
     bpy.ops.hfx.mirror_path(copy=True)
-    other = bpy.context.object
-    assert other != spot and other.hfx.uid != spot.hfx.uid
-    assert paths.path_of(other) == pytest.approx(before[::-1] * [-1, 1, 1])
+    second = bpy.context.object
+    assert second != spot and second.hfx.uid != spot.hfx.uid
+    assert paths.path_of(second) == pytest.approx(before[::-1] * [-1, 1, 1])
     assert paths.path_of(spot) == pytest.approx(before[::-1])
-    assert paths.motion_of(other) is not None
+    assert paths.motion_of(second) is not None
     one, two = _runs()
     assert one.focus[0, 0] == pytest.approx(-two.focus[0, 0], abs=1e-6)
     assert len(one.vertices) == len(two.vertices)
@@ -215,15 +215,15 @@ def test_points_are_saved_with_effects(spot: Any, tmp_path: Path) -> None:
     sensation = effect_file.load(file)
     effect_file.save(sensation, tmp_path / "again.hfxeffect")
     assert effect_file.load(tmp_path / "again.hfxeffect") == sensation
-    (made,) = effect_exchange.place_sensation(
+    (created,) = effect_exchange.place_sensation(
         bpy.context.scene, sensation, body=spot.hfx.body, frame=50.0
     )
-    assert made.hfx.kind == "SPOT" and made.hfx.radius == pytest.approx(0.05)
-    assert (made.hfx.falloff, made.hfx.falloff_share) == ("linear", 1.0)
+    assert created.hfx.kind == "SPOT" and created.hfx.radius == pytest.approx(0.05)
+    assert (created.hfx.falloff, created.hfx.falloff_share) == ("linear", 1.0)
     # Traced anew: on a flat back a way a little beside is as short.
-    assert paths.path_of(made) == pytest.approx(paths.path_of(spot), abs=2e-3)
-    assert paths.length_m(made) == pytest.approx(paths.length_m(spot), rel=1e-3)
-    assert [k.co[:] for k in paths.motion_of(made).keyframe_points] == [(50, 0), (75, 1)]
+    assert paths.path_of(created) == pytest.approx(paths.path_of(spot), abs=2e-3)
+    assert paths.length_m(created) == pytest.approx(paths.length_m(spot), rel=1e-3)
+    assert [k.co[:] for k in paths.motion_of(created).keyframe_points] == [(50, 0), (75, 1)]
 
 
 def test_the_export_is_continuous_and_the_preview_shows_the_same(spot: Any, tmp_path: Path) -> None:
@@ -296,18 +296,18 @@ def test_what_is_drawn_lies_on_the_posed_body(spot: Any) -> None:
     moved, _ = path_overlay.lines_of(spot, bpy.context.evaluated_depsgraph_get(), 1.0)
     assert moved[-1] - at_rest[-1] == pytest.approx((1.0, 2.0, 0.0), abs=0.1)
     assert np.linalg.norm(moved[0] - at_rest[0] - (1, 2, 0)) > 0.1
-    lengths = [np.linalg.norm(np.diff(each, axis=0), axis=1).sum() for each in (moved, at_rest)]
+    lengths = [np.linalg.norm(np.diff(item, axis=0), axis=1).sum() for item in (moved, at_rest)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.1)
 
 
 def test_a_ray_finds_the_place_on_a_moved_body(body: Any) -> None:
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    place = skin_picking.Picker(body, depsgraph).hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0)))
+    hit = skin_picking.Picker(body, depsgraph).hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0)))
     body.location, body.rotation_euler = (4.0, 0.0, 0.0), (0.0, 0.0, np.pi)
     bpy.context.view_layer.update()
     picker = skin_picking.Picker(body, bpy.context.evaluated_depsgraph_get())
     again = picker.hit(Vector((3.95, -3, 1.2)), Vector((0, 1, 0)))
-    assert again == pytest.approx(place, abs=1e-5)
+    assert again == pytest.approx(hit, abs=1e-5)
     assert picker.hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0))) is None
     assert picker.nearest(Vector((4, 0, 5)), 0.1) is None
 
@@ -379,9 +379,9 @@ def test_recording_by_hand_keeps_the_last_place_beside_the_body(
     _mouse(monkeypatch, drawing, "TIMER", 0.06)
     assert not drawing.finished
     assert _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.07, "RELEASE") == {"FINISHED"}
-    found = [each.place[0] for each in drawing.stroke]
-    assert found == pytest.approx([-0.05, -0.02, 0.03, 0.03, 0.06, 0.07], abs=1e-5)
-    times = [each.time for each in drawing.stroke]
+    actual = [item.place[0] for item in drawing.stroke]
+    assert actual == pytest.approx([-0.05, -0.02, 0.03, 0.03, 0.06, 0.07], abs=1e-5)
+    times = [item.time for item in drawing.stroke]
     assert times == sorted(times) and times[0] < 0.05
     assert drawing.finished
 
@@ -396,7 +396,7 @@ def test_places_are_clicked_taken_back_and_finished(
     _mouse(monkeypatch, drawing, "BACK_SPACE", 0.0, "PRESS")
     assert _mouse(monkeypatch, drawing, "MIDDLEMOUSE", 0.0, "PRESS") == {"PASS_THROUGH"}
     assert _mouse(monkeypatch, drawing, "RET", 0.0, "PRESS") == {"FINISHED"}
-    assert [each.place[0] for each in drawing.stroke] == pytest.approx([-0.05, 0.0], abs=1e-5)
+    assert [item.place[0] for item in drawing.stroke] == pytest.approx([-0.05, 0.0], abs=1e-5)
     _, clicked, path = path_overlay.pending_clicks
     assert len(clicked) == 2 and len(path) > 10  # what is shown meanwhile lies on the skin
     path_overlay.show_pending(None, np.zeros((0, 3)))

@@ -80,16 +80,16 @@ def test_with_auto_keying_it_moves_on_the_skin_from_key_to_key(spot: Any) -> Non
     assert felt(10)[0] == pytest.approx(0.0, abs=0.01), "half way at half time"
     slide(40, LOW)
     assert keys(spot) == [0, 20, 40]
-    for frame, place in ((0, LEFT), (20, RIGHT), (40, LOW)):
-        assert felt(frame) == pytest.approx(place, abs=ON_SKIN_M), frame
+    for frame, position in ((0, LEFT), (20, RIGHT), (40, LOW)):
+        assert felt(frame) == pytest.approx(position, abs=ON_SKIN_M), frame
     path = paths.path_of(spot)
     assert paths.skin().on_skin(path) == pytest.approx(path, abs=1e-6), "all of it on the skin"
 
 
 def test_a_key_between_keys_and_on_a_key_moves_only_the_ways_beside_it(spot: Any) -> None:
     auto_key()
-    for frame, place in ((0, LEFT), (10, RIGHT), (20, LEFT), (30, LOW)):
-        slide(frame, place)
+    for frame, position in ((0, LEFT), (10, RIGHT), (20, LEFT), (30, LOW)):
+        slide(frame, position)
     early = [felt(frame) for frame in (0, 3, 6, 9)]
     slide(25, RIGHT)
     assert keys(spot) == [0, 10, 20, 25, 30]
@@ -97,10 +97,10 @@ def test_a_key_between_keys_and_on_a_key_moves_only_the_ways_beside_it(spot: Any
     slide(20, LOW)
     assert keys(spot) == [0, 10, 20, 25, 30]
     assert felt(20) == pytest.approx(LOW, abs=ON_SKIN_M)
-    for frame, place in ((0, LEFT), (10, RIGHT), (25, RIGHT), (30, LOW)):
-        assert felt(frame) == pytest.approx(place, abs=ON_SKIN_M), frame
-    for frame, place in zip((0, 3, 6, 9), early, strict=True):
-        assert felt(frame) == pytest.approx(place, abs=2e-3), "as it went before, but for ease"
+    for frame, position in ((0, LEFT), (10, RIGHT), (25, RIGHT), (30, LOW)):
+        assert felt(frame) == pytest.approx(position, abs=ON_SKIN_M), frame
+    for frame, position in zip((0, 3, 6, 9), early, strict=True):
+        assert felt(frame) == pytest.approx(position, abs=2e-3), "as it went before, but for ease"
 
 
 def test_a_drawn_curve_stays_a_curve_where_no_key_is_moved(spot: Any) -> None:
@@ -112,8 +112,8 @@ def test_a_drawn_curve_stays_a_curve_where_no_key_is_moved(spot: Any) -> None:
     auto_key()
     slide(30, LOW)
     assert felt(30) == pytest.approx(LOW, abs=ON_SKIN_M)
-    for frame, place in enumerate(before):
-        assert felt(frame) == pytest.approx(place, abs=2e-3), frame
+    for frame, position in enumerate(before):
+        assert felt(frame) == pytest.approx(position, abs=2e-3), frame
 
 
 def test_without_auto_keying_a_moving_point_is_loose_until_the_frame_changes(spot: Any) -> None:
@@ -231,9 +231,9 @@ def test_what_rules_the_position_otherwise_is_told(spot: Any) -> None:
 
 def test_a_place_that_is_not_on_the_body_changes_nothing(spot: Any) -> None:
     before = list(spot[paths.PATH])
-    for place in ((0.0, 3.0, 1.0), (np.nan, 0.0, 1.0)):
+    for position in ((0.0, 3.0, 1.0), (np.nan, 0.0, 1.0)):
         with pytest.raises(RuntimeError, match=r"[Pp]lace"):
-            bpy.ops.hfx.slide_spot(place=place)
+            bpy.ops.hfx.slide_spot(place=position)
     assert list(spot[paths.PATH]) == before
 
 
@@ -261,17 +261,17 @@ def test_whatever_key_is_moved_every_other_stays_where_it_was(
     path, old = np.array(points), np.array(shares)
     new = data.draw(st.booleans())
     at = data.draw(st.integers(0, len(old) if new else len(old) - 1))
-    place = np.array([2.0, 0.5, 0.25])
-    made, where = spot_placing.rerouted(
-        path, old, at, place, lambda a, b: np.stack([a, (a + b) / 2, b]), new=new
+    position = np.array([2.0, 0.5, 0.25])
+    created, where = spot_placing.rerouted(
+        path, old, at, position, lambda a, b: np.stack([a, (a + b) / 2, b]), new=new
     )
     assert len(where) == len(old) + new
-    assert (np.diff(where) >= 0.0).all() and np.isfinite(made).all()
-    found = places_on(made, where)
-    assert found[at] == pytest.approx(place, abs=1e-9)
+    assert (np.diff(where) >= 0.0).all() and np.isfinite(created).all()
+    actual = places_on(created, where)
+    assert actual[at] == pytest.approx(position, abs=1e-9)
     others = np.delete(np.arange(len(where)), at)
-    kept = old if new else np.delete(old, at)
-    assert found[others] == pytest.approx(places_on(path, kept), abs=1e-6)
+    stored = old if new else np.delete(old, at)
+    assert actual[others] == pytest.approx(places_on(path, stored), abs=1e-6)
 
 
 @settings(max_examples=60, deadline=None)
@@ -379,9 +379,9 @@ def test_beside_the_body_it_stays_on_its_outline(spot: Any, mouse: Any) -> None:
     held = _Slide(HFX_OT_slide_spot, spot)
     mouse(held, "G", value="BEGIN")
     mouse(held, "MOUSEMOVE", 0.5, z=1.25)
-    place = np.array(held.place)
-    assert paths.skin().on_skin(place[None])[0] == pytest.approx(place, abs=1e-5)
-    assert 0.1 < place[0] < 0.5, "to the side that the mouse went to"
+    position = np.array(held.place)
+    assert paths.skin().on_skin(position[None])[0] == pytest.approx(position, abs=1e-5)
+    assert 0.1 < position[0] < 0.5, "to the side that the mouse went to"
 
 
 def test_g_again_keeps_it_on_its_path(spot: Any, mouse: Any) -> None:

@@ -118,7 +118,7 @@ def stubble(skin: Any) -> Any:
     joined = group.nodes.new("GeometryNodeJoinGeometry")
     given, result = group.nodes["Group Input"], group.nodes["Group Output"]
     make["MeshCube"].inputs["Size"].default_value = (0.05, 0.05, 0.05)
-    for one, socket, other, into in (
+    for one, socket, second, into in (
         (given, "Geometry", make["DistributePointsOnFaces"], "Mesh"),
         (make["DistributePointsOnFaces"], "Points", make["InstanceOnPoints"], "Points"),
         (make["MeshCube"], "Mesh", make["InstanceOnPoints"], "Instance"),
@@ -127,7 +127,7 @@ def stubble(skin: Any) -> Any:
         (make["RealizeInstances"], "Geometry", joined, "Geometry"),
         (joined, "Geometry", result, "Geometry"),
     ):
-        group.links.new(one.outputs[socket], other.inputs[into])
+        group.links.new(one.outputs[socket], second.inputs[into])
     return modifier("NODES", node_group=group)(skin)
 
 
@@ -321,8 +321,8 @@ def test_what_is_hidden_or_merged_is_held_by_the_skin_beside(
         add_key(skin, "Fat", 0.02).value = 1.0
     alone = positions(scene, SurfaceBinding)
     mask(skin)
-    found = positions(scene, SurfaceBinding)
-    off_m = np.linalg.norm(found - alone, axis=1)
+    actual = positions(scene, SurfaceBinding)
+    off_m = np.linalg.norm(actual - alone, axis=1)
     assert off_m[alone[:, 2] > 0.13].max() < 1e-4  # where skin is left
     assert off_m.max() < 0.08  # held by the shank: about there
     if with_keys:

@@ -82,8 +82,8 @@ def test_a_correction_is_used_by_the_next_fit_and_stays(
     rig, skin = anna
     for side in ("Left", "Right"):
         for canonical, bone in (("upperarm01", "Arm"), ("lowerarm01", "ForeArm")):
-            other = "R" if side == "Left" else "L"
-            rig.hfx.bone_map[f"{canonical}.{other}"].bone = f"mixamorig:{side}{bone}"
+            second = "R" if side == "Left" else "L"
+            rig.hfx.bone_map[f"{canonical}.{second}"].bone = f"mixamorig:{side}{bone}"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "anna.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "anna.blend"))
     rig, skin = bpy.data.objects["Anna"], bpy.data.objects["Anna Skin"]
@@ -118,7 +118,7 @@ def test_fitting_again_keeps_the_id_and_what_is_painted(anna: tuple[Any, Any]) -
 
 def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
-    found = {name: bone for name, (bone, _, _) in table(rig).items() if bone}
+    actual = {name: bone for name, (bone, _, _) in table(rig).items() if bone}
     rig.hfx.bone_map.clear()
     rig.hfx.bone_map_convention = ""
     now = unrecognisable(rig)
@@ -127,7 +127,7 @@ def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, 
     assert not rig.hfx.bone_map
     bpy.ops.hfx.find_bones()  # tells it as a warning, and gives an empty table
     assert len(rig.hfx.bone_map) == 163 and not any(row.bone for row in rig.hfx.bone_map)
-    for name, bone in found.items():
+    for name, bone in actual.items():
         rig.hfx.bone_map[name].bone = now[bone]
     mark(rig, skin)
     assert rig.hfx.bone_map_convention == bone_table.BY_HAND
@@ -172,13 +172,13 @@ def test_a_saved_mapping_fits_another_avatar_of_the_same_rig(
     path = tmp_path / "rig.json"
     bpy.ops.hfx.save_bones(filepath=str(path))
     saved = {name: bone for name, (bone, _, _) in table(rig).items()}
-    other, skin = own_avatar(bpy.context.scene)
-    assert other != rig
-    bpy.context.view_layer.objects.active = other
+    second, skin = own_avatar(bpy.context.scene)
+    assert second != rig
+    bpy.context.view_layer.objects.active = second
     bpy.ops.hfx.load_bones(filepath=str(path))
-    assert {name: bone for name, (bone, _, _) in table(other).items()} == saved
-    mark(other, skin)
-    assert {name: bone for name, (bone, _, _) in table(other).items()} == saved
+    assert {name: bone for name, (bone, _, _) in table(second).items()} == saved
+    mark(second, skin)
+    assert {name: bone for name, (bone, _, _) in table(second).items()} == saved
 
 
 def test_a_mapping_is_saved_without_a_table_and_with_an_ending(scene: Any, tmp_path: Path) -> None:

@@ -55,11 +55,11 @@ def cut_out(
         for face in mesh.polygons
         if wanted(bones[face.vertices[0]]) and place(skin.matrix_world @ face.center)
     ]
-    kept = sorted({vertex for face in faces for vertex in face})
-    number = {vertex: k for k, vertex in enumerate(kept)}
+    stored = sorted({vertex for face in faces for vertex in face})
+    number = {vertex: k for k, vertex in enumerate(stored)}
     new = bpy.data.meshes.new(name)
     new.from_pydata(
-        [tuple(mesh.vertices[vertex].co) for vertex in kept],
+        [tuple(mesh.vertices[vertex].co) for vertex in stored],
         [],
         [[number[vertex] for vertex in face] for face in faces],
     )
@@ -67,7 +67,7 @@ def cut_out(
     bpy.context.scene.collection.objects.link(part)
     for group in skin.vertex_groups:
         part.vertex_groups.new(name=group.name)
-    for k, vertex in enumerate(kept):
+    for k, vertex in enumerate(stored):
         for element in mesh.vertices[vertex].groups:
             part.vertex_groups[element.group].add([k], element.weight, "REPLACE")
     part.parent = skin.parent
@@ -97,8 +97,8 @@ _EXTRA: dict[str, set[str]] = {"hand": set(), "head": set(), "trunk": set()}
 
 def _sort_extras(rig: Any) -> None:
     """Bones without a Mixamo name belong to the named bone above them."""
-    for found in _EXTRA.values():
-        found.clear()
+    for actual in _EXTRA.values():
+        actual.clear()
     for bone in rig.data.bones:
         if not bone.name.startswith("extra"):
             continue
@@ -201,8 +201,8 @@ def test_what_is_seen_is_taken_and_the_rest_is_named(
     monkeypatch.setattr(bone_table, "map_bones", lambda *a: searched.append(a) or real(*a))
     mark(rig)
     assert len(searched) == 1  # for the choice of meshes, the fit and the table
-    told = capfd.readouterr().out
-    assert "left out, as they show no skin: 'Eyes' and 'Hair' and 'Hair.001' and 'Jacket'" in told
+    output = capfd.readouterr().out
+    assert "left out, as they show no skin: 'Eyes' and 'Hair' and 'Hair.001' and 'Jacket'" in output
     # Another layer chosen since: the same button takes other meshes.
     rig.hfx.felt_layer = "VISIBLE"
     assert sorted(chosen(rig)) == ["Body", "Hands", "Head", "Jacket"]
@@ -268,9 +268,9 @@ def test_meshes_with_transforms_of_their_own_are_followed_by_their_surface(
     evaluation = oracle.evaluate(bpy.context.scene, record=("positions",), rate_hz=1)
     assert any("Preserve Volume" in text for text in evaluation.reader.description.warnings)
     index = int(evaluation.reader.sample_indices[0])
-    found = evaluation.of("Felt", index).positions
+    positions = evaluation.of("Felt", index).positions
     heights = np.abs(anchors.offset_m)
-    assert np.all(np.linalg.norm(found - points, axis=1) < heights + 1e-4)
+    assert np.all(np.linalg.norm(positions - points, axis=1) < heights + 1e-4)
 
 
 def _tree(mesh: Any, graph: Any) -> BVHTree:
@@ -351,7 +351,7 @@ def test_a_volume_that_comes_and_goes_is_felt_on_a_surface_as_with_positions(sce
     def felt(**record: Any) -> dict[int, bytes]:
         evaluation = oracle.evaluate(scene, rate_hz=scene.render.fps, **record)
         samples = evaluation.samples["Ball"].items()
-        return {k: each.vertices.tobytes() for k, each in samples}
+        return {k: item.vertices.tobytes() for k, item in samples}
 
     lazy, every = felt(), felt(record=["positions"])
     assert lazy == every and {36, 127} <= lazy.keys() and 80 not in lazy

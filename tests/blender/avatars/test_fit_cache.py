@@ -43,15 +43,17 @@ def test_an_avatar_in_another_file_is_not_fitted_anew(
     with pytest.raises(RuntimeError, match="fitted anew"):
         mark(rig, skin)
     rig, skin = opened()
-    (kept,) = resources.kept_fits().glob("*.npz")
-    kept.write_bytes(kept.read_bytes()[:1000])  # a damaged file is as good as none
+    (stored,) = resources.kept_fits().glob("*.npz")
+    stored.write_bytes(stored.read_bytes()[:1000])  # a damaged file is as good as none
     with pytest.raises(RuntimeError, match="fitted anew"):
         mark(rig, skin)
 
 
 def _as_stored(rig: Any) -> list[Any]:
-    models = [stored_fits.fitted_model(rig, each) for each in stored_fits.model_ids()]
-    arrays = [np.ravel(each) for model in models for each in stored_fits.arrays_of(model).values()]
+    models = [stored_fits.fitted_model(rig, model_id) for model_id in stored_fits.model_ids()]
+    arrays = [
+        np.ravel(array) for model in models for array in stored_fits.arrays_of(model).values()
+    ]
     faults = [part.faults for part in stored_fits.worst_first(stored_fits.quality_of(rig))]
     texts = [stored_fits.messages_of(rig, kind) for kind in ("warnings", "notes")]
     return [np.concatenate(arrays).tobytes(), faults, texts]

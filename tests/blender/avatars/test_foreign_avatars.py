@@ -57,8 +57,8 @@ def test_a_generated_rig_is_followed_by_its_deforming_bones(rigify: None) -> Non
     assert all(rig.data.bones[name].use_deform for name in mapping.bones.values())
     heads = canonical_heads()
     for bone in _main_bones()[:-3]:
-        place = np.array(rig.data.bones[mapping.bones[bone]].head_local)
-        assert np.linalg.norm(place - heads[bone]) < 0.002, bone
+        head_local = np.array(rig.data.bones[mapping.bones[bone]].head_local)
+        assert np.linalg.norm(head_local - heads[bone]) < 0.002, bone
 
     warnings = finish(bodies.adding_body(rig, skin))
     assert not [text for text in warnings if "surface" in text or "area" in text], warnings

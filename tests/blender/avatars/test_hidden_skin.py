@@ -32,8 +32,8 @@ def add_helpers(skin: Any) -> None:
     mesh.normal_update()
     shell = [vertex for vertex in copied if isinstance(vertex, bmesh.types.BMVert)]
     moved = [(vertex, vertex.co + 0.04 * vertex.normal) for vertex in shell]
-    for vertex, place in moved:
-        vertex.co = place
+    for vertex, position in moved:
+        vertex.co = position
         vertex[weights][group] = 1.0
     mesh.to_mesh(skin.data)
     mesh.free()
@@ -97,9 +97,9 @@ def test_pieces_that_are_hidden_as_a_whole_are_not_read(anna: tuple[Any, Any], h
     every = avatar_meshes.read_mesh(rig, skin)
     assert len(every.triangles) > len(alone.triangles) + 500
     hide(skin)
-    found = avatar_meshes.read_mesh(rig, skin)
-    np.testing.assert_array_equal(found.triangles, alone.triangles)
-    assert len(found.vertices) == len(every.vertices)
+    actual = avatar_meshes.read_mesh(rig, skin)
+    np.testing.assert_array_equal(actual.triangles, alone.triangles)
+    assert len(actual.vertices) == len(every.vertices)
 
 
 def test_the_fit_and_the_export_are_those_without_helpers(anna: tuple[Any, Any]) -> None:
@@ -121,8 +121,8 @@ def test_skin_that_a_mask_hides_under_clothes_is_still_the_body(anna: tuple[Any,
     chest = [vertex.index for vertex in skin.data.vertices if 0.95 < vertex.co.z < 1.3]
     group.add(chest, 1.0, "REPLACE")
     mask(skin)
-    found = avatar_meshes.read_mesh(rig, skin)
-    np.testing.assert_array_equal(found.triangles, alone.triangles)
+    actual = avatar_meshes.read_mesh(rig, skin)
+    np.testing.assert_array_equal(actual.triangles, alone.triangles)
     bpy.context.view_layer.update()
     mark(rig, skin)
     assert body_binding.surface_reason(rig) is None
@@ -142,8 +142,8 @@ def test_shape_keys_that_are_always_on_make_the_shape_that_is_fitted_to(
     blink.keyframe_insert("value", frame=1)
     rest = np.array([vertex.co for vertex in skin.data.vertices])
     normals = np.array([vertex.normal for vertex in skin.data.vertices])
-    found = avatar_meshes.read_mesh(rig, skin).vertices
-    np.testing.assert_allclose(found, rest + 0.005 * normals, atol=1e-5)
+    vertices = avatar_meshes.read_mesh(rig, skin).vertices
+    np.testing.assert_allclose(vertices, rest + 0.005 * normals, atol=1e-5)
     mark(rig, skin)
     assert stored_fits.shape_of(rig, skin) == {"Fat": 0.5}
     assert body_binding.surface_reason(rig) == "shape keys deform it"  # blinks

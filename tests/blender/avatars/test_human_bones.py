@@ -67,12 +67,12 @@ def rig(scene: Any) -> tuple[Any, dict[str, str]]:
     bpy.ops.object.mode_set(mode="EDIT")
     parents, heads = canonical_parents(), canonical_heads()
     for bone, name in names.items():
-        made = armature.data.edit_bones.new(name)
-        made.head, made.tail = heads[bone], heads[bone] + (0.0, 0.0, 0.02)
+        created = armature.data.edit_bones.new(name)
+        created.head, created.tail = heads[bone], heads[bone] + (0.0, 0.0, 0.02)
         above = parents[bone]
         while above is not None and above not in names:
             above = parents[above]
-        made.parent = armature.data.edit_bones[names[above]] if above else None
+        created.parent = armature.data.edit_bones[names[above]] if above else None
     bpy.ops.object.mode_set(mode="OBJECT")
     return armature, names
 

@@ -34,10 +34,10 @@ def character(
     rig.name = "Anna"
     if parts > 1:
         (skin,) = avatar_meshes.meshes_of(rig)
-        other = skin.copy()
-        other.data = skin.data.copy()
-        bpy.context.collection.objects.link(other)
-        avatar_meshes.store_meshes(rig, [skin, other])
+        second = skin.copy()
+        second.data = skin.data.copy()
+        bpy.context.collection.objects.link(second)
+        avatar_meshes.store_meshes(rig, [skin, second])
     if not is_body:
         rig.hfx.role, rig.hfx.avatar, rig.hfx.uid = "NONE", None, ""
     objects = [rig, *rig.children_recursive]
@@ -48,24 +48,24 @@ def character(
         objects.append(point)
     if scale != 1.0:
         rig.scale = (scale,) * 3
-        for each in objects:
-            each.select_set(True)
+        for item in objects:
+            item.select_set(True)
         bpy.context.view_layer.objects.active = rig
         bpy.ops.object.transform_apply(scale=True)
     collection = bpy.data.collections.new("Anna")
     bpy.context.scene.collection.children.link(collection)
-    for each in dict.fromkeys([*objects, *avatar_meshes.meshes_of(rig)]):
-        for old in list(each.users_collection):
-            old.objects.unlink(each)
-        collection.objects.link(each)
+    for item in dict.fromkeys([*objects, *avatar_meshes.meshes_of(rig)]):
+        for old in list(item.users_collection):
+            old.objects.unlink(item)
+        collection.objects.link(item)
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.read_homefile(use_empty=True)
 
 
 def linked(path: Path) -> Any:
-    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
-        wanted.collections = ["Anna"]
-    return wanted.collections[0]
+    with bpy.data.libraries.load(str(path), link=True) as (_, expected):
+        expected.collections = ["Anna"]
+    return expected.collections[0]
 
 
 def overridden(path: Path) -> Any:
@@ -75,8 +75,8 @@ def overridden(path: Path) -> Any:
     linked(path).override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
     body = next(o for o in scene.objects if o.type == "ARMATURE")
     assert body.override_library is not None
-    for each in bpy.context.view_layer.objects:
-        each.select_set(each == body)
+    for item in bpy.context.view_layer.objects:
+        item.select_set(item == body)
     bpy.context.view_layer.objects.active = body
     return body
 

@@ -53,9 +53,9 @@ def box(name: str, middle: Any, size: Any) -> Any:
     mesh = bpy.data.meshes.new(name)
     shape.to_mesh(mesh)
     shape.free()
-    made = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(made)
-    return made
+    created = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(created)
+    return created
 
 
 def skinned(obj: Any, rig: Any, bone: str) -> Any:
@@ -145,7 +145,7 @@ def test_the_fit_is_that_without_the_sword_and_the_report_names_it(
 def cut(skin: Any, name: str, is_wanted: Any) -> Any:
     """Faces of the skin whose strongest bones are wanted, as a mesh of their own."""
     names = {group.index: group.name for group in skin.vertex_groups}
-    wanted = [
+    expected = [
         is_wanted(names[max(vertex.groups, key=lambda each: each.weight).group], vertex.co)
         for vertex in skin.data.vertices
     ]
@@ -155,7 +155,7 @@ def cut(skin: Any, name: str, is_wanted: Any) -> Any:
     for obj, is_out in ((skin, True), (part, False)):
         mesh = bmesh.new()
         mesh.from_mesh(obj.data)
-        out = [face for face in mesh.faces if wanted[face.verts[0].index] == is_out]
+        out = [face for face in mesh.faces if expected[face.verts[0].index] == is_out]
         bmesh.ops.delete(mesh, geom=out, context="FACES")
         mesh.to_mesh(obj.data)
         mesh.free()

@@ -130,15 +130,15 @@ def test_the_fit_survives_copy_save_and_append(
     copy = anna[0].copy()
     path = tmp_path / "anna.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
-    found = [stored_fits.fitted_model(copy, MODEL_ID)]
+    actual = [stored_fits.fitted_model(copy, MODEL_ID)]
     bpy.ops.wm.open_mainfile(filepath=str(path))
-    found.append(stored_fits.fitted_model(bpy.data.objects["Anna"], MODEL_ID))
+    actual.append(stored_fits.fitted_model(bpy.data.objects["Anna"], MODEL_ID))
     for link in (False, True):
         bpy.ops.wm.read_homefile(use_empty=True)
-        with bpy.data.libraries.load(str(path), link=link) as (_, wanted):
-            wanted.objects = ["Anna"]
-        found.append(stored_fits.fitted_model(wanted.objects[0], MODEL_ID))
-    for after in found:
+        with bpy.data.libraries.load(str(path), link=link) as (_, requested):
+            requested.objects = ["Anna"]
+        actual.append(stored_fits.fitted_model(requested.objects[0], MODEL_ID))
+    for after in actual:
         assert after.vertices.tobytes() == before.vertices.tobytes()
         assert after.weights.values.tobytes() == before.weights.values.tobytes()
         assert after.anchors.corners.tobytes() == before.anchors.corners.tobytes()
@@ -266,9 +266,9 @@ def test_a_linked_armature_is_refused(scene: Any, tmp_path: Path) -> None:
     path = tmp_path / "anna.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
-        wanted.objects = [rig_name := "Anna", "Anna Skin"]
-    rig, skin = wanted.objects
+    with bpy.data.libraries.load(str(path), link=True) as (_, requested):
+        requested.objects = [rig_name := "Anna", "Anna Skin"]
+    rig, skin = requested.objects
     assert rig.name == rig_name
     for obj in (rig, skin):
         bpy.context.scene.collection.objects.link(obj)

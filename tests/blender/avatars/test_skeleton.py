@@ -23,10 +23,10 @@ def bones_in_blender(bpy: Any, bones: dict[str, tuple[Any, Any, float]]) -> dict
         bone = armature.edit_bones.new(name)
         bone.head, bone.tail, bone.roll = head, tail, roll
     bpy.ops.object.mode_set(mode="OBJECT")
-    found = {bone.name: np.array(bone.matrix_local, np.float64) for bone in armature.bones}
+    actual = {bone.name: np.array(bone.matrix_local, np.float64) for bone in armature.bones}
     bpy.data.objects.remove(holder)
     bpy.data.armatures.remove(armature)
-    return found
+    return actual
 
 
 def test_rest_matrices_are_blenders_for_any_direction_and_roll(registered: Any) -> None:
@@ -40,12 +40,12 @@ def test_rest_matrices_are_blenders_for_any_direction_and_roll(registered: Any) 
         head = random.uniform(-1.0, 1.0, 3)
         tail = head + 0.3 * direction / np.linalg.norm(direction)
         cases[f"bone{number}"] = (head, tail, float(random.uniform(-np.pi, np.pi)))
-    made = bones_in_blender(registered, cases)
+    created = bones_in_blender(registered, cases)
     for name, (head, tail, roll) in cases.items():
         ours = skeleton.rest_matrix(head, tail, roll)
         # 1e-3 only where float32 heads and tails leave Blender few digits of 1 + y.
         coarse = abs(ours[1, 1] + 1.0) < 1e-4
-        assert made[name] == pytest.approx(ours, abs=1e-2 if coarse else 2e-4), name
+        assert created[name] == pytest.approx(ours, abs=1e-2 if coarse else 2e-4), name
 
 
 def test_the_shipped_skeleton_survives_becoming_an_armature(registered: Any) -> None:

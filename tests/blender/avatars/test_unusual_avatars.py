@@ -60,7 +60,7 @@ def fitted(rig: Any) -> np.ndarray:
 
 def off_the_joints(rig: Any) -> list[float]:
     """Distance of each limb part's middle from the middle of its two joints, metres."""
-    model, found = load_model(MODEL_ID), []
+    model, actual = load_model(MODEL_ID), []
     points = fitted(rig)
     for part, bone, end in (
         ("forearm", "ForeArm", "Hand"),
@@ -71,8 +71,8 @@ def off_the_joints(rig: Any) -> list[float]:
             ends = [rig.data.bones[f"mixamorig:{word}{name}"].head_local for name in (bone, end)]
             mine = (model.part == PARTS.index(part)) & (np.sign(points[:, 0]) == side)
             middle = (points[mine].max(axis=0) + points[mine].min(axis=0)) / 2
-            found.append(float(np.linalg.norm(middle - np.mean(ends, axis=0))))
-    return found
+            actual.append(float(np.linalg.norm(middle - np.mean(ends, axis=0))))
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def piece(rig: Any, bone_name: str, size: float, offset: float = 0.5) -> Any:
     bpy.context.scene.collection.objects.link(box)
     box.parent, box.parent_type, box.parent_bone = rig, "BONE", bone_name
     bpy.context.view_layer.update()
-    place = bone.head_local.lerp(bone.tail_local, offset)
+    position = bone.head_local.lerp(bone.tail_local, offset)
     box.matrix_world = rig.matrix_world.copy()
-    box.matrix_world.translation = rig.matrix_world @ place
+    box.matrix_world.translation = rig.matrix_world @ position
     bpy.context.view_layer.update()
     return box
 
@@ -122,11 +122,11 @@ def boxes(rig: Any) -> dict[str, Any]:
 def test_a_character_of_rigid_pieces_is_felt_by_its_bones(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     bpy.data.objects.remove(skin)
-    found = boxes(rig)
+    actual = boxes(rig)
     mark(rig)
     (warning,) = stored_fits.messages_of(rig, "warnings")
     assert "rigid pieces" in warning
-    assert set(avatar_meshes.meshes_of(rig)) <= set(found.values())
+    assert set(avatar_meshes.meshes_of(rig)) <= set(actual.values())
     assert max(off_the_joints(rig)) < 0.05
     assert isinstance(body_binding.binding_of(rig, [MODEL_ID]), SkinBinding)
 
@@ -157,14 +157,14 @@ def test_a_rigid_piece_hangs_anywhere_along_its_bone(anna: tuple[Any, Any], alon
     box.parent_bone_head_tail_factor = along
     beyond.parent, beyond.parent_type = box, "OBJECT"
     bpy.context.view_layer.update()
-    truth = [np.array(rig.matrix_world.inverted() @ each.matrix_world) for each in (box, beyond)]
+    truth = [np.array(rig.matrix_world.inverted() @ item.matrix_world) for item in (box, beyond)]
     bone = rig.pose.bones["mixamorig:LeftForeArm"]
     bone.rotation_mode, bone.rotation_euler = "XYZ", (1.0, 0.5, 0.2)
     bpy.context.view_layer.update()
     for mesh, matrix in zip((box, beyond), truth, strict=True):
         own = np.array([vertex.co for vertex in mesh.data.vertices])
-        found = avatar_meshes.read_mesh(rig, mesh).vertices
-        assert np.allclose(found, own @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-5)
+        vertices = avatar_meshes.read_mesh(rig, mesh).vertices
+        assert np.allclose(vertices, own @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-5)
 
 
 def test_what_a_hand_holds_is_no_skin(anna: tuple[Any, Any]) -> None:
@@ -213,13 +213,13 @@ def test_half_a_mesh_with_a_mirror_modifier_is_a_whole_body(anna: tuple[Any, Any
 
 def test_two_characters_in_one_armature_are_refused(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
-    other = rig.copy()
-    other.data = rig.data.copy()
-    bpy.context.scene.collection.objects.link(other)
-    other.location.x += 1.0
+    second = rig.copy()
+    second.data = rig.data.copy()
+    bpy.context.scene.collection.objects.link(second)
+    second.location.x += 1.0
     bpy.context.view_layer.update()
     for obj in bpy.context.scene.objects:
-        obj.select_set(obj in (rig, other))
+        obj.select_set(obj in (rig, second))
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.join()
     with pytest.raises(RuntimeError, match=r"two characters: .*'mixamorig:Hips"):

@@ -51,9 +51,9 @@ def done(
     """A plain export and its folder."""
     folder = tmp_path_factory.mktemp("plain")
     litter = tmp_path_factory.mktemp("litter") / "temporary"
-    found = process_without_litter(litter, "export", blend, "-o", folder)
-    assert found.returncode == 0, found.stderr
-    return found, folder
+    actual = process_without_litter(litter, "export", blend, "-o", folder)
+    assert actual.returncode == 0, actual.stderr
+    return actual, folder
 
 
 @pytest.fixture
@@ -87,10 +87,12 @@ def test_what_a_named_format_cannot_hold_of_a_named_device_is_no_success(
     blend: Path, tmp_path: Path, here: Here
 ) -> None:
     """A sleeve of temperature actuators cannot be had as AHAP; the other device is written."""
-    asked = ("--frames", "1:2", "-f", "track,ahap", "--device", "phone_lra")
-    code, _, err = here("export", blend, "-o", "alone", *asked)
+    requests = ("--frames", "1:2", "-f", "track,ahap", "--device", "phone_lra")
+    code, _, err = here("export", blend, "-o", "alone", *requests)
     assert code == 0, err
-    code, out, err = here("export", blend, "-o", "both", *asked, "--device", "peltier_sleeve_left")
+    code, out, err = here(
+        "export", blend, "-o", "both", *requests, "--device", "peltier_sleeve_left"
+    )
     assert code == 5
     assert "device 'peltier_sleeve_left' has no vibration actuators: no Apple AHAP for it" in (
         out + err
@@ -210,26 +212,26 @@ def test_a_report_beside_the_results_may_have_the_name_of_the_scene(
 def test_export_says_what_was_felt_and_written(
     done: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
-    (found, folder) = done
-    assert found.stderr == ""
-    assert "Touch (pressure) felt by Avatar from 0.00 to 0.39 s, for 0.40 s, on" in found.stdout
-    assert "Ball (vibration) felt by Avatar" in found.stdout
-    assert str(folder / "small.hfxtrack") in found.stdout
+    (actual, folder) = done
+    assert actual.stderr == ""
+    assert "Touch (pressure) felt by Avatar from 0.00 to 0.39 s, for 0.40 s, on" in actual.stdout
+    assert "Ball (vibration) felt by Avatar" in actual.stdout
+    assert str(folder / "small.hfxtrack") in actual.stdout
     assert names_in(folder) == ["small.hfxtrack", "small.report.json"]
-    assert all(PRINTABLE.fullmatch(line) for line in found.stdout.splitlines())
+    assert all(PRINTABLE.fullmatch(line) for line in actual.stdout.splitlines())
 
 
 def test_json_is_one_value_and_nothing_else(blend: Path, tmp_path: Path, here: Here) -> None:
     code, out, err = here("export", blend, "-o", tmp_path, "--json")
     assert code == 0 and err == ""
-    found = json.loads(out)
-    assert found["input"] == "small.blend" and found["scene"] == "Scene"
-    assert {each["effect"]: each["seconds"] for each in found["felt"]} == {
+    document = json.loads(out)
+    assert document["input"] == "small.blend" and document["scene"] == "Scene"
+    assert {item["effect"]: item["seconds"] for item in document["felt"]} == {
         "Ball": 0.4,
         "Touch": 0.4,
     }
     report = json.loads((tmp_path / "small.report.json").read_text())
-    assert report["felt"] == found["felt"]
+    assert report["felt"] == document["felt"]
 
 
 def test_json_of_a_failure_is_one_value_too(here: Here) -> None:
@@ -286,7 +288,7 @@ def test_frames_and_rate_choose_the_samples(blend: Path, tmp_path: Path, here: H
         time_base = track.header.time
         assert (time_base.frame_first, time_base.frame_last) == (-2, 7)
         assert time_base.sample_count == 34  # 0.4 * 250 / 3 = 33.3, the last frame is covered
-        assert [each.sample_count for each in track.summary()] == [34, 34]
+        assert [item.sample_count for item in track.summary()] == [34, 34]
         assert track.summary()[0].first_s == pytest.approx(-0.08)
 
 
@@ -360,7 +362,7 @@ def test_one_bad_scene_costs_the_others_nothing(
     assert code == 5, err
     failed, *good = json.loads(out)
     assert failed["exit_code"] == 3 and "bad.blend" in failed["error"]
-    assert [each["input"] for each in good] == ["small.blend", "-again.blend"]
+    assert [item["input"] for item in good] == ["small.blend", "-again.blend"]
     assert len(err.splitlines()) == 1 and "bad.blend" in err
     assert names_in(tmp_path / "out") == [
         "-again.hfxtrack",
@@ -424,9 +426,9 @@ def long_export(blend: Path, tmp_path: Path) -> Any:
         return started
 
     yield start
-    for each in running:
-        each.kill()
-        each.communicate()
+    for item in running:
+        item.kill()
+        item.communicate()
 
 
 def test_ctrl_c_leaves_nothing_and_says_so(long_export: Any, tmp_path: Path) -> None:
@@ -548,14 +550,14 @@ def test_names_are_shown_escaped(registered: Any, tmp_path: Path, here: Here) ->
         ("convert", track, tmp_path / "a.hjif"),
         ("info", tmp_path / f"{name}.hfxtrack"),
     ]
-    found = ""
-    for each in arguments:
-        code, out, err = here(*each)
+    actual = ""
+    for argument in arguments:
+        code, out, err = here(*argument)
         assert code in (0, 3), err
         text = out + err
         assert PRINTABLE.fullmatch(text) and "\u202e" not in text, text
-        found += text
-    assert found.count("a\\x1b[31m\\x07\\u202e\\nb") >= 6
+        actual += text
+    assert actual.count("a\\x1b[31m\\x07\\u202e\\nb") >= 6
 
 
 @pytest.mark.parametrize(
@@ -580,7 +582,7 @@ def test_a_name_that_is_too_long_is_bad_input(
     almost = tmp_path / ("y" * 240 + ".blend")
     almost.write_bytes(blend.read_bytes())
     known = {"SCENE": str(blend), "TRACK": str(exported / "small.hfxtrack"), "ALMOST": almost.name}
-    given = [known.get(each, each.replace("LONG", "x" * 300)) for each in arguments]
+    given = [known.get(argument, argument.replace("LONG", "x" * 300)) for argument in arguments]
     code, _, err = here(*given)
     assert code == 3, err
     (line,) = err.splitlines()
@@ -617,7 +619,7 @@ def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path, here: H
 def test_info_tells_about_each_kind_of_file(blend: Path, exported: Path, here: Here) -> None:
     scene = json.loads(here("info", blend, "--json")[1])["scenes"][0]
     assert scene["bodies"] == ["Avatar"]
-    assert [each["effect"] for each in scene["effects"]] == ["Ball", "Touch"]
+    assert [effect["effect"] for effect in scene["effects"]] == ["Ball", "Touch"]
     text = here("info", exported / "small.hfxtrack")[1]
     assert "rate_hz: 100.0" in text and "hfx-pressure-1" in text and "seconds: 0.4" in text
     model = here("info", hfx_scenes.ROOT / "body_models" / "vibration.npz")[1]

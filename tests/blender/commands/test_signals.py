@@ -156,5 +156,5 @@ def test_signals_at_random_moments(tmp_path: Path) -> None:
     commands = check_signals.prepare(tmp_path / "made", is_short=True)
     names = ("export", "convert", "play", "validate")
     quick = {name: commands[name] for name in names}
-    found = check_signals.check(quick, tmp_path / "made", 24, seed=7)
-    assert not found.faults, found.text()
+    actual = check_signals.check(quick, tmp_path / "made", 24, seed=7)
+    assert not actual.faults, actual.text()

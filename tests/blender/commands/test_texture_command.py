@@ -59,8 +59,8 @@ def test_a_map_is_built_and_stroked(capsys: Any, tmp_path: Path) -> None:
         capsys, "build", "fabric-denim", "--resolution", 64, "--bits", 8, "-o", stem
     )
     assert code == 0 and len(facts["files"]) == 3
-    made = texture_map.read(tmp_path / "denim.texture.json")
-    assert made.size_m == pytest.approx((0.03, 0.03))
+    created = texture_map.read(tmp_path / "denim.texture.json")
+    assert created.size_m == pytest.approx((0.03, 0.03))
     files = [tmp_path / f"s{suffix}" for suffix in (".ahap", ".he", ".haptic", ".csv")]
     outputs = [part for path in files for part in ("-o", path)]
     code, facts, _ = texture(
@@ -96,7 +96,7 @@ def test_information_and_the_library(capsys: Any) -> None:
     code, facts, _ = texture(capsys, "info", "metal-hammered", "--resolution", 64)
     assert code == 0 and facts["size_mm"] == pytest.approx([60.0, 60.0])
     code, facts, _ = texture(capsys, "list")
-    assert code == 0 and len({each["kind"] for each in facts.values()}) == 4
+    assert code == 0 and len({fact["kind"] for fact in facts.values()}) == 4
 
 
 def test_an_objects_surface_comes_out_of_a_blend(
@@ -135,8 +135,8 @@ def test_an_objects_surface_comes_out_of_a_blend(
 def test_bad_input_is_one_sentence(
     capsys: Any, arguments: tuple[object, ...], code: int, message: str
 ) -> None:
-    found, facts, said = texture(capsys, *arguments)
-    assert found == code and message in facts["error"] and "Traceback" not in said
+    actual, facts, said = texture(capsys, *arguments)
+    assert actual == code and message in facts["error"] and "Traceback" not in said
 
 
 @pytest.mark.parametrize(
@@ -169,14 +169,16 @@ def test_a_stroke_is_as_strong_as_the_device_was_calibrated(
     )
     surface_calibration.store(4_000.0)
     surface_calibration.store(1_000.0, "phone_lra")
-    felt = [
+    amplitudes_m_s2 = [
         texture(
             capsys, "stroke", "fabric-denim", "--resolution", 64, "--from", "0,0", "--to", "20,0",
             "--renderer", "textile", *more,
         )[1]["mean_amplitude_m_s2"]
         for more in ([], ["--device", "phone_lra"], ["--device", "phone_lra", "--drive", 4])
     ]  # fmt: skip
-    assert felt[0] == pytest.approx(4.0 * felt[1]) and felt[2] == pytest.approx(felt[0])
+    assert amplitudes_m_s2[0] == pytest.approx(4.0 * amplitudes_m_s2[1]) and amplitudes_m_s2[
+        2
+    ] == pytest.approx(amplitudes_m_s2[0])
 
 
 def test_a_stroke_is_played_within_the_facts_of_its_device(capsys: Any, tmp_path: Path) -> None:
@@ -216,6 +218,6 @@ def test_a_stroke_that_is_hardly_felt_says_so(capsys: Any, registered: Any, tmp_
 def test_a_json_that_is_no_map_is_named(registered: Any, capsys: Any, tmp_path: Path) -> None:
     path = tmp_path / "x.generated.json"
     path.write_text('{"format": "hfx-generated-texture"}')
-    code, _, told = texture(capsys, "roughness", path)
-    assert code == 3 and "is the record of a generated surface" in told
-    assert "expected a map (.texture.json)" in told
+    code, _, messages = texture(capsys, "roughness", path)
+    assert code == 3 and "is the record of a generated surface" in messages
+    assert "expected a map (.texture.json)" in messages

@@ -49,8 +49,8 @@ def test_each_step_of_writing_may_fail(
 
     def run(name: str) -> int:
         words = COMMANDS[name].split()
-        for word, place in places.items():
-            words = [each.replace(word, place) for each in words]
+        for word, position in places.items():
+            words = [item.replace(word, position) for item in words]
         return cli.run(words)
 
     if name == "merge":  # which removes the pieces: another time for the steps
@@ -65,10 +65,10 @@ def test_each_step_of_writing_may_fail(
         capsys.readouterr()
         with faulty_disk(failing):
             code = run(name)
-        told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("hfx")]
-        assert code == 3 and len(told) == 1, (failing, code, told)
+        lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("hfx")]
+        assert code == 3 and len(lines) == 1, (failing, code, lines)
         after = _contents(tmp_path)
         if name == "report":  # the export itself may be complete
-            after = {each: before[each] for each in after}
+            after = {item: before[item] for item in after}
         assert after == before, failing
         assert not [path for path in tmp_path.rglob(".*")]

@@ -238,9 +238,9 @@ def test_a_fault_costs_its_effect_alone(
     assert line.startswith("  warning: effect '")
     for word in words:
         assert word in line
-    for other in {"Touch (pressure)", "Ball (vibration)"}:
-        is_other = f"'{other.split()[0]}'" not in line
-        assert (f"{other} felt by Avatar" in out) == is_other
+    for second in {"Touch (pressure)", "Ball (vibration)"}:
+        is_other = f"'{second.split()[0]}'" not in line
+        assert (f"{second} felt by Avatar" in out) == is_other
     assert export(path, tmp_path / "strict", "--strict") == 3
     assert words[0] in capsys.readouterr().err and names_in(tmp_path / "strict") == []
 

@@ -143,7 +143,7 @@ def test_each_named_clip_is_a_file_of_its_own_from_time_0(moving: Path, tmp_path
         [stream] = track.summary()
         assert (stream.first_s, stream.last_s) == (0.0, 1.5)
         assert [effect.name for effect in track.header.effects] == ["Touch"]
-    assert [each["effect"] for each in outcome["report"]["felt"]] == ["Ball", "Touch"]
+    assert [item["effect"] for item in outcome["report"]["felt"]] == ["Ball", "Touch"]
 
 
 def test_a_scene_without_clips_has_none_to_write(registered: Any, tmp_path: Path) -> None:
@@ -166,9 +166,9 @@ def test_only_what_changed_is_done_again(
 
     def is_left_out(*options: str) -> bool:
         assert cli.run(["export", str(blend), "-o", str(out), "--resume", "--json", *options]) == 0
-        found = _last_json(capsys.readouterr().out)
+        document = _last_json(capsys.readouterr().out)
         assert (out / "small.hfxtrack").is_file() or options
-        return bool(found.get("unchanged"))
+        return bool(document.get("unchanged"))
 
     assert not is_left_out()
     first = contents_of(out)
@@ -197,8 +197,8 @@ def test_a_changed_library_or_device_is_a_change(
     hfx_scenes.small_scene()
     library = hfx_scenes.save(tmp_path / "library.blend")
     bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
-        wanted.scenes = ["Scene"]
+    with bpy.data.libraries.load(str(library), link=True) as (_, expected):
+        expected.scenes = ["Scene"]
     bpy.data.libraries[0].filepath = "//library.blend"
     [linked] = [scene for scene in bpy.data.scenes if scene.library is not None]
     bpy.context.window.scene = linked
@@ -272,8 +272,8 @@ def test_an_interrupted_batch_goes_on_where_it_was(
     assert all(not name.startswith(".") for name in names_in(tmp_path / "out"))
     report = tmp_path / "batch.json"
     assert cli.run([*map(str, arguments), "--resume", "--json", "--report", str(report)]) == 0
-    found = _last_json(capsys.readouterr().out)
-    assert {Path(each["input"]).stem for each in found if each.get("unchanged")} == complete
+    document = _last_json(capsys.readouterr().out)
+    assert {Path(item["input"]).stem for item in document if item.get("unchanged")} == complete
     summary = json.loads(report.read_text())
     assert summary["complete"] == 4 and summary["unchanged"] == len(complete)
     assert len(names_in(tmp_path / "out")) == 2 * len(scenes)

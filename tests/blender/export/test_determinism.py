@@ -80,12 +80,12 @@ def test_the_size_of_blocks_does_not_matter(
     blender_session.open_blend(demo)
     usual = oracle.evaluate(bpy.context.scene, rate_hz=RATE_HZ)
     monkeypatch.setattr(scene_reader, "BLOCK_SIZE", size)
-    other = oracle.evaluate(bpy.context.scene, rate_hz=RATE_HZ)
-    assert usual.samples.keys() == other.samples.keys()
+    second = oracle.evaluate(bpy.context.scene, rate_hz=RATE_HZ)
+    assert usual.samples.keys() == second.samples.keys()
     for name, samples in usual.samples.items():
-        assert samples.keys() == other.samples[name].keys()
+        assert samples.keys() == second.samples[name].keys()
         for index, sample in samples.items():
-            twin = other.of(name, index)
+            twin = second.of(name, index)
             assert sample.vertices.tobytes() == twin.vertices.tobytes()
             assert sample.weights.tobytes() == twin.weights.tobytes()
             assert sample.level == twin.level
@@ -106,12 +106,12 @@ def test_a_range_is_part_of_the_whole(demo: Path) -> None:
 
 
 def _contacts(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
-    found: dict[tuple[str, int], dict[str, np.ndarray]] = {}
+    actual: dict[tuple[str, int], dict[str, np.ndarray]] = {}
     with np.load(path) as stored:
         for key in stored.files:
             name, index, what = key.split("|")
-            found.setdefault((name, int(index)), {})[what] = stored[key]
-    return found
+            actual.setdefault((name, int(index)), {})[what] = stored[key]
+    return actual
 
 
 @pytest.mark.skipif(OTHER_PYTHON not in os.environ, reason=f"{OTHER_PYTHON} names no other Blender")
@@ -119,12 +119,12 @@ def test_both_blenders_find_the_same_contacts(demo: Path, tmp_path: Path) -> Non
     """The demo's .blend, made by the older one, in both, outside 1e-5 m of a boundary."""
     import cross_version  # starts Blender
 
-    other = os.environ[OTHER_PYTHON]
+    second = os.environ[OTHER_PYTHON]
     blend, there_path, here_path = (
         tmp_path / name for name in ("garage.blend", "there.npz", "here.npz")
     )
     arguments = (str(demo), str(blend), str(there_path), str(RATE_HZ))
-    printed = _child(other, "compare", *map(str, bpy.app.version), *arguments)
+    printed = _child(second, "compare", *map(str, bpy.app.version), *arguments)
     version = tuple(map(int, printed.rpartition("VERSION")[2].split()))
     assert version != bpy.app.version
     cross_version.dump(str(blend), str(here_path), str(RATE_HZ))

@@ -46,10 +46,10 @@ def test_the_report_is_what_is_on_disk(small: Any, tmp_path: Path) -> None:
     report = export(small, tmp_path, formats=("track", "csv", "wav"), devices=(device,))
     stored = json.loads((tmp_path / "x.report.json").read_text())
     assert names_in(tmp_path) == sorted(path.name for path in report.files)
-    for each in stored["files"]:
-        content = (tmp_path / each["name"]).read_bytes()
-        assert each["bytes"] == len(content)
-        assert each["sha256"] == hashlib.sha256(content).hexdigest()
+    for item in stored["files"]:
+        content = (tmp_path / item["name"]).read_bytes()
+        assert item["bytes"] == len(content)
+        assert item["sha256"] == hashlib.sha256(content).hexdigest()
     assert len(stored["files"]) == len(report.files) - 1  # all but the report itself
     assert stored["engine"]["contacts"] > 0
 
@@ -133,24 +133,24 @@ def _scene_state(scene: Any) -> tuple[object, ...]:
         bpy.context.scene.name,
         bpy.context.object.name,
         sorted(obj.name for obj in bpy.context.selected_objects),
-        sorted(each.name for each in bpy.data.scenes),
-        sorted(each.name for each in bpy.data.objects),
-        sorted(each.name for each in bpy.data.collections),
+        sorted(item.name for item in bpy.data.scenes),
+        sorted(item.name for item in bpy.data.objects),
+        sorted(collection.name for collection in bpy.data.collections),
     )
 
 
 def test_a_mesh_is_felt_like_the_box_that_it_is(small: Any, tmp_path: Path) -> None:
-    size, place, turn = (0.5, 0.3, 0.7), (0.2, 0.0, 1.1), (0.3, 0.2, 0.1)
+    size, position, turn = (0.5, 0.3, 0.7), (0.2, 0.0, 1.1), (0.3, 0.2, 0.1)
     bpy.ops.hfx.add_volume(modality="vibration", shape="CUBOID", name="Box", size=size)
-    bpy.context.object.location, bpy.context.object.rotation_euler = place, turn
-    bpy.ops.mesh.primitive_cube_add(size=1.0, location=place, rotation=turn)
+    bpy.context.object.location, bpy.context.object.rotation_euler = position, turn
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=position, rotation=turn)
     bpy.context.object.scale = size
     bpy.ops.hfx.volume_from_mesh(modality="vibration", name="Mesh")
     export(small, tmp_path)
-    felt = felt_at(tmp_path, 0.2)
-    assert len(felt["Box"].vertices) > 100
-    assert felt["Mesh"].vertices.tolist() == felt["Box"].vertices.tolist()
-    assert np.allclose(felt["Mesh"].weights, felt["Box"].weights)
+    samples = felt_at(tmp_path, 0.2)
+    assert len(samples["Box"].vertices) > 100
+    assert samples["Mesh"].vertices.tolist() == samples["Box"].vertices.tolist()
+    assert np.allclose(samples["Mesh"].weights, samples["Box"].weights)
 
 
 def test_what_is_never_on_is_told_as_not_felt(small: Any, tmp_path: Path) -> None:
@@ -174,20 +174,20 @@ def test_each_body_has_files_of_its_own(small: Any, tmp_path: Path) -> None:
         "x/Avatar/back_pad/x.Avatar.back_pad.csv",
         f"x/{second_name}/back_pad/x.{second_name}.back_pad.csv",
     }
-    found = {
+    actual = {
         path.relative_to(tmp_path).as_posix() for path in tmp_path.glob("**/*.*") if path.is_file()
     }
-    assert found == {*files, "x.report.json"} and names_in(tmp_path) == ["x", "x.report.json"]
+    assert actual == {*files, "x.report.json"} and names_in(tmp_path) == ["x", "x.report.json"]
     stored = json.loads((tmp_path / "x.report.json").read_text())
-    assert {each["name"] for each in stored["files"]} == files
+    assert {item["name"] for item in stored["files"]} == files
     assert cli.run(["validate", str(tmp_path / "x.report.json")]) == 0
     assert journal.has_files(stored, tmp_path)
     (tmp_path / min(files)).write_bytes(b"other")
     assert not journal.has_files(stored, tmp_path)
     assert cli.run(["validate", str(tmp_path / "x.report.json")]) == 3
-    felt = {(each["effect"], each["body"]): each["seconds"] for each in report.felt}
-    assert felt["Ball", "Avatar"] == 0.4 and felt["Ball", "../no folder"] == 0.0
-    assert ("Touch", "../no folder") not in felt  # painted on the other one
+    samples = {(item["effect"], item["body"]): item["seconds"] for item in report.felt}
+    assert samples["Ball", "Avatar"] == 0.4 and samples["Ball", "../no folder"] == 0.0
+    assert ("Touch", "../no folder") not in samples  # painted on the other one
 
 
 def test_wav_leaves_out_devices_that_do_not_vibrate(small: Any, tmp_path: Path) -> None:
@@ -211,11 +211,11 @@ def test_a_file_that_would_not_be_valid_is_left_out_and_told(
 
     monkeypatch.setattr(haptic, "write_signals", write)
     report = export(small, tmp_path, formats=("haptic",), devices=(load_device("back_pad"),))
-    (told,) = report.left_out
-    name = told.partition(" ")[0]
-    assert name.endswith(".haptic") and "would not be valid, and is not written: " in told
-    assert told in report.warnings and "HAPTIC-" in told
-    others = [each for each in names_in(tmp_path) if each.endswith(".haptic")]
+    (messages,) = report.left_out
+    name = messages.partition(" ")[0]
+    assert name.endswith(".haptic") and "would not be valid, and is not written: " in messages
+    assert messages in report.warnings and "HAPTIC-" in messages
+    others = [item for item in names_in(tmp_path) if item.endswith(".haptic")]
     assert others and name not in others
     assert names_in(tmp_path) == sorted(path.name for path in report.files)
 
@@ -247,7 +247,7 @@ def test_another_scene_of_the_file(small: Any, tmp_path: Path) -> None:
         attic.collection.objects.link(bpy.data.objects[name])
     attic.frame_start, attic.frame_end, attic.render.fps = 0, 49, 50
     report = export(attic, tmp_path)
-    assert [(each["effect"], each["seconds"]) for each in report.felt] == [("Ball", 1.0)]
+    assert [(item["effect"], item["seconds"]) for item in report.felt] == [("Ball", 1.0)]
     assert bpy.context.scene == small
 
 

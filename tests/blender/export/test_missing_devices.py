@@ -28,10 +28,10 @@ def scene(registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     folder.mkdir()
     (folder / "torn.json").write_text('{"id": ')
     monkeypatch.setenv("HFX_DEVICES", str(folder))
-    made = small_scene(4)
+    created = small_scene(4)
     for name in ("no\x1bbody", "torn", "back_pad"):
-        made.hfx.devices.add().name = name
-    yield made
+        created.hfx.devices.add().name = name
+    yield created
     bpy.ops.wm.read_homefile(use_empty=True)
 
 
@@ -39,17 +39,17 @@ def test_the_command_writes_the_rest_and_ends_with_5(
     scene: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     source, out = save(tmp_path / "x.blend"), tmp_path / "out"
-    asked = ["export", str(source), "--cores", "1"]
-    assert cli.run([*asked, "-o", str(out)]) == 5
-    told = capfd.readouterr().err
-    assert r"'no\x1bbody' plays nothing" in told and "torn.json" in told
+    requests = ["export", str(source), "--cores", "1"]
+    assert cli.run([*requests, "-o", str(out)]) == 5
+    errors = capfd.readouterr().err
+    assert r"'no\x1bbody' plays nothing" in errors and "torn.json" in errors
     assert names_in(out) == ["x.back_pad.csv", "x.hfxtrack", "x.report.json"]
     report = json.loads((out / "x.report.json").read_text())
     assert len(report["silent_devices"]) == 2
     assert set(report["silent_devices"]) <= set(report["warnings"])
-    assert cli.run([*asked, "-o", str(out), "--resume"]) == 5
+    assert cli.run([*requests, "-o", str(out), "--resume"]) == 5
     assert "exported before" not in capfd.readouterr().out
-    assert cli.run([*asked, "-o", str(tmp_path / "no"), "--strict"]) == 3
+    assert cli.run([*requests, "-o", str(tmp_path / "no"), "--strict"]) == 3
     assert "is unknown" in capfd.readouterr().err and names_in(tmp_path / "no") == []
 
 
@@ -81,9 +81,9 @@ def test_effects_without_a_clip_are_told_of_where_clips_are_written(
     scene: Any, tmp_path: Path
 ) -> None:
     clips.add_clip(bpy.data.objects["Touch"], 1, 3)
-    asked = ExportSettings(per_clip=True, threads=1)
-    report = export_scene(scene, tmp_path / "out", "x", asked)
-    (sentence,) = [each for each in report.warnings if "--per-clip" in each]
+    settings = ExportSettings(per_clip=True, threads=1)
+    report = export_scene(scene, tmp_path / "out", "x", settings)
+    (sentence,) = [warning for warning in report.warnings if "--per-clip" in warning]
     assert sentence.endswith("1 (Ball)")
     with pytest.raises(InputError, match=r"1 \(Ball\)"):
         SceneExport(scene, ExportSettings(per_clip=True, strict=True))

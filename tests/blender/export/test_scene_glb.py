@@ -40,20 +40,20 @@ def _scene(scene: Any) -> dict[str, dict[int, np.ndarray]]:
     ball = oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1), radius=0.4)
     oracle.add_clip(ball, 2, 6)
     references = {m: oracle.model_object(scene, body, m) for m in ("pressure", "temperature")}
-    found: dict[str, dict[int, np.ndarray]] = {}
+    actual: dict[str, dict[int, np.ndarray]] = {}
     for modality, reference in references.items():
-        found[modality] = {}
+        actual[modality] = {}
         for frame in (1, 5, 9):
             oracle.set_time(scene, Fraction(frame))
-            found[modality][frame] = oracle.world_vertices(scene, reference)
-    return found
+            actual[modality][frame] = oracle.world_vertices(scene, reference)
+    return actual
 
 
 @pytest.fixture
 def exported(scene: Any, tmp_path: Path) -> tuple[Path, dict[str, dict[int, np.ndarray]]]:
     skin = _scene(scene)
-    asked = ExportSettings(("glb", "hjif"), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
-    export_scene(scene, tmp_path, "x", asked)
+    settings = ExportSettings(("glb", "hjif"), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
+    export_scene(scene, tmp_path, "x", settings)
     return tmp_path, skin
 
 
@@ -69,13 +69,13 @@ def test_a_body_that_follows_its_mesh_is_where_its_mesh_is(scene: Any, tmp_path:
     for frame in (1, 6, 9):
         oracle.set_time(scene, Fraction(frame))
         skin[frame] = oracle.world_vertices(scene, reference)
-    asked = ExportSettings(("glb",), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
-    report = export_scene(scene, tmp_path, "x", asked)
-    (note,) = (each for each in report.notes if "follows its mesh" in each)
-    most_mm, all_mm = (float(each) for each in re.findall(r"within ([0-9.]+) mm", note))
+    settings = ExportSettings(("glb",), rate_hz=Fraction(24), tolerance=EXACT, threads=1)
+    report = export_scene(scene, tmp_path, "x", settings)
+    (note,) = (item for item in report.notes if "follows its mesh" in item)
+    most_mm, all_mm = (float(match) for match in re.findall(r"within ([0-9.]+) mm", note))
     assert most_mm < 15.0
-    for found, expected in _imported(tmp_path, {"pressure": skin}):
-        off_mm = 1000.0 * np.linalg.norm(found - expected, axis=1)
+    for actual, expected in _imported(tmp_path, {"pressure": skin}):
+        off_mm = 1000.0 * np.linalg.norm(actual - expected, axis=1)
         assert np.median(off_mm) < 2.0 and off_mm.max() < all_mm + 2.0
 
 
@@ -83,8 +83,8 @@ def test_blenders_importer_poses_the_skin_as_blender_did(
     exported: tuple[Path, dict[str, dict[int, np.ndarray]]],
 ) -> None:
     folder, skin = exported
-    for found, expected in _imported(folder, skin):
-        assert np.linalg.norm(found - expected, axis=1).max() < 1e-5
+    for actual, expected in _imported(folder, skin):
+        assert np.linalg.norm(actual - expected, axis=1).max() < 1e-5
 
 
 def _imported(
@@ -95,7 +95,7 @@ def _imported(
     scene = bpy.context.scene
     bpy.ops.import_scene.gltf(filepath=str(folder / "x.scene.glb"))
     for modality, frames in skin.items():
-        (mesh,) = [each for each in bpy.data.objects if each.name.endswith(f"hfx-{modality}-1")]
+        (mesh,) = [item for item in bpy.data.objects if item.name.endswith(f"hfx-{modality}-1")]
         for frame, expected in frames.items():
             scene.frame_set(frame - 1)  # it begins at 0
             posed = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
@@ -114,11 +114,11 @@ def test_what_a_file_names_is_there_and_volumes_have_what_a_collider_needs(
     files = ["x.scene.glb", *(avatar["mesh"] for avatar in hjif["avatars"])]
     for name in files:
         assert gltf_faults(folder / name) == []
-        found = glb_reader.read_json((folder / name).read_bytes(), name)
-        (media,) = found["extensions"]["MPEG_media"]["media"]
+        actual = glb_reader.read_json((folder / name).read_bytes(), name)
+        (media,) = actual["extensions"]["MPEG_media"]["media"]
         (alternative,) = media["alternatives"]
         assert alternative == {"mimeType": "haptics/hjif", "uri": "x.hjif"}
-        assert set(found["extensionsUsed"]) == set(found["extensions"])
+        assert set(actual["extensionsUsed"]) == set(actual["extensions"])
     (ball,) = [node for node in scene["nodes"] if node["name"] == "Ball"]
     judge = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
     assert [*judge.iter_errors(ball["extras"])] == []

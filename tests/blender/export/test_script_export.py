@@ -46,18 +46,18 @@ NAME = "my_band_left"
 @pytest.fixture
 def folder(registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The user's own devices: a band with a script; an avatar in the scene."""
-    made = tmp_path / "devices"
-    made.mkdir()
+    created = tmp_path / "devices"
+    created.mkdir()
     text = (resources.device_configs() / "forearm_band.json").read_text()
-    (made / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
-    monkeypatch.setenv("HFX_DEVICES", str(made))
+    (created / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
+    monkeypatch.setenv("HFX_DEVICES", str(created))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     scene = small_scene(FRAMES)
     scene.hfx.rate = 100.0
     bpy.ops.hfx.add_painted(modality="vibration", name="Buzz")
     bpy.ops.hfx.fill_part(part="forearm", side="both")
     clips.add_clip(bpy.context.object, 5, 45)
-    yield made
+    yield created
     bpy.ops.wm.read_homefile(use_empty=True)
 
 
@@ -77,25 +77,25 @@ def settings(*names: str, **more: Any) -> ExportSettings:
 
 def test_the_same_bytes_in_one_go_and_in_parts(folder: Path, tmp_path: Path) -> None:
     scripted(folder, STATEFUL)
-    asked = settings(NAME, "peltier_sleeve_left")
+    requests = settings(NAME, "peltier_sleeve_left")
     scene = bpy.context.scene
-    once = export_scene(scene, tmp_path / "once", "x", asked)
+    once = export_scene(scene, tmp_path / "once", "x", requests)
     assert not once.silent_devices
-    export_scene(scene, tmp_path / "again", "x", asked)
-    export = SceneExport(scene, asked)
+    export_scene(scene, tmp_path / "again", "x", requests)
+    export = SceneExport(scene, requests)
     count = export.reader.time.sample_count
     cut = [0, 128, count]
     parts = [
         export.record_part((first, stop), tmp_path / f"{first}{SUFFIX}", tmp_path / f"{first}.npz")
         for first, stop in pairwise(cut)
     ]
-    SceneExport(scene, asked).merge_parts(parts, tmp_path / "merged", "x")
+    SceneExport(scene, requests).merge_parts(parts, tmp_path / "merged", "x")
     expected = contents_of(tmp_path / "once")
     assert len(expected) == 8  # track; csv, npz, wav with its JSON of the band; csv, npz; report
     del expected["x.report.json"]  # counts what was looked at twice
-    for other in ("again", "merged"):
-        found = contents_of(tmp_path / other)
-        assert {name: found[name] for name in expected} == expected, other
+    for second in ("again", "merged"):
+        contents = contents_of(tmp_path / second)
+        assert {name: contents[name] for name in expected} == expected, second
     raster = npz_raster.read(tmp_path / "once" / f"x.{NAME}.raster.npz")
     assert len(raster.values) == count and raster.values[-1, 0] != raster.values[-2, 0]
 
@@ -162,14 +162,14 @@ def test_scripts_begin_anew_with_each_clip_and_fail_for_all_of_them(
     late.name = "Late"
     clips.add_clip(bpy.context.object, 0, 4).name = "Early"
     scripted(folder, "n = 0\ndef render(h):\n    global n\n    n += 1\n    return [n, 60.0] * 8\n")
-    asked = settings(NAME, per_clip=True)
-    export_scene(bpy.context.scene, tmp_path / "out", "x", asked)
+    requests = settings(NAME, per_clip=True)
+    export_scene(bpy.context.scene, tmp_path / "out", "x", requests)
     for clip in ("Early", "Late"):
         raster = npz_raster.read(tmp_path / "out" / f"x.{clip}.{NAME}.raster.npz")
         assert raster.values[0, 0] == 1.0
     fails = "def render(h):\n    return 1 / (h.time_s < 1.0) and h.values\n"
-    asked = settings(scripted(folder, fails).id, "insoles", per_clip=True)
-    report = export_scene(bpy.context.scene, tmp_path / "no", "x", asked)
+    requests = settings(scripted(folder, fails).id, "insoles", per_clip=True)
+    report = export_scene(bpy.context.scene, tmp_path / "no", "x", requests)
     assert not [name for name in names_in(tmp_path / "no") if "my_band" in name]
     assert "x.Early.insoles.csv" in names_in(tmp_path / "no")
     assert len(report.silent_devices) == 1
@@ -181,17 +181,17 @@ def test_the_command_ends_with_5_and_resumes_when_the_script_has_changed(
     source, out = save(tmp_path / "x.blend"), tmp_path / "out"
 
     def export(to: Path, *more: str) -> int:
-        asked = ["-f", "track,csv", "--device", NAME, "--device", "insoles", "--cores", "1"]
-        return cli.run(["export", str(source), "-o", str(to), *asked, *more])
+        requests = ["-f", "track,csv", "--device", NAME, "--device", "insoles", "--cores", "1"]
+        return cli.run(["export", str(source), "-o", str(to), *requests, *more])
 
     scripted(folder, STATEFUL, is_approved=False)
     assert export(out) == 5
-    told = capfd.readouterr().err
-    assert "my_band.py is not approved" in told
+    errors = capfd.readouterr().err
+    assert "my_band.py is not approved" in errors
     assert "x.insoles.csv" in names_in(out) and f"x.{NAME}.csv" not in names_in(out)
     assert export(out, "--resume") == 5  # nothing has changed: it is still not there
     assert "my_band.py is not approved" in capfd.readouterr().err
-    advice = re.search(r"'hfx (device approve .*?)'", told)
+    advice = re.search(r"'hfx (device approve .*?)'", errors)
     assert advice is not None and cli.run(shlex.split(advice[1])) == 0
     capfd.readouterr()
     assert export(out, "--resume") == 0
@@ -205,9 +205,9 @@ def test_the_command_ends_with_5_and_resumes_when_the_script_has_changed(
         assert export(tmp_path / "pieces", "--piece", piece) == 0
     assert export(tmp_path / "pieces", "--merge") == 0
     del expected["x.report.json"]
-    for other in ("jobs", "pieces"):
-        found = contents_of(tmp_path / other)
-        assert {name: found[name] for name in expected} == expected, other
+    for second in ("jobs", "pieces"):
+        contents = contents_of(tmp_path / second)
+        assert {name: contents[name] for name in expected} == expected, second
     scripted(folder, "def render(haptics):\n    return [2.0, 100.0] * 8\n")
     assert export(out, "--resume") == 0
     assert (out / f"x.{NAME}.csv").read_bytes() != expected[f"x.{NAME}.csv"]
@@ -219,9 +219,9 @@ def test_opening_a_scene_and_looking_at_it_runs_no_script(folder: Path, tmp_path
     bpy.context.scene.hfx.devices.add().name = NAME
     path = save(tmp_path / "x.blend")
     bpy.ops.wm.open_mainfile(filepath=str(path))
-    *_, found = timeline_record.record(bpy.context.scene, may_step=True)
-    assert found is not None and not mark.exists()
-    (note,) = found.notes
+    *_, actual = timeline_record.record(bpy.context.scene, may_step=True)
+    assert actual is not None and not mark.exists()
+    (note,) = actual.notes
     assert NAME in note and "without its script" in note
     export_scene(bpy.context.scene, tmp_path / "out", "x", settings(NAME))
     assert mark.exists()
@@ -238,13 +238,13 @@ def test_a_clip_in_which_nothing_is_felt_and_a_script_without_numbers_are_told(
     far.location.x = 50.0
     clips.add_clip(far, 1, 5).name = "Unfelt"
     scripted(folder, "def render(h):\n    return [float('nan')] * 16\n")
-    asked = ExportSettings(("hjif", "csv"), (load_device(NAME),), threads=1, per_clip=True)
-    report = export_scene(bpy.context.scene, tmp_path / "out", "x", asked)
+    requests = ExportSettings(("hjif", "csv"), (load_device(NAME),), threads=1, per_clip=True)
+    report = export_scene(bpy.context.scene, tmp_path / "out", "x", requests)
     assert "x.Felt.hjif" in names_in(tmp_path / "out")
     assert "x.Unfelt.hjif" not in names_in(tmp_path / "out")
     (sentence,) = report.left_out
     assert "'Unfelt'" in sentence and "HJIF" in sentence and sentence in report.warnings
-    assert any("gave no number at" in each for each in report.warnings)
-    asked = ExportSettings(("csv",), (load_device(NAME),), threads=1, strict=True)
+    assert any("gave no number at" in warning for warning in report.warnings)
+    requests = ExportSettings(("csv",), (load_device(NAME),), threads=1, strict=True)
     with pytest.raises(InputError, match="gave no number at"):
-        export_scene(bpy.context.scene, tmp_path / "no", "x", asked)
+        export_scene(bpy.context.scene, tmp_path / "no", "x", requests)

@@ -170,8 +170,8 @@ def test_a_damaged_blend_is_left_to_blender(base: Path, tmp_path: Path) -> None:
         whole = source.read_bytes()
         for k in range(40):
             content = bytearray(whole[: rng.integers(len(whole))] if k % 2 else whole)
-            for place in rng.integers(max(len(content), 1), size=20 if len(content) else 0):
-                content[place] = rng.integers(256)
+            for position in rng.integers(max(len(content), 1), size=20 if len(content) else 0):
+                content[position] = rng.integers(256)
             (tmp_path / "bad.blend").write_bytes(content)
             blend_paths.refuse_endless(tmp_path / "bad.blend")
 
@@ -205,7 +205,7 @@ texture generate --back-end folder --picture p.png -o out
 """
 
 
-@pytest.mark.parametrize("words", [each for each in PIPES.replace("\n", "|").split("|") if each])
+@pytest.mark.parametrize("words", [item for item in PIPES.replace("\n", "|").split("|") if item])
 def test_a_pipe_as_an_argument_is_refused(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str,
     capsys: pytest.CaptureFixture[str],
@@ -216,7 +216,7 @@ def test_a_pipe_as_an_argument_is_refused(
         if name.startswith("p."):
             _make_pipe(Path(name))
     assert cli.run(arguments) in (2, 3)
-    assert "Traceback" not in (told := capsys.readouterr().err) and "p." in told
+    assert "Traceback" not in (errors := capsys.readouterr().err) and "p." in errors
 
 
 def test_only_files_of_known_kinds_are_hashed(
@@ -273,14 +273,14 @@ def test_a_track_of_another_machine_or_kind_is_not_opened(registered: Any, tmp_p
     scene = bpy.context.scene
     pipe = tmp_path / "p.hfxtrack"
     _make_pipe(pipe)
-    for path, told in (
+    for path, messages in (
         (str(pipe), "no plain file"),
         ("/etc/passwd", "is no track"),
         (str(tmp_path), "is no track"),
         ("\\\\server\\share\\a.hfxtrack", "another machine"),
     ):
         scene.hfx.live_track = path
-        with pytest.raises(InputError, match=told):  # as after opening a file that names it
+        with pytest.raises(InputError, match=messages):  # as after opening a file that names it
             TrackSource().open(bpy.context)
     scene.hfx.live_track = "\\\\server\\share\\b.hfxtrack"  # the user chooses it
     with pytest.raises(InputError, match="no such file"):

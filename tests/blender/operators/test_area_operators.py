@@ -212,10 +212,10 @@ def test_selected_vertices_of_the_avatar_are_painted(effect: Any) -> None:
     select_vertices(avatar, flags)
     bpy.ops.hfx.area_from_selection(blend="replace")
     model = model_of(effect)
-    found = painted(effect)
+    actual = painted(effect)
     inner = {v for v in left_palm(model) if flags[model.avatar_vertices[v]].all()}
-    assert inner and inner <= found
-    assert all(flags[model.avatar_vertices[v]].any() for v in found)
+    assert inner and inner <= actual
+    assert all(flags[model.avatar_vertices[v]].any() for v in actual)
 
 
 def test_nothing_selected_is_told(effect: Any) -> None:
@@ -247,9 +247,9 @@ def test_an_area_is_saved_for_every_file_and_modality(
     assert effects.area(effect)[0] == before[0]
     bpy.ops.hfx.add_painted(modality="pressure", name="Other")
     bpy.ops.hfx.fill_part(part="saved:My palm")
-    other = bpy.context.object
-    model = model_of(other)
-    inside, _ = effects.area(other)
+    second = bpy.context.object
+    model = model_of(second)
+    inside, _ = effects.area(second)
     near = model.part[np.array(inside)]
     assert np.mean(near == PALM) > 0.8  # of the other model, and hardly more
     bpy.ops.hfx.area_filter(action="clear")

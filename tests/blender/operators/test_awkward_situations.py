@@ -75,10 +75,10 @@ def _activate(name: str, mode: str = "OBJECT") -> None:
         bpy.ops.object.mode_set(mode="OBJECT")
     for obj in bpy.context.selected_objects:
         obj.select_set(False)
-    found = layer.objects.get(name)
-    layer.objects.active = found
-    if found is not None:
-        found.select_set(True)
+    actual = layer.objects.get(name)
+    layer.objects.active = actual
+    if actual is not None:
+        actual.select_set(True)
         if mode != "OBJECT":
             bpy.ops.object.mode_set(mode=mode)
 
@@ -138,10 +138,10 @@ def _avatar_deleted() -> Callable[[], None]:
 
 
 def _body_of_another_scene() -> Callable[[], None]:
-    other = bpy.data.scenes.new("Other")
+    second = bpy.data.scenes.new("Other")
     for name in ("Touch", "Ball"):
-        other.collection.objects.link(bpy.data.objects[name])
-    bpy.context.window.scene = other
+        second.collection.objects.link(bpy.data.objects[name])
+    bpy.context.window.scene = second
     return lambda: _activate("Touch")
 
 

@@ -59,14 +59,14 @@ def test_removing_the_last_clip_leaves_the_effect_always_on(effect: Any) -> None
 def test_copied_clips_play_alike_and_are_independent(effect: Any) -> None:
     clips.add_clip(effect, 10, 30, fade_in=4, fade_out=10)
     clips.add_heartbeat(effect, 50, 98, beats_per_minute=120.0)
-    other = second()
-    other.select_set(True)
+    alternative = second()
+    alternative.select_set(True)
     effect.select_set(True)
     bpy.context.view_layer.objects.active = effect
     bpy.ops.hfx.copy_clips()
     for frame in (5, 12, 20, 25, 29, 40, 51, 52.5, 60, 70):
-        assert level(other, frame) == pytest.approx(level(effect, frame), abs=1e-5)
-    clips.remove_clip(other, "Heartbeat")
+        assert level(alternative, frame) == pytest.approx(level(effect, frame), abs=1e-5)
+    clips.remove_clip(alternative, "Heartbeat")
     assert len(clips.strips_of(effect)) == 2
 
 
@@ -83,8 +83,8 @@ def test_fades_become_a_curve_with_the_same_ends_and_can_be_bent(effect: Any) ->
 
 
 def test_a_muted_effect_is_not_felt_and_the_export_says_so(effect: Any) -> None:
-    other = second()
-    other.location.z = 1.2
+    alternative = second()
+    alternative.location.z = 1.2
     assert felt() == {"Touch", "Other"}
     effect.hfx.is_muted = True
     assert felt() == {"Other"}

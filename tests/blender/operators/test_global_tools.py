@@ -20,13 +20,13 @@ from hfx_blender.engine.body.model import load_model
 def three(scene: Any) -> dict[str, Any]:
     scene.render.fps = 50
     bpy.ops.hfx.add_avatar()
-    found = {}
+    actual = {}
     for modality in ("vibration", "pressure", "temperature"):
         bpy.ops.hfx.add_volume(modality=modality, shape="SPHERE", name=modality)
-        found[modality] = bpy.context.object
-    for effect in found.values():
+        actual[modality] = bpy.context.object
+    for effect in actual.values():
         effect.select_set(True)
-    return found
+    return actual
 
 
 def test_gain_changes_strength_and_keyframes_of_the_selected(three: dict[str, Any]) -> None:
@@ -94,8 +94,8 @@ def drops_of(shower: list[Any]) -> list[tuple[float, float]]:
 
 
 def rained(name: str = "Rain") -> list[Any]:
-    found = effects.effects_of(bpy.context.scene)
-    return [effect for effect in found if effect.get(rain.GENERATOR) == name]
+    actual = effects.effects_of(bpy.context.scene)
+    return [effect for effect in actual if effect.get(rain.GENERATOR) == name]
 
 
 def test_rain_is_one_effect_with_the_drops_that_were_asked_for(three: dict[str, Any]) -> None:
@@ -108,8 +108,8 @@ def test_rain_is_one_effect_with_the_drops_that_were_asked_for(three: dict[str, 
     assert starts.min() >= 100.0 and starts.max() + 0.06 * 50 <= 250.0 + 1e-3
     assert np.diff(starts).min() >= 0.06 * 50 - 1e-3, "no drop falls before the last one ends"
     model = load_model("hfx-vibration-1")
-    for place in places_on(paths.path_of(effect), np.array([share for _, share in drops])):
-        nearest = np.linalg.norm(model.vertices - place, axis=1).argmin()
+    for position in places_on(paths.path_of(effect), np.array([share for _, share in drops])):
+        nearest = np.linalg.norm(model.vertices - position, axis=1).argmin()
         assert model.normals[nearest, 2] > 0.0, "rain falls from above"
     (track,) = effect.animation_data.nla_tracks
     bpy.context.scene.frame_set(int(starts[3]) + 1)  # it lasts for three frames
@@ -134,7 +134,7 @@ def test_a_saved_shower_rains_the_same(three: dict[str, Any]) -> None:
     ((start, _), *_) = clips.keys_in(clips.strips_of(rained()[0])[0][1], clips.DATA_PATH)
     motion = saved.effects[0].where.path.motion
     assert [(start + time * 50.0, share) for time, share in motion[::2]] == [
-        pytest.approx(each, abs=1e-4) for each in before
+        pytest.approx(item, abs=1e-4) for item in before
     ]
 
 

@@ -92,7 +92,7 @@ def test_an_armature_can_be_marked_as_body(body: Any) -> None:
 
 
 def test_a_walk_goes_the_way_at_an_even_speed(body: Any) -> None:
-    way = [{"name": "", "location": place} for place in ((0, 0, 0), (0, -2, 0), (2, -2, 0))]
+    way = [{"name": "", "location": position} for position in ((0, 0, 0), (0, -2, 0), (2, -2, 0))]
     bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=240)
     places = []
     for frame in (0, 60, 120, 180, 240):
@@ -107,7 +107,7 @@ def test_a_walk_goes_the_way_at_an_even_speed(body: Any) -> None:
 
 @pytest.mark.parametrize("way", [[], [(1, 1, 0)], [(1, 1, 0), (1, 1, 0)]])
 def test_a_walk_to_nowhere_is_refused(body: Any, way: list[tuple[float, ...]]) -> None:
-    places = [{"name": "", "location": place} for place in way]
+    places = [{"name": "", "location": position} for position in way]
     with pytest.raises(RuntimeError, match=r"'Avatar'.*walk"):
         bpy.ops.hfx.add_walk(places=places, frame_start=0, frame_end=100)
     assert body.animation_data is None
@@ -194,7 +194,7 @@ def test_a_clip_lasts_its_time_and_fades(empty: Any) -> None:
     assert activation_at(effect, *at) == pytest.approx(list(at.values()), abs=1e-4)
     state = activation_of(effect)
     assert state.spans == ((60.0, 180.0),)
-    assert [(each.frame_start, each.frame_end) for each in state.clips] == [(60.0, 180.0)]
+    assert [(item.frame_start, item.frame_end) for item in state.clips] == [(60.0, 180.0)]
 
 
 def test_a_clip_starts_at_the_current_frame_unless_told_otherwise(empty: Any) -> None:
@@ -271,8 +271,8 @@ def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
             (0.7, 0),
         ):
             t = (beat + share) * 30
-            [found] = activation_at(effect, 60 + t)
-            assert found == pytest.approx(height * fade(t), abs=2e-3), (beat, share)
+            [actual] = activation_at(effect, 60 + t)
+            assert actual == pytest.approx(height * fade(t), abs=2e-3), (beat, share)
     assert activation_at(effect, 59, 181) == [0, 0]
 
 
@@ -457,16 +457,16 @@ def test_painting_never_starts_on_a_deleted_body(body: Any) -> None:
 
 
 def test_effects_of_a_deleted_body_move_to_another_at_their_places(body: Any) -> None:
-    effect, other = painted(), painted(name="Other")
+    effect, alternative = painted(), painted(name="Other")
     bpy.ops.hfx.fill_part(part="head")
-    area = effects.area(other)
+    area = effects.area(alternative)
     delete(body)
-    assert effects.effects_without_body(bpy.context.scene) == [other, effect]
+    assert effects.effects_without_body(bpy.context.scene) == [alternative, effect]
     new, _ = bodies.add_avatar(bpy.context)
     bpy.ops.hfx.move_to_body(which="GONE", body=new.name)
     assert effects.effects_without_body(bpy.context.scene) == []
-    assert (effect.hfx.body, other.hfx.body) == (new, new)
-    assert effects.area(other) == area
+    assert (effect.hfx.body, alternative.hfx.body) == (new, new)
+    assert effects.area(alternative) == area
 
 
 def test_the_avatar_that_replaces_a_deleted_one_takes_its_effects_along(body: Any) -> None:
@@ -495,8 +495,8 @@ def test_export_writes_beside_the_chosen_name(body: Any, tmp_path: Path) -> None
     bpy.ops.hfx.fill_part(part="head")
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     bpy.ops.hfx.export(filepath=str(tmp_path / "mine.hfxtrack"))
-    found = sorted(path.name for path in tmp_path.iterdir())
-    assert found == ["mine.back_pad.csv", "mine.hfxtrack", "mine.report.json"]
+    actual = sorted(path.name for path in tmp_path.iterdir())
+    assert actual == ["mine.back_pad.csv", "mine.hfxtrack", "mine.report.json"]
     assert json.loads((tmp_path / "mine.report.json").read_text())["scene"] == "Scene"
 
 
@@ -593,7 +593,7 @@ def test_a_place_in_quad_view_is_of_the_view_that_shows_it(x: int, y: int, view:
     corners = {"front": (0, 0), "top": (0, 60), "right": (60, 0), "turned": (60, 60)}
     regions = [SimpleNamespace(type="UI", x=0, y=0, width=999, height=999, data="sidebar")]
     for name, (left, bottom) in corners.items():
-        place = {"x": left, "y": bottom, "width": 60, "height": 60}
-        regions.append(SimpleNamespace(type="WINDOW", data=name, **place))
+        position = {"x": left, "y": bottom, "width": 60, "height": 60}
+        regions.append(SimpleNamespace(type="WINDOW", data=name, **position))
 
     assert framing.region_at(SimpleNamespace(regions=regions), x, y).data == view

@@ -130,10 +130,10 @@ def test_what_an_image_holds_stays_while_its_numbers_are_read(tmp_path: Path) ->
     from hfx_blender.authoring.surfaces import image_values
 
     path = tmp_path / "heights.exr"
-    made = bpy.data.images.new("Made", 8, 8, float_buffer=True, is_data=True)
-    made.pixels.foreach_set(np.linspace(0.0, 2.0, 256, dtype=np.float32))
-    made.filepath_raw, made.file_format = str(path), "OPEN_EXR"
-    made.save()
+    created = bpy.data.images.new("Made", 8, 8, float_buffer=True, is_data=True)
+    created.pixels.foreach_set(np.linspace(0.0, 2.0, 256, dtype=np.float32))
+    created.filepath_raw, created.file_format = str(path), "OPEN_EXR"
+    created.save()
     user = bpy.data.images.load(str(path))
     user.colorspace_settings.name = "ACEScg"
     before = image_values.pixels_of(user)
@@ -183,13 +183,13 @@ def test_a_scan_comes_in_its_own_millimetres(plane: Any, tmp_path: Path) -> None
 
 
 def test_exported_maps_come_back_the_same(denim: Any, tmp_path: Path) -> None:
-    made = surfaces.map_of(denim)
+    created = surfaces.map_of(denim)
     bpy.ops.hfx.export_texture(filepath=str(tmp_path / "denim.texture.json"), bits="16")
     bpy.ops.hfx.import_texture(filepath=str(tmp_path / "denim.texture.json"))
     settings, back = denim.hfx.surface, surfaces.map_of(denim)
     assert settings.source == "MAP" and "denim.texture.json" in settings.note
-    assert np.abs(back.intensity - made.intensity).max() <= 0.51 / 65535
-    assert back.size_m == pytest.approx(made.size_m)
+    assert np.abs(back.intensity - created.intensity).max() <= 0.51 / 65535
+    assert back.size_m == pytest.approx(created.size_m)
     assert texture_map.read(tmp_path / "denim.texture.json").tiles
     settings.renderer = "TEXTILE"
     with pytest.raises(Exception, match="has no heights"):
@@ -234,8 +234,8 @@ def test_a_material_without_relief_is_felt_by_its_colour_or_told_flat(plane: Any
     assert "no relief: only its roughness" in plane.hfx.surface.note
     tree = material.node_tree
     checker = tree.nodes.new("ShaderNodeTexChecker")
-    place = tree.nodes.new("ShaderNodeTexCoord")
-    tree.links.new(place.outputs["UV"], checker.inputs["Vector"])
+    position = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(position.outputs["UV"], checker.inputs["Vector"])
     shader = next(n for n in tree.nodes if n.type == "BSDF_PRINCIPLED")
     tree.links.new(checker.outputs["Color"], shader.inputs["Base Color"])
     bpy.ops.hfx.bake_surface()
@@ -281,8 +281,10 @@ def test_the_calibration_is_the_users_not_the_files(denim: Any) -> None:
     assert surface_calibration.drive_per_m("phone") == pytest.approx(5_000.0)
     assert surface_calibration.drive_per_m("other") == pytest.approx(25_000.0)
     denim.hfx.surface.drive = 3.0
-    found = surfaces.texture_of(denim)
-    assert found.drive_per_m == pytest.approx(3_000.0) and found.renderer is SurfaceRenderer.TEXTILE
+    actual = surfaces.texture_of(denim)
+    assert (
+        actual.drive_per_m == pytest.approx(3_000.0) and actual.renderer is SurfaceRenderer.TEXTILE
+    )
 
 
 def test_a_broken_calibration_is_as_if_there_were_none(

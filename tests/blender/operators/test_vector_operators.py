@@ -42,9 +42,11 @@ def _strengths(folder: Path, device: str) -> np.ndarray:
 
 def test_a_new_one_has_a_slider_for_each_actuator_and_is_silent(vector: Any) -> None:
     device = load_device("mango_pad")
-    assert [each.name for each in vector.hfx.drive] == [each.id for each in device.actuators]
+    assert [item.name for item in vector.hfx.drive] == [
+        actuator.id for actuator in device.actuators
+    ]
     assert vector.hfx.amplitude == device.actuators[0].type.strength.highest
-    assert not any(each.value for each in vector.hfx.drive)
+    assert not any(item.value for item in vector.hfx.drive)
     with pytest.raises(RuntimeError, match="no actuator for temperature"):
         bpy.ops.hfx.add_vector_sensation(device="mango_pad", modality="temperature")
 
@@ -63,19 +65,19 @@ def test_curves_reach_their_actuators_and_no_other_device(vector: Any, tmp_path:
         bpy.context.scene, tmp_path, "a", ExportSettings(formats=("npz",), devices=devices)
     )
     pad = _strengths(tmp_path, "mango_pad")
-    ids = [each.id for each in devices[0].actuators]
+    ids = [actuator.id for actuator in devices[0].actuators]
     frames = np.arange(1, 100) / 4.0
     expected = 8.0 * 0.5 * np.clip(1.0 - np.abs(frames - 12.0) / 12.0, 0.0, 1.0)
     assert pad[:, ids.index("r1c2")] == pytest.approx(expected, abs=1e-5)
     assert pad[:, ids.index("r3c3")] == pytest.approx(1.0)
-    others = [k for k, each in enumerate(ids) if each not in ("r1c2", "r3c3")]
+    others = [k for k, item in enumerate(ids) if item not in ("r1c2", "r3c3")]
     assert not pad[:, others].any() and not _strengths(tmp_path, "waist_belt").any()
     assert report.engine["stepping"] == "sampled F-curves, stepped no scene"
     assert not report.unrendered  # the pad plays all of it
     alone = export_scene(
         bpy.context.scene, tmp_path, "b", ExportSettings(formats=("npz",), devices=devices[1:])
     )
-    assert [each["effect"] for each in alone.unrendered] == ["Curves"]
+    assert [item["effect"] for item in alone.unrendered] == ["Curves"]
 
 
 def test_a_driven_slider_is_read_by_stepping(vector: Any, tmp_path: Path) -> None:
@@ -85,8 +87,8 @@ def test_a_driven_slider_is_read_by_stepping(vector: Any, tmp_path: Path) -> Non
     export_scene(
         bpy.context.scene, tmp_path, "a", ExportSettings(formats=("npz",), devices=(device,))
     )
-    found = _strengths(tmp_path, "mango_pad")[3::4, 0]
-    assert found == pytest.approx(vector.hfx.amplitude * np.arange(1, 25) / 100, abs=1e-5)
+    strength = _strengths(tmp_path, "mango_pad")[3::4, 0]
+    assert strength == pytest.approx(vector.hfx.amplitude * np.arange(1, 25) / 100, abs=1e-5)
 
 
 def test_all_actuators_are_keyed_at_once(vector: Any) -> None:
@@ -94,7 +96,7 @@ def test_all_actuators_are_keyed_at_once(vector: Any) -> None:
     bpy.context.scene.frame_set(10)
     bpy.ops.hfx.key_actuators(value=0.0)
     bpy.context.scene.frame_set(5)
-    assert all(0.1 < each.value < 0.4 for each in vector.hfx.drive)
+    assert all(0.1 < item.value < 0.4 for item in vector.hfx.drive)
 
 
 def test_it_is_saved_and_loaded_with_its_curves(vector: Any, tmp_path: Path) -> None:
@@ -106,10 +108,12 @@ def test_it_is_saved_and_loaded_with_its_curves(vector: Any, tmp_path: Path) -> 
     effect_file.save(sensation, tmp_path / "again.hfxeffect")
     assert effect_file.load(tmp_path / "again.hfxeffect") == sensation
     body = vector.hfx.body
-    (made,) = effect_exchange.place_sensation(bpy.context.scene, sensation, body=body, frame=100.0)
-    assert made.hfx.device == "mango_pad" and made.hfx.drive["r1c1"].value == 0.75
+    (created,) = effect_exchange.place_sensation(
+        bpy.context.scene, sensation, body=body, frame=100.0
+    )
+    assert created.hfx.device == "mango_pad" and created.hfx.drive["r1c1"].value == 0.75
     bpy.context.scene.frame_set(105)
-    assert made.hfx.drive["r2c1"].value == pytest.approx(0.5)
+    assert created.hfx.drive["r2c1"].value == pytest.approx(0.5)
 
 
 def test_it_cannot_be_without_a_device(vector: Any, tmp_path: Path) -> None:
@@ -148,7 +152,7 @@ def test_every_format_of_samples_takes_points_and_curves(vector: Any, tmp_path: 
     written = [str(path) for path in tmp_path.iterdir() if path.suffix in (".jsonl", ".hjif")]
     assert len(written) == 2 and cli.run(["validate", *written]) == 0
     lines = [json.loads(line) for line in (tmp_path / "a.samples.jsonl").read_text().splitlines()]
-    assert [each["kind"] for each in lines[0]["effects"]] == ["actuators", "spot"]
+    assert [effect["kind"] for effect in lines[0]["effects"]] == ["actuators", "spot"]
     hjif = json.loads((tmp_path / "a.hjif").read_text())
     text = json.dumps(hjif)
     assert "Point" in text and "Curves" not in text

@@ -33,20 +33,22 @@ def test_entries_of_vertices_are_found_as_by_going_through_all(data: st.DataObje
     rows = data.draw(st.integers(0, 20))
     vertex = st.integers(0, count - 1)
     table = np.array(data.draw(st.lists(vertex, min_size=3 * rows, max_size=3 * rows)), int)
-    asked = np.array(sorted(data.draw(st.sets(vertex))), int)
+    requests = np.array(sorted(data.draw(st.sets(vertex))), int)
     incidence = Incidence(table.reshape(rows, 3), count)
-    entries, counts = incidence.of(asked)
-    expected = [np.flatnonzero(table == each).tolist() for each in asked]
-    assert counts.tolist() == [len(each) for each in expected]
-    assert incidence.places[entries].tolist() == [place for each in expected for place in each]
+    entries, counts = incidence.of(requests)
+    expected = [np.flatnonzero(table == item).tolist() for item in requests]
+    assert counts.tolist() == [len(item) for item in expected]
+    assert incidence.places[entries].tolist() == [
+        position for item in expected for position in item
+    ]
 
 
 def drawn_at(layer: Layer) -> np.ndarray:
     """World positions of the drawn vertices."""
     matrix = np.array(layer.matrix)
     over = layer.positions + layer.normals * layer.above
-    found: np.ndarray = over @ matrix[:3, :3].T + matrix[:3, 3]
-    return found
+    actual: np.ndarray = over @ matrix[:3, :3].T + matrix[:3, 3]
+    return actual
 
 
 def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> None:
@@ -138,9 +140,9 @@ def test_the_colours_of_an_overridden_body_lie_on_its_own_skin(scene: Any, tmp_p
 
 
 def recorded(scene: Any) -> TimelineRecord:
-    *_, found = record(scene, may_step=False)
-    assert found is not None
-    return found
+    *_, actual = record(scene, may_step=False)
+    assert actual is not None
+    return actual
 
 
 def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
@@ -150,12 +152,12 @@ def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
     scene.frame_start, scene.frame_end = 1, 8
     scene.render.fps, scene.hfx.rate = 24, 24.0
     preview = Preview()
-    found, live = recorded(scene), {}
+    actual, live = recorded(scene), {}
     for frame in range(1, 9):
         scene.frame_set(frame)
         live[frame] = [layer.shown for layer in now(preview)]
     assert [bool(live[k]) for k in (1, 2, 3, 4, 5, 7, 8)] == [False] * 2 + [True] * 3 + [False] * 2
-    while preview.prepare("PAPER", found, 1, 8):
+    while preview.prepare("PAPER", actual, 1, 8):
         pass
 
     def asked_again(_self: TimelineRecord, index: int) -> None:
@@ -165,17 +167,17 @@ def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
         patch.setattr(TimelineRecord, "runs", asked_again)
         for frame in (1, 2, 3, 4, 5, 7, 8):  # at 6 the clip ends
             scene.frame_set(frame)
-            again = [layer.shown for layer in now(preview, found, frame)]
+            again = [layer.shown for layer in now(preview, actual, frame)]
             assert len(again) == len(live[frame])
-            for one, other in zip(again, live[frame], strict=True):
-                assert np.array_equal(one.vertices, other.vertices)
-                assert np.array_equal(one.colours, other.colours)
+            for one, alternative in zip(again, live[frame], strict=True):
+                assert np.array_equal(one.vertices, alternative.vertices)
+                assert np.array_equal(one.colours, alternative.colours)
     scene.frame_set(4)
     bpy.context.view_layer.update()
     preview.invalidate()
-    (other,) = preview.layers("COLOUR_BLIND", found, 4)
-    assert not np.array_equal(other.shown.colours, live[4][0].colours)
-    assert now(preview, recorded(scene), 4)[0].shown is not other.shown
+    (alternative,) = preview.layers("COLOUR_BLIND", actual, 4)
+    assert not np.array_equal(alternative.shown.colours, live[4][0].colours)
+    assert now(preview, recorded(scene), 4)[0].shown is not alternative.shown
 
 
 def test_colours_of_ones_own_are_taken_when_they_change(
@@ -183,14 +185,14 @@ def test_colours_of_ones_own_are_taken_when_they_change(
 ) -> None:
     monkeypatch.setitem(PALETTES["OWN"], "pressure", (1.0, 1.0, 0.0))  # type: ignore[arg-type]
     scene.hfx.devices.add().name = "pressure_vest"
-    preview, found = Preview(), recorded(scene)
+    preview, actual = Preview(), recorded(scene)
     now(preview)
     for colour in ((1.0, 1.0, 0.0), (0.0, 1.0, 1.0)):
         monkeypatch.setitem(PALETTES["OWN"], "pressure", colour)  # type: ignore[arg-type]
         preview.invalidate()
-        (layer,) = preview.layers("OWN", found, 5)
-        assert layer.shown.colours[:, :3].max(axis=0).tolist() == [255 * each for each in colour]
-        (discs,) = preview.discs("OWN", found, 5)
+        (layer,) = preview.layers("OWN", actual, 5)
+        assert layer.shown.colours[:, :3].max(axis=0).tolist() == [255 * item for item in colour]
+        (discs,) = preview.discs("OWN", actual, 5)
         assert discs.looks.colours[0].tolist() == list(colour)
 
 
@@ -198,10 +200,10 @@ def test_what_does_not_fit_into_memory_is_worked_out_when_it_is_drawn(
     touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(preview_layers, "MOST_BYTES", -1)
-    preview, found = Preview(), recorded(scene)
-    first = now(preview, found, 5)
-    assert not preview.prepare("PAPER", found, 1, 8)
-    second = now(preview, found, 5)
+    preview, actual = Preview(), recorded(scene)
+    first = now(preview, actual, 5)
+    assert not preview.prepare("PAPER", actual, 1, 8)
+    second = now(preview, actual, 5)
     assert first[0].shown is not second[0].shown
     assert np.array_equal(first[0].shown.colours, second[0].shown.colours)
 

@@ -74,8 +74,8 @@ def rows(log: Path) -> list[dict[str, Any]]:
 
 
 def is_loud(log: Path) -> bool:
-    found = rows(log)
-    return bool(found) and "values" in found[-1] and found[-1]["values"][0] > 0.0
+    actual = rows(log)
+    return bool(actual) and "values" in actual[-1] and actual[-1]["values"][0] > 0.0
 
 
 def until(happened: Callable[[], object]) -> None:
@@ -122,9 +122,11 @@ def test_a_device_follows_the_frame(log: Path) -> None:
 def test_a_device_is_sent_what_an_export_renders(log: Path, tmp_path: Path) -> None:
     play(log)
     until(lambda: rows(log)[-1]["values"][0] == 5.0)
-    found = LiveScene(bpy.context.scene, bpy.context.view_layer, scene_tolerance(bpy.context.scene))
+    live_scene = LiveScene(
+        bpy.context.scene, bpy.context.view_layer, scene_tolerance(bpy.context.scene)
+    )
     device = load_device(PAD)
-    now = MomentRenderer(found.description, device).values(found.runs())
+    now = MomentRenderer(live_scene.description, device).values(live_scene.runs())
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
     export_scene(bpy.context.scene, tmp_path, "x", ExportSettings(full_precision=True))
     with TrackReader(tmp_path / f"x{SUFFIX}") as track:
@@ -210,7 +212,8 @@ def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Pat
 
     def ours() -> list[bool]:
         return [
-            any(getattr(each, "__self__", None) is live.handlers for each in here(n)) for n in names
+            any(getattr(entry, "__self__", None) is live.handlers for entry in here(n))
+            for n in names
         ]
 
     assert ours() == [True] * 5
@@ -452,7 +455,7 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
     assert live_setup.search.run() == [port.name]
-    names = [each.device for each in live_setup.search.found]
+    names = [entry.device for entry in live_setup.search.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
     assert board in bpy.context.scene.hfx.devices
@@ -522,14 +525,14 @@ def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path))
     (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
     (tmp_path / "gone.py").write_text("render = None")
-    found = approval.script_of(tmp_path / "gone.json")
-    approval.approve(found)
-    for path in (found.path, found.configuration):
+    script = approval.script_of(tmp_path / "gone.json")
+    approval.approve(script)
+    for path in (script.path, script.configuration):
         path.unlink()
-    assert bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint) == {"FINISHED"}
+    assert bpy.ops.hfx.live_revoke(fingerprint=script.fingerprint) == {"FINISHED"}
     assert approval.approved() == {}
     with pytest.raises(RuntimeError, match="is not approved"):
-        bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint)
+        bpy.ops.hfx.live_revoke(fingerprint=script.fingerprint)
 
 
 def test_quitting_is_silence(tmp_path: Path) -> None:
@@ -568,12 +571,12 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
 
 
 def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
-    found, told = live_module.Live(), []
-    found.client = SimpleNamespace(  # type: ignore[assignment]
-        send=lambda name, _: told.append((name, "values")),
-        send_haptics=lambda name, _: told.append((name, "haptics")),
+    actual, messages = live_module.Live(), []
+    actual.client = SimpleNamespace(  # type: ignore[assignment]
+        send=lambda name, _: messages.append((name, "values")),
+        send_haptics=lambda name, _: messages.append((name, "haptics")),
     )
     for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
-        found.connected[name] = live_module.Connected(load_device(PAD), has_script, 0.0)
-    found.fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
-    assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]
+        actual.connected[name] = live_module.Connected(load_device(PAD), has_script, 0.0)
+    actual.fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
+    assert messages == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

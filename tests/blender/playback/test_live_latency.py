@@ -36,11 +36,11 @@ def recorded_scene(scene: Any) -> Iterator[Any]:
 def ball(recorded_scene: Any) -> Any:
     """A volume that goes through the avatar."""
     bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", name="Ball", radius=0.3)
-    found = bpy.context.object
+    actual = bpy.context.object
     for frame, x in ((1, -1.0), (24, 1.0)):
-        found.location = x, 0.0, 1.2
-        found.keyframe_insert("location", frame=frame)
-    return found
+        actual.location = x, 0.0, 1.2
+        actual.keyframe_insert("location", frame=frame)
+    return actual
 
 
 def live_scene() -> LiveScene:
@@ -51,9 +51,9 @@ def live_scene() -> LiveScene:
 
 def felt(run: SampleRun) -> np.ndarray:
     """Strength at each vertex."""
-    found = np.zeros(100_000)
-    found[run.vertices] = run.weights
-    return found
+    expected = np.zeros(100_000)
+    expected[run.vertices] = run.weights
+    return expected
 
 
 def test_recorded_samples_are_those_of_the_scene_when_it_stands_there(ball: Any) -> None:
@@ -64,11 +64,11 @@ def test_recorded_samples_are_those_of_the_scene_when_it_stands_there(ball: Any)
         bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
         (ahead,), there = recorded_runs({100.0: frame}, streams).values(), live.runs()
         assert [run.stream for run in ahead] == [run.stream for run in there]
-        for one, other in zip(ahead, there, strict=True):
+        for one, second in zip(ahead, there, strict=True):
             touched += len(one.vertices)
             # Blender's matrices have 32 bits: a point of skin on the very edge is in or out.
-            assert np.abs(felt(one) - felt(other)).sum() < 0.002 * felt(other).sum() + 0.1
-            assert one.parameters.tolist() == other.parameters.tolist()
+            assert np.abs(felt(one) - felt(second)).sum() < 0.002 * felt(second).sum() + 0.1
+            assert one.parameters.tolist() == second.parameters.tolist()
     assert touched
 
 
@@ -151,11 +151,11 @@ def test_a_scene_that_must_be_stepped_is_compensated_after_update_values(
 
 
 def test_what_a_device_in_the_room_needs_is_recorded(ball: Any) -> None:
-    *_, found = timeline_record.record(bpy.context.scene, may_step=True, with_positions=True)
-    assert found is not None
-    index = found.index(12.0)
+    *_, actual = timeline_record.record(bpy.context.scene, may_step=True, with_positions=True)
+    assert actual is not None
+    index = actual.index(12.0)
     assert index is not None
-    for run in found.runs(index) or ():
+    for run in actual.runs(index) or ():
         assert run.positions is not None and len(run.positions) == len(run.vertices) > 0
 
 

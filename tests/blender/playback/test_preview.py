@@ -57,9 +57,9 @@ def whole(layer: Layer) -> Whole:
     count, shown, matrix = len(load_avatar().vertices), layer.shown, np.array(layer.matrix)
 
     def spread(values: np.ndarray) -> np.ndarray:
-        found = np.zeros((count, values.shape[1]), np.float32)
-        found[shown.vertices] = values
-        return found
+        expected = np.zeros((count, values.shape[1]), np.float32)
+        expected[shown.vertices] = values
+        return expected
 
     over = layer.positions + layer.normals * layer.above
     return Whole(
@@ -196,9 +196,9 @@ def test_colours_of_what_shows_are_those_that_the_engine_gives_to_every_vertex()
         samples.append(Sample(0.0, stream, vertices, weights, 0.7, np.array(values)))
     every = overlay(felt_shares(samples, spreads, counts), PALETTES["WARM_COLD"])
     colours = SkinColours(200, {model: (spread, 40) for model in spreads})
-    shown, found = colours.of(samples, frozenset(), PALETTES["WARM_COLD"])
+    shown, actual = colours.of(samples, frozenset(), PALETTES["WARM_COLD"])
     assert np.array_equal(shown, np.flatnonzero(every[:, 3]))
-    assert found == pytest.approx(every[shown], abs=1e-5)
+    assert actual == pytest.approx(every[shown], abs=1e-5)
     assert 0 < len(shown) < 200
 
 
@@ -215,10 +215,10 @@ def test_volumes_are_shown_by_the_reference_without_the_compiled_library(
     assert shown.fault == "" and shown.is_slow
     (run,) = evaluation.runs()
     away = np.linalg.norm(load_model("hfx-pressure-1").vertices - ball.location, axis=1)
-    felt = np.zeros(len(away), bool)
-    felt[run.vertices] = True
+    expected = np.zeros(len(away), bool)
+    expected[run.vertices] = True
     spacing = 0.02
-    assert felt[away < 0.2 - spacing].all() and not felt[away > 0.2 + spacing].any()
+    assert expected[away < 0.2 - spacing].all() and not expected[away > 0.2 + spacing].any()
     assert shown.layers("PAPER"), "the skin is coloured"
     with pytest.raises(NeedsSteppingError, match="compiled part"):
         list(record(scene, may_step=False))

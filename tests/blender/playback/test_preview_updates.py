@@ -55,15 +55,15 @@ def idle() -> None:
 
 def rows(runs: list[Any]) -> dict[tuple[str, str], np.ndarray]:
     """Strength of each vertex that feels an effect, with the effect's parameters."""
-    found = {}
+    actual = {}
     for run in runs:
         for sample in run:
             order = np.argsort(sample.vertices)
-            felt = np.column_stack([sample.vertices, sample.weights])[order]
-            found[sample.stream.effect_id, sample.stream.body_id] = np.append(
-                felt.ravel(), [sample.level, *np.ravel(list(sample.parameters))]
+            samples = np.column_stack([sample.vertices, sample.weights])[order]
+            actual[sample.stream.effect_id, sample.stream.body_id] = np.append(
+                samples.ravel(), [sample.level, *np.ravel(list(sample.parameters))]
             )
-    return found
+    return actual
 
 
 def shown() -> dict[tuple[str, str], np.ndarray]:
@@ -86,13 +86,15 @@ def other_value(prop: Any, value: Any) -> Any:
     if prop.type == "BOOLEAN":
         return not value
     if prop.type == "ENUM":
-        return next(each.identifier for each in prop.enum_items if each.identifier != value)
+        return next(
+            enum_item.identifier for enum_item in prop.enum_items if enum_item.identifier != value
+        )
     if prop.type == "STRING":
         return value + "x"
     if prop.type == "POINTER":
         return None if value is not None else bpy.data.objects["Other"]
     if prop.is_array:
-        return [other_number(prop, each) for each in value]
+        return [other_number(prop, item) for item in value]
     return other_number(prop, value)
 
 
@@ -112,8 +114,8 @@ def only_told(following: Any) -> Iterator[None]:
 def test_every_property_of_effects_and_bodies_is_told(only_told: None) -> None:
     effect = effects.add_volume(bpy.context.scene, "vibration", "SPHERE")
     bpy.data.objects.new("Other", bpy.data.meshes.new("Other"))
-    lists = (each for each in effect.hfx.bl_rna.properties if each.type == "COLLECTION")
-    items = [getattr(effect.hfx, each.identifier).add() for each in lists]
+    lists = (item for item in effect.hfx.bl_rna.properties if item.type == "COLLECTION")
+    items = [getattr(effect.hfx, item.identifier).add() for item in lists]
     redraw()
     untold, count = [], 0
     for owner in (effect.hfx, effect.hfx.surface, *items):

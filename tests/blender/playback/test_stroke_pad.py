@@ -68,9 +68,9 @@ def test_it_is_felt_at_each_moment_however_long_the_clock_has_run(
     pad.press(start, (0.0, 0.001))
     for k in range(1, 61):
         pad.move(start + k / 120, (0.05 * k / 120, 0.001))
-    later = [felt for time_s, felt in pad.history if time_s > 0.1]
-    assert len(later) > 40 and min(felt.amplitude_m_s2 for felt in later) > 0.0
-    assert min(felt.frequency_hz for felt in later) > 0.0
+    later = [samples for time_s, samples in pad.history if time_s > 0.1]
+    assert len(later) > 40 and min(samples.amplitude_m_s2 for samples in later) > 0.0
+    assert min(samples.frequency_hz for samples in later) > 0.0
 
 
 def test_places_that_are_told_at_once_are_spread_over_the_time_since_the_last_one(
@@ -85,10 +85,10 @@ def test_places_that_are_told_at_once_are_spread_over_the_time_since_the_last_on
     bunch.move_through(way[:80], 7.8)  # the window drew for so long
     bunch.move_through(way[80:], 8.0)
     assert len(bunch.history) == len(one.history) == 100
-    for (at, felt), (expected_at, expected) in zip(bunch.history, one.history, strict=True):
+    for (at, samples), (expected_at, expected) in zip(bunch.history, one.history, strict=True):
         assert at == pytest.approx(expected_at)
-        assert felt.height_m == pytest.approx(expected.height_m)
-        assert felt.speed_m_s == pytest.approx(expected.speed_m_s, rel=1e-6)
+        assert samples.height_m == pytest.approx(expected.height_m)
+        assert samples.speed_m_s == pytest.approx(expected.speed_m_s, rel=1e-6)
     assert bunch.recent(0.25) == bunch.history[-26:] or bunch.recent(0.25) == bunch.history[-25:]
     assert bunch.trail_m[0] == (0.0, 0.001) and bunch.trail_m[-1] == pytest.approx(way[-1])
 
@@ -110,26 +110,28 @@ def test_a_click_is_no_stroke_and_is_told(texture: SurfaceTexture) -> None:
 
 
 def test_at_the_target_speed_the_pointer_goes_200_pixels_a_second(texture: SurfaceTexture) -> None:
-    place = PadPlace(1200, 800)
+    pad_place = PadPlace(1200, 800)
     for target in TARGETS_M_S:
         pad = StrokePad("Grating", texture)
         pad.target_m_s = target
-        one = np.array(place.surface_point(pad, 100, 300))
-        two = np.array(place.surface_point(pad, 100 + TARGET_PX_S, 300))
+        one = np.array(pad_place.surface_point(pad, 100, 300))
+        two = np.array(pad_place.surface_point(pad, 100 + TARGET_PX_S, 300))
         assert (two - one)[0] == pytest.approx(target)
-        assert place.pixels(pad, [tuple(one)])[0] == pytest.approx([100, 300])
-    assert place.holds(place.left, place.bottom) and not place.holds(place.left - 1, place.bottom)
+        assert pad_place.pixels(pad, [tuple(one)])[0] == pytest.approx([100, 300])
+    assert pad_place.holds(pad_place.left, pad_place.bottom) and not pad_place.holds(
+        pad_place.left - 1, pad_place.bottom
+    )
 
 
 def test_stronger_fabrics_are_stronger_and_c_v_scales_them() -> None:
-    found = {
+    actual = {
         name: reference_strokes.felt(name, speed, 2000.0).amplitude_m_s2.mean()
         for speed in TARGETS_M_S
         for name in ("shirting", "denim", "costume")
     }
-    assert found["shirting"] < found["denim"] < found["costume"]
+    assert actual["shirting"] < actual["denim"] < actual["costume"]
     twice = reference_strokes.felt("denim", TARGETS_M_S[1], 4000.0).amplitude_m_s2.mean()
-    assert twice == pytest.approx(2.0 * found["denim"], rel=1e-6)
+    assert twice == pytest.approx(2.0 * actual["denim"], rel=1e-6)
 
 
 def test_the_calibration_slider_is_kept(

@@ -45,40 +45,40 @@ def squeeze(scene: Any) -> Any:
 
 
 def whole(scene: Any, may_step: bool = False) -> TimelineRecord:
-    *_, found = record(scene, may_step=may_step)
-    assert found is not None
-    return found
+    *_, actual = record(scene, may_step=may_step)
+    assert actual is not None
+    return actual
 
 
 def test_an_effects_curve_is_its_strength_while_its_clip_lasts(squeeze: Any, scene: Any) -> None:
-    found = whole(scene)
-    (effect,) = found.effects
+    actual = whole(scene)
+    (effect,) = actual.effects
     assert (effect.name, effect.unit, len(effect.values)) == ("Squeeze", "kPa", 48)
-    on = (found.frames >= 10) & (found.frames < 20)
+    on = (actual.frames >= 10) & (actual.frames < 20)
     assert effect.values[on] == pytest.approx(6.0)
-    assert not effect.values[~on & (found.frames != 20)].any()
+    assert not effect.values[~on & (actual.frames != 20)].any()
 
 
 def test_recording_leaves_the_frame_alone(squeeze: Any, scene: Any) -> None:
     scene.frame_set(31)
     whole(scene)
     assert scene.frame_current == 31
-    assert [each.name for each in bpy.data.scenes] == [scene.name]
+    assert [item.name for item in bpy.data.scenes] == [scene.name]
 
 
 def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
     squeeze: Any, scene: Any
 ) -> None:
-    found = whole(scene)
+    actual = whole(scene)
     scene.frame_set(15)
     preview = Preview()
     preview.describe(bpy.context)
-    ((sample,),) = found.runs(found.index(15) or 0) or ()
+    ((sample,),) = actual.runs(actual.index(15) or 0) or ()
     ((live,),) = evaluation.runs()
     assert np.array_equal(sample.vertices, live.vertices)
     assert sample.level == pytest.approx(live.level)
-    assert found.runs(found.index(30) or 0) == []
-    assert found.index(60) is None, "the timeline has ended"
+    assert actual.runs(actual.index(30) or 0) == []
+    assert actual.index(60) is None, "the timeline has ended"
 
 
 def shares(preview: Preview, *now: Any) -> np.ndarray:
@@ -102,12 +102,12 @@ def test_actuators_glow_with_their_share_of_what_they_may_get(squeeze: Any, scen
 
 
 def test_where_the_record_ends_actuators_glow_with_what_is_felt(squeeze: Any, scene: Any) -> None:
-    found = whole(scene)
+    actual = whole(scene)
     clips.add_clip(squeeze, 60, 70)
     scene.frame_set(65)
     preview = Preview()
     preview.describe(bpy.context)
-    assert shares(preview, found, 65).all()
+    assert shares(preview, actual, 65).all()
 
 
 def test_actuators_are_drawn_anew_only_if_something_moved(squeeze: Any, scene: Any) -> None:
@@ -131,7 +131,7 @@ def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scen
     assert len(places(before)) == 32, "the vest has 32 bladders"
     assert places(after) - places(before) == pytest.approx(np.tile([3.0, 0, 0], (32, 1)), abs=1e-4)
     skin = load_avatar().vertices
-    nearest = [np.linalg.norm(skin - place, axis=1).min() for place in places(before)]
+    nearest = [np.linalg.norm(skin - position, axis=1).min() for position in places(before)]
     assert max(nearest) < 1e-5, "each on a vertex of the skin"
     outward = before.rows[:32, 1, :3]
     assert np.linalg.norm(outward, axis=1) == pytest.approx(1.0, abs=1e-5)
@@ -153,10 +153,10 @@ def test_discs_of_a_scaled_body_keep_their_size_and_height(squeeze: Any, scene: 
 def places(discs: Discs) -> np.ndarray:
     """World positions of the discs."""
     matrix = np.array(discs.matrix)
-    found: np.ndarray = (
+    actual: np.ndarray = (
         discs.rows[: len(discs.looks.radii), 0, :3] @ matrix[:3, :3].T + matrix[:3, 3]
     )
-    return found
+    return actual
 
 
 def test_a_device_that_is_not_known_is_told_and_the_others_glow(squeeze: Any, scene: Any) -> None:
@@ -169,8 +169,8 @@ def test_a_device_that_is_not_known_is_told_and_the_others_glow(squeeze: Any, sc
 
 
 def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, scene: Any) -> None:
-    found = whole(scene)
-    wide = value_chart.chart(found, PAPER, 600.0, 400.0)
+    actual = whole(scene)
+    wide = value_chart.chart(actual, PAPER, 600.0, 400.0)
     assert wide.labels[0].text == "Squeeze"
     assert wide.hidden == 0 and wide.height <= 400.0
     assert wide.positions[:, 0].max() <= 600.0 and wide.positions[:, 1].min() >= 0.0
@@ -181,7 +181,7 @@ def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, 
     hug, *rest = whole(scene).rows()
     assert (hug.name, rest) == ("Hug", [])
     assert hug.values.max() == 2.0 * squeeze.hfx.pressure, "the stronger of both"
-    small = value_chart.chart(found, PAPER, 600.0, 60.0)
+    small = value_chart.chart(actual, PAPER, 600.0, 60.0)
     assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
     # The curve's box: from frame 10 to frame 20, as high as its share of full scale.
     green = np.isclose(wide.colours[:, 1], PAPER["pressure"][1], atol=0.01)

@@ -31,10 +31,10 @@ def effect(scene: Any) -> Any:
 def levels(effect: Any) -> np.ndarray:
     """The level at each frame, 0 where nothing was felt."""
     evaluation = oracle.evaluate(bpy.context.scene, rate_hz=24)
-    found = np.zeros(len(FRAMES))
+    actual = np.zeros(len(FRAMES))
     for index, level in evaluation.levels(effect.name).items():
-        found[index] = level
-    return found
+        actual[index] = level
+    return actual
 
 
 def trapezoid(start: float, end: float, fade_in: float = 0.0, fade_out: float = 0.0) -> np.ndarray:
@@ -67,12 +67,12 @@ def test_a_clip_with_fades(effect: Any, fades: tuple[float, float]) -> None:
 def test_fades_at_sub_frames(effect: Any) -> None:
     oracle.add_clip(effect, 5, 17, fade_in=4)
     evaluation = oracle.evaluate(bpy.context.scene, rate_hz=100)
-    found = evaluation.levels("Felt")
+    actual = evaluation.levels("Felt")
     time = evaluation.reader.time
     for index in range(time.sample_count):
         frame = float(time.frame(index))
         expected = min((frame - 5) / 4, 1.0) if 5 <= frame <= 17 else 0.0
-        assert found.get(index, 0.0) == pytest.approx(expected, abs=1e-5)
+        assert actual.get(index, 0.0) == pytest.approx(expected, abs=1e-5)
 
 
 def test_two_clips_and_the_gap_between(effect: Any) -> None:
@@ -243,7 +243,7 @@ def test_copies_have_clips_and_ids_of_their_own(effect: Any) -> None:
     bpy.context.scene.collection.objects.link(copy)
     copy.animation_data.nla_tracks[0].strips[0].frame_start_ui = 13
     evaluation = oracle.evaluate(bpy.context.scene, rate_hz=24)
-    assert len({each.id for each in evaluation.reader.description.effects}) == 2
+    assert len({item.id for item in evaluation.reader.description.effects}) == 2
     assert sorted(evaluation.levels("Felt")) == list(range(2, 8))
     assert sorted(evaluation.levels("Copy")) == list(range(12, 18))
 

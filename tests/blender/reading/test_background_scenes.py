@@ -46,9 +46,9 @@ def test_volumes_of_background_scenes_are_felt_where_they_are_shown(scene: Any) 
     far.collection.objects.unlink(closed.objects[0])
     far.view_layers[0].layer_collection.children[0].exclude = True
     _ball("disabled", (0, 0, 1.1), far).hide_viewport = True
-    found = shown.assert_felt(scene, 24)
-    assert set(found.samples) == {"keyed", "follows", "both", "source 0"}
-    assert sorted(w.split("'")[1] for w in found.reader.description.warnings) == [
+    actual = shown.assert_felt(scene, 24)
+    assert set(actual.samples) == {"keyed", "follows", "both", "source 0"}
+    assert sorted(w.split("'")[1] for w in actual.reader.description.warnings) == [
         "disabled",
         "excluded",
     ]

@@ -224,13 +224,13 @@ def test_cells_of_skin_feel_whatever_their_vertices_feel(evaluated: Any) -> None
         )
         for index, sample in samples.items():
             weights = np.zeros(len(positions[index][modality]))
-            found = cells.of(name, index)
-            assert found is not None
-            weights[found.vertices] = found.weights
-            assert (weights[found.vertices] > 0.0).all() and weights.max() <= 1.0
+            actual = cells.of(name, index)
+            assert actual is not None
+            weights[actual.vertices] = actual.weights
+            assert (weights[actual.vertices] > 0.0).all() and weights.max() <= 1.0
             # Temperature cells are sampled on other vertices; falloff may be weaker than 5 %.
             if modality != "temperature":
                 strong = sample.vertices[sample.weights > 0.05]
                 assert (weights[strong] > 0.0).all()
-            added += len(found.vertices) - len(sample.vertices)
+            added += len(actual.vertices) - len(sample.vertices)
     assert added > 0

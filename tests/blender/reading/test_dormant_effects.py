@@ -101,7 +101,7 @@ def test_nothing_of_it_is_read(
 ) -> None:
     alone = oracle.evaluate(scene)
     restless = _restless("Restless")
-    change, told = WAYS[way]
+    change, messages = WAYS[way]
     change(restless)
     del made[:], read[:]
     evaluation = oracle.evaluate(scene)
@@ -110,9 +110,9 @@ def test_nothing_of_it_is_read(
     assert evaluation.reader.stepping_note == CURVES
     assert evaluation.counters.as_dict() == alone.counters.as_dict()
     assert _entries(evaluation, "Felt") == _entries(alone, "Felt")
-    described = {each.name: each for each in evaluation.reader.description.effects}
+    described = {item.name: item for item in evaluation.reader.description.effects}
     assert described["Restless"].kind == "volume"  # a track keeps its line
-    assert evaluation.reader.unfelt["Restless"].reason == told
+    assert evaluation.reader.unfelt["Restless"].reason == messages
 
 
 def test_what_may_be_felt_is_read(scene: Any, felt: Any, made: list[str], read: list[str]) -> None:
@@ -167,15 +167,15 @@ def test_a_surface_that_is_muted_makes_no_maps(
 ) -> None:
     from hfx_blender.authoring.surfaces import surfaces
 
-    asked: list[str] = []
-    monkeypatch.setattr(surfaces, "texture_of", lambda obj: asked.append(obj.name))
+    requests: list[str] = []
+    monkeypatch.setattr(surfaces, "texture_of", lambda obj: requests.append(obj.name))
     bpy.ops.mesh.primitive_grid_add(location=(0.0, 0.0, 1.2))
     surface = bpy.context.object
     surface.name = "Cloth"
     surface.hfx.role, surface.hfx.kind, surface.hfx.is_muted = "EFFECT", "SURFACE", True
     evaluation = oracle.evaluate(scene)
-    assert asked == []
-    described = {each.name: each.area for each in evaluation.reader.description.effects}
+    assert requests == []
+    described = {item.name: item.area for item in evaluation.reader.description.effects}
     assert isinstance(described["Cloth"], HapticVolume)
 
 
@@ -203,9 +203,9 @@ def test_what_nobody_feels_does_not_have_the_whole_scene_stepped(
         curtain.hfx.role, curtain.hfx.kind = "EFFECT", "VOLUME"
         curtain.hfx.shape, curtain.hfx.is_muted = "MESH", True
     elif kind == "driver":
-        other = oracle.add_volume("Other", "vibration", "SPHERE", (0.0, 0.0, 1.2))
-        other.hfx.is_muted = True
-        variable = other.driver_add("location", 0).driver.variables.new()
+        volume = oracle.add_volume("Other", "vibration", "SPHERE", (0.0, 0.0, 1.2))
+        volume.hfx.is_muted = True
+        variable = volume.driver_add("location", 0).driver.variables.new()
         variable.targets[0].id_type = "SCENE"
         variable.targets[0].id = scene
         variable.targets[0].data_path = "frame_current"
@@ -246,5 +246,7 @@ def test_the_range_that_is_read_does_not_change_what_is_felt(scene: Any, felt: A
     """Effects that begin right after the range count when motion is read, as in a longer range."""
     restless = _restless("Restless")
     oracle.add_clip(restless, 7.01, 12)
-    some = SceneReader(scene, frames=(1, 6))
-    assert some.description.effects and not any("Restless" in note for note in some.notes)
+    scene_reader = SceneReader(scene, frames=(1, 6))
+    assert scene_reader.description.effects and not any(
+        "Restless" in note for note in scene_reader.notes
+    )

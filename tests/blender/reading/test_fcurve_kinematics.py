@@ -31,8 +31,8 @@ def _set(frame: float) -> None:
 
 def assert_object(obj: Any) -> None:
     """The world matrix at all of FRAMES is Blender's."""
-    found = PlainObject(obj).world(FRAMES)
-    for frame, matrix in zip(FRAMES.tolist(), found, strict=True):
+    actual = PlainObject(obj).world(FRAMES)
+    for frame, matrix in zip(FRAMES.tolist(), actual, strict=True):
         _set(frame)
         truth = np.array(obj.evaluated_get(_graph()).matrix_world, np.float64)
         assert np.allclose(matrix, truth, atol=5e-6), frame
@@ -110,12 +110,12 @@ def test_free_handles_even_those_that_overshoot(scene: Any, seed: int) -> None:
             point.handle_left_type = point.handle_right_type = "FREE"
             point.handle_left = point.co[0] - random.uniform(0, 20), random.normal(0, 5)
             point.handle_right = point.co[0] + random.uniform(0, 20), random.normal(0, 5)
-    found = PlainObject(obj).world(FRAMES)
+    actual = PlainObject(obj).world(FRAMES)
     for k, frame in enumerate(FRAMES.tolist()):
         _set(frame)
         truth = obj.evaluated_get(_graph()).matrix_world.translation
         # Where a handle stands upright Blender's own 32-bit root is this far off.
-        assert np.allclose(found[k, :3, 3], truth, atol=1e-3), frame
+        assert np.allclose(actual[k, :3, 3], truth, atol=1e-3), frame
 
 
 def test_modifiers_extrapolation_and_muted_curves(scene: Any) -> None:

@@ -71,9 +71,9 @@ def export(path: Path, folder: Path, *more: str) -> int:
 
 def report_of(folder: Path) -> dict[str, Any]:
     [path] = folder.glob("*.report.json")
-    found = json.loads(path.read_text())
-    assert isinstance(found, dict)
-    return found
+    document = json.loads(path.read_text())
+    assert isinstance(document, dict)
+    return document
 
 
 def _kinds() -> dict[str, Callable[[], Any]]:
@@ -147,8 +147,8 @@ def _exported(tmp_path: Path) -> dict[str, Any]:
     path = hfx_scenes.save(tmp_path / "hostile.blend")
     assert export(path, tmp_path / "out", "--rate", "25", "--tolerance", "paper") == 0
     report = report_of(tmp_path / "out")
-    assert all(each["seconds"] == 0.08 for each in report["felt"] if each["effect"] == "Sound")
-    assert any(each["effect"] == "Sound" for each in report["felt"])
+    assert all(item["seconds"] == 0.08 for item in report["felt"] if item["effect"] == "Sound")
+    assert any(item["effect"] == "Sound" for item in report["felt"])
     with TrackReader(tmp_path / "out" / "hostile.hfxtrack") as track:
         for run in track.runs():
             for name in ("levels", "parameters", "weights"):
@@ -170,23 +170,23 @@ def test_every_property_of_an_effect(sound_scene: Any, tmp_path: Path, kind: str
     elif len(model.hfx.drive):
         groups.append(("drive[0].", model.hfx.drive[0], lambda obj: stored(obj)["drive"][0]))
     names = []
-    for above, group, place in groups:
+    for above, group, position in groups:
         for k, (name, value) in enumerate(broken_values(group)):
             effect = model.copy()
             effect.name = f"{kind} {above}{name} {k}"
             effect.hfx.uid = effect.name
             model.users_collection[0].objects.link(effect)
             names.append((effect.name, above + name, value))
-            broken[effect.name] = place, name, value
+            broken[effect.name] = position, name, value
     bpy.data.objects.remove(model)
-    for title, (place, name, value) in broken.items():
-        put(place(bpy.data.objects[title]), name, value)
+    for title, (position, name, value) in broken.items():
+        put(position(bpy.data.objects[title]), name, value)
     report = _exported(tmp_path)
     for title, path, value in names:
         if path.split(".")[-1] in ("role", "name"):
             continue  # an object without a role has no haptics; Blender keeps names as it likes
-        told = [text for text in report["warnings"] if f"'{title}'" in text]
-        assert any(f"hfx.{path} is" in text for text in told), (title, value, told)
+        messages = [text for text in report["warnings"] if f"'{title}'" in text]
+        assert any(f"hfx.{path} is" in text for text in messages), (title, value, messages)
 
 
 def test_every_property_of_a_body(sound_scene: Any, tmp_path: Path) -> None:
@@ -196,15 +196,15 @@ def test_every_property_of_a_body(sound_scene: Any, tmp_path: Path) -> None:
         if name not in ("follow", "avatar_parts") and not (name == "radius" and value != value):
             continue  # a body takes time
         count += 1
-        other = body.copy()
-        other.name = other.hfx.uid = f"Other {name} {value}"
-        body.users_collection[0].objects.link(other)
-        put(stored(other), name, value)
+        second = body.copy()
+        second.name = second.hfx.uid = f"Other {name} {value}"
+        body.users_collection[0].objects.link(second)
+        put(stored(second), name, value)
     assert count >= 5
     report = _exported(tmp_path)
-    for each in ("follow -5", "follow 1000000", "radius nan"):
-        assert any(f"'Other {each}'" in text for text in report["warnings"]), each
-    assert not any(each["body"] == "Other follow -5" for each in report["felt"])
+    for item in ("follow -5", "follow 1000000", "radius nan"):
+        assert any(f"'Other {item}'" in text for text in report["warnings"]), item
+    assert not any(item["body"] == "Other follow -5" for item in report["felt"])
 
 
 def test_a_role_that_there_is_not(sound_scene: Any, tmp_path: Path) -> None:
@@ -263,22 +263,22 @@ def test_more_samples_than_there_may_be(
 
 
 def test_thousands_of_filters(sound_scene: Any, tmp_path: Path) -> None:
-    other = bpy.data.objects["Sound"].copy()
-    other.name = "Many"
-    sound_scene.collection.objects.link(other)
+    second = bpy.data.objects["Sound"].copy()
+    second.name = "Many"
+    sound_scene.collection.objects.link(second)
     for _ in range(2000):
-        other.hfx.response.add()
-    [told] = [text for text in _exported(tmp_path)["warnings"] if "'Many'" in text]
-    assert "2000 filters" in told and "left out" in told
+        second.hfx.response.add()
+    [messages] = [text for text in _exported(tmp_path)["warnings"] if "'Many'" in text]
+    assert "2000 filters" in messages and "left out" in messages
 
 
 def test_ids_that_look_like_derived_ones(sound_scene: Any, tmp_path: Path) -> None:
     ball = bpy.data.objects["Sound"]
     ball.hfx.uid = "x"
     for name, uid in (("B", "x"), ("C", "x-2"), ("D", "x-2"), ("E", "x")):
-        other = ball.copy()
-        other.name, other.hfx.uid = name, uid
-        sound_scene.collection.objects.link(other)
+        second = ball.copy()
+        second.name, second.hfx.uid = name, uid
+        sound_scene.collection.objects.link(second)
     _exported(tmp_path)
     with TrackReader(tmp_path / "out" / "hostile.hfxtrack") as track:
         assert len({effect.id for effect in track.header.effects}) == 5
@@ -291,10 +291,10 @@ FLOATS = ("activation", "intensity", "radius", "amplitude", "frequency", "fallof
 
 
 def _animated_ball(scene: Any, name: str) -> Any:
-    other = bpy.data.objects["Sound"].copy()
-    other.name, other.hfx.uid, other.hfx.falloff = name, name, "linear"
-    scene.collection.objects.link(other)
-    return other
+    second = bpy.data.objects["Sound"].copy()
+    second.name, second.hfx.uid, second.hfx.falloff = name, name, "linear"
+    scene.collection.objects.link(second)
+    return second
 
 
 def test_drivers_that_give_no_numbers(sound_scene: Any, tmp_path: Path) -> None:
@@ -320,8 +320,8 @@ def test_keys_beyond_a_limit_are_told(sound_scene: Any, tmp_path: Path) -> None:
         compat.set_keys(curve, [(0, 1.0), (1, value)])
     warnings = _exported(tmp_path)["warnings"]
     for name, value in (("intensity", "5"), ("frequency", "1e+09"), ("radius", "-2")):
-        [told] = [t for t in warnings if f"'Keyed {name}'" in t and "a key of" in t]
-        assert f"a key of hfx.{name} is {value}, allowed is" in told and "is taken" in told
+        [messages] = [t for t in warnings if f"'Keyed {name}'" in t and "a key of" in t]
+        assert f"a key of hfx.{name} is {value}, allowed is" in messages and "is taken" in messages
 
 
 ANIMATED = {
@@ -344,6 +344,10 @@ def test_animation_that_nothing_follows_is_told(sound_scene: Any, tmp_path: Path
         compat.set_keys(curve, [(0, values[0]), (1, values[1])])
     warnings = _exported(tmp_path)["warnings"]
     for path, (_, is_left_out) in ANIMATED.items():
-        told = [each for each in warnings if f"'Animated {path}'" in each and f".{path}" in each]
-        assert len(told) == 1, path
-        assert ("was left out" in told[0]) == is_left_out, told
+        messages = [
+            warning
+            for warning in warnings
+            if f"'Animated {path}'" in warning and f".{path}" in warning
+        ]
+        assert len(messages) == 1, path
+        assert ("was left out" in messages[0]) == is_left_out, messages

@@ -158,32 +158,32 @@ def compare_with_truth(scene: Any, strike: Strike) -> None:
     place_volume(scene, strike, begin)
     times, ring, lasts_s = truth(strike, vertices[near])
     is_felt = ring.any(axis=0)
-    felt, ring, lasts_s = near[is_felt], ring[:, is_felt], lasts_s[is_felt]
+    samples, ring, lasts_s = near[is_felt], ring[:, is_felt], lasts_s[is_felt]
     # Between samples skin is looked for until an impact has decayed to a fiftieth; at a smooth turn
     # a vertex may be missed that is covered for less than 2 ms, by some hundredths of a millimetre.
     strong = ring.max(axis=0) > 0.02 * ring.max()
     strong &= lasts_s > (1e-4 if strike.ease == LINEAR else 2e-3)
     turn_s = np.array([strike.start_s + strike.leg_s])
     reached = inside(strike, vertices, begin + strike.way_m * strike.share(turn_s))[0]
-    reached[felt] = True
+    reached[samples] = True
     for rate in RATES:
-        found = evaluated(scene, rate, PAPER)
-        assert not found[:, ~reached].any()
+        actual = evaluated(scene, rate, PAPER)
+        assert not actual[:, ~reached].any()
         np.testing.assert_allclose(
-            found[:, felt[strong]].max(axis=0),
+            actual[:, samples[strong]].max(axis=0),
             ring[:, strong].max(axis=0),
             rtol=0.03,
             err_msg=f"{rate} Hz",
         )
         # Between two samples the strongest moment counts: at most that of the sample before.
-        ends = np.arange(len(found)) * DENSE // rate
+        ends = np.arange(len(actual)) * DENSE // rate
         for k, end in enumerate(ends.tolist()):
             if k == 0 or end >= len(times):
                 continue
             since = ring[ends[k - 1] : end + 1]
             least = 0.97 * since[-1] - 0.02 * ring.max()
-            assert (found[k, felt] >= least)[strong].all(), (rate, k)
-            assert (found[k, felt] <= 1.03 * since.max(axis=0) + 1e-3).all(), (rate, k)
+            assert (actual[k, samples] >= least)[strong].all(), (rate, k)
+            assert (actual[k, samples] <= 1.03 * since.max(axis=0) + 1e-3).all(), (rate, k)
 
 
 @pytest.mark.parametrize("ease", [EASED, LINEAR, OVERSHOT], ids=["eased", "linear", "overshot"])

@@ -50,11 +50,11 @@ def base(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _user(base: Path, folder: Path, name: str) -> Any:
     """A scene with an object that a test lets reach something, saved beside it."""
     bpy.ops.wm.open_mainfile(filepath=str(base))
-    other = bpy.data.objects.new("Other", bpy.data.meshes.new("Other"))
-    other.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
-    bpy.context.scene.collection.objects.link(other)
+    second = bpy.data.objects.new("Other", bpy.data.meshes.new("Other"))
+    second.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    bpy.context.scene.collection.objects.link(second)
     hfx_scenes.save(folder / f"{name}.blend")
-    return other
+    return second
 
 
 def _mesh_cache(other: Any, folder: Path) -> list[Path]:
@@ -134,8 +134,8 @@ REACHES = [
 
 @pytest.mark.parametrize(
     ("reach", "tells_owners"),
-    [(each, True) for each in REACHES]
-    + [(each, False) for each in (_mesh_cache, _row, _baked, _external_cache)],
+    [(item, True) for item in REACHES]
+    + [(item, False) for item in (_mesh_cache, _row, _baked, _external_cache)],
     ids=lambda each: each.__name__[1:] if callable(each) else "" if each else "before 4.4",
 )
 def test_what_a_scene_reaches_counts(
@@ -150,10 +150,10 @@ def test_what_a_scene_reaches_counts(
         monkeypatch.setattr(compat, "TELLS_OWNERS_OF_PATHS", False)
     folder = tmp_path / "here"
     folder.mkdir()
-    other = _user(base, folder, "user")
+    user = _user(base, folder, "user")
     if reach is _imported and not hasattr(bpy.types, "GeometryNodeImportOBJ"):
         pytest.skip("this Blender has no such node")
-    paths = reach(other, folder)
+    paths = reach(user, folder)
     blend = hfx_scenes.save(folder / "user.blend")
     assert not is_left_out(blend) and is_left_out(blend)
     for path in paths:
@@ -205,8 +205,8 @@ def test_libraries_of_libraries_that_go_and_come_back(
         assert not is_left_out(blend) and is_left_out(blend)
         report = json.loads((tmp_path / "out" / "user.report.json").read_text())
         assert report["made_from"]["files"][f"//lib/{path.name}"] is None
-        [told] = [text for text in report["warnings"] if f"'//lib/{path.name}'" in text]
-        assert "is missing" in told
+        [messages] = [text for text in report["warnings"] if f"'//lib/{path.name}'" in text]
+        assert "is missing" in messages
         capsys.readouterr()
         arguments = ["export", str(blend), "-o", str(tmp_path / "strict"), "--device", "none"]
         assert cli.run([*arguments, "--strict"]) == 3
@@ -217,8 +217,8 @@ def test_libraries_of_libraries_that_go_and_come_back(
 
 def test_what_a_library_reaches_counts(base: Path, tmp_path: Path, is_left_out: IsLeftOut) -> None:
     (tmp_path / "lib").mkdir()
-    other = _user(base, tmp_path / "lib", "library")
-    [cache] = _mesh_cache(other, tmp_path / "lib")
+    user = _user(base, tmp_path / "lib", "library")
+    [cache] = _mesh_cache(user, tmp_path / "lib")
     library = hfx_scenes.save(tmp_path / "lib" / "library.blend")
     _user(base, tmp_path, "user")
     with bpy.data.libraries.load(str(library), link=True, relative=True) as (_, into):
@@ -237,13 +237,13 @@ def test_what_is_in_the_file_itself_is_not_missing(base: Path, tmp_path: Path) -
     text = bpy.data.texts.new("Note")
     text.filepath = "//gone.txt"
     picture = tmp_path / "packed.png"
-    made = bpy.data.images.new("Made", 4, 4)
-    made.filepath_raw, made.file_format = str(picture), "PNG"
-    made.save()
+    created = bpy.data.images.new("Made", 4, 4)
+    created.filepath_raw, created.file_format = str(picture), "PNG"
+    created.save()
     image = bpy.data.images.load(str(picture))
     image.pack()
     image.use_fake_user = True
-    bpy.data.images.remove(made)
+    bpy.data.images.remove(created)
     picture.unlink()
     blend = hfx_scenes.save(tmp_path / "user.blend")
     assert cli.run(["export", str(blend), "-o", str(tmp_path / "o"), "--strict"]) == 0
@@ -270,7 +270,7 @@ def test_a_folder_where_a_file_should_be_costs_nothing_but_a_warning(
     blend = hfx_scenes.save(tmp_path / "user.blend")
     assert not is_left_out(blend)
     report = json.loads((tmp_path / "out" / "user.report.json").read_text())
-    (sentence,) = [each for each in report["warnings"] if "//many" in each]
+    (sentence,) = [warning for warning in report["warnings"] if "//many" in warning]
     assert "image 'Root' is a folder" in sentence
     assert report["made_from"]["files"]["//many"] == hashes.FOLDER
     assert is_left_out(blend), "a folder that stays one changes nothing"

@@ -19,7 +19,7 @@ FLAT_FROM = 5
 
 def _box(scene: Any) -> Any:
     """A box round the avatar as the only effect that is felt; it is pressed flat from a frame."""
-    for obj in [each for each in scene.objects if each.hfx.role == "EFFECT"]:
+    for obj in [item for item in scene.objects if item.hfx.role == "EFFECT"]:
         bpy.data.objects.remove(obj)
     bpy.ops.mesh.primitive_cube_add(size=3.0)
     box = bpy.context.object
@@ -99,8 +99,8 @@ def test_a_volume_of_a_curve_is_felt_as_it_is_evaluated(scene: Any) -> None:
     oracle.key(curve, "extrude", [(0, 0.05), (4, 0.3)])
     oracle.key(cuboid, "hfx.size", [(0, (0.3, 0.3, 0.1)), (4, (0.3, 0.3, 0.6))])
     samples = oracle.evaluate(scene, rate_hz=24).samples
-    felt, true = (
-        [each.vertices.tolist() for _, each in sorted(samples[name].items())]
+    strengths, true = (
+        [item.vertices.tolist() for _, item in sorted(samples[name].items())]
         for name in ("Square", "Cuboid")
     )
-    assert felt == true and len(felt[4]) > 2 * len(felt[0]) > 0
+    assert strengths == true and len(strengths[4]) > 2 * len(strengths[0]) > 0

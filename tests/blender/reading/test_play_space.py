@@ -49,10 +49,10 @@ def fan(scene: Any) -> DeviceConfig:
             for key in curve.keyframe_points:
                 key.interpolation = "CONSTANT"
     device = load_device("fan_heater")
-    place = RoomPlace(("torso",), at_m=(0.0, -2.0, 1.2), aim=(0.0, 1.0, 0.0), range_m=3.0)
+    room_place = RoomPlace(("torso",), at_m=(0.0, -2.0, 1.2), aim=(0.0, 1.0, 0.0), range_m=3.0)
     actuators = [a for a in device.actuators if a.type.modality == "wind"]
     kind = replace(actuators[0].type, latency_ms=0.0, update_interval_ms=1.0)
-    return replace(device, actuators=(replace(actuators[0], type=kind, place=place),))
+    return replace(device, actuators=(replace(actuators[0], type=kind, place=room_place),))
 
 
 def test_a_teleport_leaves_the_wearer_out_of_reach(fan: DeviceConfig, tmp_path: Path) -> None:
@@ -80,8 +80,8 @@ def test_live_samples_tell_where_they_are_if_that_is_needed(fan: DeviceConfig) -
     scene, layer = bpy.context.scene, bpy.context.view_layer
     tolerance = scene_tolerance(scene)
     assert all(run.positions is None for run in LiveScene(scene, layer, tolerance).runs())
-    found = LiveScene(scene, layer, tolerance, with_positions=True)
-    (run,) = found.runs()
+    live_scene = LiveScene(scene, layer, tolerance, with_positions=True)
+    (run,) = live_scene.runs()
     assert run.positions is not None and len(run.positions) == len(run.vertices)
 
 

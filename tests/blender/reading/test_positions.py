@@ -312,7 +312,7 @@ def test_a_surface_whose_vertices_change_with_the_pose_is_refused(scene: Any, bo
     _preserve_volume(scene, skin)
     with pytest.raises(InputError, match=rf"'{skin.name}'.*number of vertices from 12440 to \d+"):
         oracle.evaluate(scene, record=("positions",))
-    assert [each.name for each in bpy.data.scenes] == [scene.name]
+    assert [item.name for item in bpy.data.scenes] == [scene.name]
 
 
 # Velocities and depth
@@ -362,9 +362,9 @@ def test_velocities_do_not_depend_on_how_time_is_split(
     for name, samples in whole.samples.items():
         assert samples.keys() == split.samples[name].keys()
         for index, sample in samples.items():
-            other = split.of(name, index)
+            second = split.of(name, index)
             for field in ("vertices", "weights", "positions", "velocities", "depth_m"):
-                one, two = getattr(sample, field), getattr(other, field)
+                one, two = getattr(sample, field), getattr(second, field)
                 assert (one is None) == (two is None)
                 assert one is None or one.tobytes() == two.tobytes(), (name, index, field)
 

@@ -129,8 +129,8 @@ def _without_names(counters: ReadingCounters) -> dict[str, Any]:
 
 
 def _entries(evaluation: Any, name: str = "Felt") -> dict[int, tuple[list[int], list[float]]]:
-    found = evaluation.samples[name].items()
-    return {index: (each.vertices.tolist(), each.weights.tolist()) for index, each in found}
+    actual = evaluation.samples[name].items()
+    return {index: (item.vertices.tolist(), item.weights.tolist()) for index, item in actual}
 
 
 @pytest.mark.parametrize("change", [mute, silence, mute_its_clip, play_it_later])
@@ -201,9 +201,9 @@ def test_what_comes_near_is_counted(scene: Any, felt: Any) -> None:
 
 def test_a_body_that_nothing_reaches_is_not_looked_at(scene: Any, felt: Any) -> None:
     alone = oracle.evaluate(scene, rate_hz=RATE_HZ)
-    other = oracle.add_avatar()
-    other.location = FAR
-    other.pose.bones["head"].constraints.new("DAMPED_TRACK").target = felt
+    avatar = oracle.add_avatar()
+    avatar.location = FAR
+    avatar.pose.bones["head"].constraints.new("DAMPED_TRACK").target = felt
     evaluation = oracle.evaluate(scene, rate_hz=RATE_HZ)
     assert len(evaluation.reader.description.bodies) == 2
     assert evaluation.reader.counters.poses_read >= evaluation.reader.time.sample_count

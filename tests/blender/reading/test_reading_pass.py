@@ -50,7 +50,7 @@ def reading(scene: Any) -> Iterator[ReadingPass]:
 
 
 def _numbers(reading: ReadingPass) -> dict[str, int]:
-    return {each.name: k for k, each in enumerate(reading.scene.effects)}
+    return {item.name: k for k, item in enumerate(reading.scene.effects)}
 
 
 def test_parts_are_known_before_anything_is_read(reading: ReadingPass) -> None:

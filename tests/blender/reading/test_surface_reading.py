@@ -82,8 +82,8 @@ def frequencies(runs: list[Any]) -> np.ndarray:
 def test_the_frequency_is_the_speed_over_the_wavelength(scene_of_a_stroke: Any) -> None:
     reader, runs = felt(scene_of_a_stroke)
     assert reader.stepping_note == "sampled F-curves, stepped no scene"
-    found = frequencies(runs)
-    assert len(found) and np.median(found) == pytest.approx(SPEED / (SIZE / WAVES), rel=0.01)
+    actual = frequencies(runs)
+    assert len(actual) and np.median(actual) == pytest.approx(SPEED / (SIZE / WAVES), rel=0.01)
 
 
 def test_a_plane_that_stands_still_is_silent(scene_of_a_stroke: Any) -> None:
@@ -146,11 +146,11 @@ def test_coordinates_are_millimetres_on_the_object(scene_of_a_stroke: Any) -> No
 def test_a_stroke_is_felt_live_and_stops_when_nothing_moves(scene_of_a_stroke: Any) -> None:
     scene_of_a_stroke.frame_set(0)
     live = LiveScene(scene_of_a_stroke, bpy.context.view_layer, STANDARD)
-    found = []
+    actual = []
     for frame in (0, 1, 2, 2):
         scene_of_a_stroke.frame_set(frame)
-        found.append(sum(len(run) for run in live.runs()))
-    assert found[0] == 0 and found[1] and found[2] and found[3] == 0
+        actual.append(sum(len(run) for run in live.runs()))
+    assert actual[0] == 0 and actual[1] and actual[2] and actual[3] == 0
 
 
 def test_a_surface_that_changes_its_faces_is_told(scene_of_a_stroke: Any) -> None:

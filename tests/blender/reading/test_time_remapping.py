@@ -29,13 +29,13 @@ def ball(request: Any, scene: Any) -> Any:
 
 def _levels(scene: Any, ball: Any, time: TimeBase) -> dict[int, float]:
     """The level that Blender evaluates at each sample."""
-    found = {}
+    actual = {}
     for index in range(time.sample_count):
         oracle.set_time(scene, time.frame(index))
         hfx = ball.evaluated_get(bpy.context.evaluated_depsgraph_get()).hfx
         if hfx.activation * hfx.intensity > 0.0:
-            found[index] = hfx.activation * hfx.intensity
-    return found
+            actual[index] = hfx.activation * hfx.intensity
+    return actual
 
 
 def _by_clip(ball: Any) -> None:
@@ -50,10 +50,10 @@ def _by_keys(ball: Any) -> None:
 def test_clips_and_keys_are_on_when_blender_has_them_on(scene: Any, ball: Any, how: Any) -> None:
     how(ball)
     oracle.key(ball, "location", [(1, (0, 0, 1.1)), (12, (0, 0, 1.3))])
-    found = oracle.evaluate(scene, rate_hz=96)
-    assert found.reader.stepping_note == "sampled F-curves, stepped no scene"
-    truth = _levels(scene, ball, found.reader.time)
-    assert found.levels("Ball") == pytest.approx(truth, abs=1e-5) and truth
+    samples = oracle.evaluate(scene, rate_hz=96)
+    assert samples.reader.stepping_note == "sampled F-curves, stepped no scene"
+    truth = _levels(scene, ball, samples.reader.time)
+    assert samples.levels("Ball") == pytest.approx(truth, abs=1e-5) and truth
 
 
 def test_motion_of_volumes_and_bodies_is_that_of_remapped_frames(scene: Any, ball: Any) -> None:
@@ -89,16 +89,16 @@ def test_a_second_is_a_second_of_playing_and_clips_are_told_so(scene: Any, ball:
 
 def test_recorded_values_are_those_of_remapped_frames(scene: Any, ball: Any) -> None:
     oracle.key(ball, "location", [(1, (0, 0, 0.2)), (40, (0, 0, 1.3))])
-    *_, found = record(scene, may_step=True)
-    assert found is not None
+    *_, actual = record(scene, may_step=True)
+    assert actual is not None
     live = LiveScene(scene, bpy.context.view_layer, scene_tolerance(scene))
     touched = 0
     for frame in (6.0, 9.5):
-        index = found.index(frame)
+        index = actual.index(frame)
         assert index is not None
-        oracle.set_time(scene, oracle.Fraction(found.frames[index]))
-        for one, other in zip(found.runs(index) or (), live.runs(), strict=True):
+        oracle.set_time(scene, oracle.Fraction(actual.frames[index]))
+        for one, second in zip(actual.runs(index) or (), live.runs(), strict=True):
             touched += len(one.vertices)
-            assert one.vertices.tolist() == other.vertices.tolist()
-            np.testing.assert_allclose(one.weights, other.weights, atol=1e-4)
+            assert one.vertices.tolist() == second.vertices.tolist()
+            np.testing.assert_allclose(one.weights, second.weights, atol=1e-4)
     assert touched

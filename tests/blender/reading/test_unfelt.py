@@ -51,8 +51,8 @@ def told(tmp_path: Path) -> Callable[..., dict[str, Any]]:
 
 
 def _line(report: dict[str, Any], effect: str = "Touch") -> dict[str, Any]:
-    (found,) = (each for each in report["effects"] if each["effect"] == effect)
-    return found
+    (actual,) = (item for item in report["effects"] if item["effect"] == effect)
+    return actual
 
 
 def _clip(effect: Any, start_s: float, end_s: float, name: str = "Clip") -> Any:
@@ -92,7 +92,7 @@ def test_a_clip_outside_the_scene_is_a_warning(
             else "has no clip within the frames of the scene"
         )
         assert line["expected"] is False, "a warning names its clip"
-        assert [each["effect"] for each in report["felt"]] == ["Ball"]
+        assert [item["effect"] for item in report["felt"]] == ["Ball"]
     assert _line(report, "Ball")["felt"]
 
 
@@ -319,8 +319,8 @@ def test_driven_to_nothing(
     assert (line["felt"], line["reason"], line["expected"]) == (False, reason, False)
     assert report["warnings"] == [f"effect '{title}' {reason}: it is not felt"]
     assert report["strict"] == 3
-    (felt,) = (each for each in report["felt"] if each["effect"] == title)
-    assert (felt["seconds"], felt["first_s"], felt["last_s"]) == (0.0, None, None)
+    (samples,) = (item for item in report["felt"] if item["effect"] == title)
+    assert (samples["seconds"], samples["first_s"], samples["last_s"]) == (0.0, None, None)
 
 
 def test_a_single_key_of_the_neutral_temperature(touch: Any, told: Any) -> None:
@@ -374,8 +374,8 @@ def test_felt_until_its_strength_ends(touch: Any, told: Any, words: tuple[str, .
     report = told(*words)
     line = _line(report)
     assert (line["from_s"], line["to_s"]) == pytest.approx((0.0, 19 / FPS))
-    (felt,) = (each for each in report["felt"] if each["effect"] == "Touch")
-    assert (felt["seconds"], felt["last_s"]) == pytest.approx((20 / FPS, 19 / FPS))
+    (samples,) = (item for item in report["felt"] if item["effect"] == "Touch")
+    assert (samples["seconds"], samples["last_s"]) == pytest.approx((20 / FPS, 19 / FPS))
     assert report["warnings"] == [] and report["strict"] == 0
 
 
@@ -492,12 +492,12 @@ def test_a_body_shown_as_an_instance_beside_an_own_one(touch: Any, told: Any) ->
 
 def _report(count: int, is_felt: bool) -> ExportReport:
     names = [f"E{k}" for k in range(count)]
-    felt = {"modality": "wind", "body": "A", "seconds": 1.0, "first_s": 0.0, "last_s": 0.9}
+    samples = {"modality": "wind", "body": "A", "seconds": 1.0, "first_s": 0.0, "last_s": 0.9}
     return ExportReport(
         scene="Scene",
         folder=Path(),
         files=(),
-        felt=tuple({"effect": name, **felt, "mean_vertices": 3.0} for name in names),
+        felt=tuple({"effect": name, **samples, "mean_vertices": 3.0} for name in names),
         unrendered=(),
         warnings=(),
         effects=tuple(
@@ -550,10 +550,10 @@ def test_info_of_a_track_counts_what_has_a_strength(
     told()
     capsys.readouterr()
     assert cli.run(["info", str(tmp_path / "out" / "scene.hfxtrack"), "--json"]) == 0
-    (felt,) = (
-        each for each in json.loads(capsys.readouterr().out)["felt"] if each["effect"] == "Touch"
+    (samples,) = (
+        item for item in json.loads(capsys.readouterr().out)["felt"] if item["effect"] == "Touch"
     )
-    assert (felt["seconds"], felt["first_s"]) == pytest.approx((1.0, 1.0))
+    assert (samples["seconds"], samples["first_s"]) == pytest.approx((1.0, 1.0))
 
 
 class _Layout:

@@ -42,9 +42,9 @@ def test_a_volume_that_is_hidden_at_times(scene: Any, ball: Any, how: Any, curre
     how(ball)
     oracle.key(ball, "location", [(1, (0, 0, 1.2)), (12, (0, 0, 1.0))])
     scene.frame_set(current)
-    found = oracle.evaluate(scene, rate_hz=24)
-    assert sorted(found.samples["Ball"]) == [0, 1, 2, 3, 8, 9, 10, 11]
-    assert scene.frame_current == current and not found.reader.description.warnings
+    samples = oracle.evaluate(scene, rate_hz=24)
+    assert sorted(samples.samples["Ball"]) == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert scene.frame_current == current and not samples.reader.description.warnings
 
 
 @pytest.mark.parametrize("current", [2, 6])
@@ -57,9 +57,9 @@ def test_a_mesh_that_is_hidden_at_times(scene: Any, ball: Any, current: int) -> 
     mesh.modifiers.new("Finer", "SUBSURF")
     _by_key(mesh)
     scene.frame_set(current)
-    found = oracle.evaluate(scene, rate_hz=24)
-    assert sorted(found.samples["Mesh"]) == [0, 1, 2, 3, 8, 9, 10, 11]
-    assert len({len(sample.vertices) for sample in found.samples["Mesh"].values()}) == 1
+    samples = oracle.evaluate(scene, rate_hz=24)
+    assert sorted(samples.samples["Mesh"]) == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert len({len(sample.vertices) for sample in samples.samples["Mesh"].values()}) == 1
 
 
 @pytest.mark.parametrize("current", [2, 6])
@@ -70,18 +70,18 @@ def test_a_body_that_is_hidden_at_times_feels_nothing_then(
     oracle.add_painted("Touch", "pressure", body, "hand_palm")
     oracle.key(body, "hide_viewport", HIDDEN)
     scene.frame_set(current)
-    found = oracle.evaluate(scene, rate_hz=24)
+    samples = oracle.evaluate(scene, rate_hz=24)
     for name in ("Ball", "Touch"):
-        assert sorted(found.samples[name]) == [0, 1, 2, 3, 8, 9, 10, 11]
-    assert not found.counters.warnings
+        assert sorted(samples.samples[name]) == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert not samples.counters.warnings
 
 
 def test_the_eye_and_the_camera_do_not_matter(scene: Any, ball: Any) -> None:
     ball.hide_set(True)
     oracle.key(ball, "hide_render", HIDDEN)
-    found = oracle.evaluate(scene, rate_hz=24)
-    assert len(found.samples["Ball"]) == 12
-    assert found.reader.stepping_note == "sampled F-curves, stepped no scene"
+    samples = oracle.evaluate(scene, rate_hz=24)
+    assert len(samples.samples["Ball"]) == 12
+    assert samples.reader.stepping_note == "sampled F-curves, stepped no scene"
 
 
 def test_live_feels_nothing_of_what_is_hidden_now(scene: Any, ball: Any) -> None:
@@ -90,9 +90,9 @@ def test_live_feels_nothing_of_what_is_hidden_now(scene: Any, ball: Any) -> None
 
     _by_key(ball)
     live = LiveScene(scene, bpy.context.view_layer, STANDARD)
-    felt = []
+    samples = []
     for frame in (2, 6, 10):
         scene.frame_set(frame)
-        felt.append(len(live.runs()))
+        samples.append(len(live.runs()))
         assert signature_of(scene) == live.signature
-    assert felt == [1, 0, 1]
+    assert samples == [1, 0, 1]

@@ -32,8 +32,8 @@ def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> No
     assert [device.name for device in scene.hfx.devices] == ["waist_belt"]
     assert len(effects.bodies_of(scene)) == 1 and not effects.effects_of(scene)
     reader = SceneReader(scene)
-    kinds = [[each.kind for each in e.area.response] for e in reader.description.effects]
-    assert kinds and all(each == ["impact", "proximity"] for each in kinds)
+    kinds = [[item.kind for item in e.area.response] for e in reader.description.effects]
+    assert kinds and all(kind == ["impact", "proximity"] for kind in kinds)
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_what_circles_the_waist_goes_round_the_belt_and_the_loudspeakers(
     assert heard.shape == (sound_wav.sample_count(rows, raster.rate_hz, rate), 8)
     assert len(heard) / rate == pytest.approx(rows / float(raster.rate_hz))
     strengths = raster.values[:, ::2]
-    assert [each.actuator for each in raster.columns[::2]] == [
+    assert [column.actuator for column in raster.columns[::2]] == [
         "front", "front_left", "left", "back_left", "back", "back_right", "right", "front_right",
     ]  # fmt: skip
     frames = heard.reshape(rows, -1, 8).astype(float)
@@ -104,15 +104,15 @@ def test_sources_are_as_loud_as_they_are_felt(standing: Any) -> None:
     engine = Engine(reader.description)
     settings = SoundSettings(tone=0.0, touch=1.0)
     recorder = SoundRecorder(reader.description, settings)
-    felt = np.zeros(reader.time.sample_count)
+    expected = np.zeros(reader.time.sample_count)
     for block in reader.blocks():
         runs = engine.evaluate(block)
         recorder.add(block, runs)
         for run in runs:
-            felt[run.indices] = run.levels
+            expected[run.indices] = run.levels
     (source,) = recorder.sources()
-    np.testing.assert_allclose(source.amplitudes, felt, atol=1e-6)
-    assert felt.any()
+    np.testing.assert_allclose(source.amplitudes, expected, atol=1e-6)
+    assert expected.any()
     distances = np.linalg.norm(source.places_m, axis=1)
     assert ((distances > 0.1) & (distances < 0.6)).all()
 

@@ -56,7 +56,7 @@ class Played:
     @property
     def is_on(self) -> np.ndarray:
         """Rows that differ from the last one, at which nothing is felt."""
-        return np.any([each != each[-1] for each in self.values.values()], axis=0)
+        return np.any([value != value[-1] for value in self.values.values()], axis=0)
 
 
 @pytest.fixture(scope="module")
@@ -101,23 +101,23 @@ def test_it_writes_what_it_names(demo: Any, folder: Path) -> None:
 def test_each_task_is_played_by_a_device(played: dict[str, Played], task: Task) -> None:
     players = [
         name
-        for name, each in played.items()
-        if each.is_on[(each.times_s >= task.start_s) & (each.times_s < task.end_s)].any()
+        for name, item in played.items()
+        if item.is_on[(item.times_s >= task.start_s) & (item.times_s < task.end_s)].any()
     ]
     assert players, f"{task.name} is silent on all devices"
 
 
 def test_nothing_is_played_between_the_tasks(played: dict[str, Played]) -> None:
-    for name, each in played.items():
-        within = np.zeros(len(each.times_s), np.bool_)
+    for name, item in played.items():
+        within = np.zeros(len(item.times_s), np.bool_)
         for task in TASKS:
             # A clip includes its last frame, and that is one sample. An actuator that answers
             # late gets its values early, at the update before.
-            begin_s = task.start_s - each.latency_s - each.update_s
+            begin_s = task.start_s - item.latency_s - item.update_s
             end_s = task.end_s + SAMPLE_S / 2
-            within |= (each.times_s >= begin_s) & (each.times_s <= end_s)
-        assert not each.is_on[~within].any(), name
-        assert each.times_s[-1] > TASKS[-1].end_s  # or the end would prove nothing
+            within |= (item.times_s >= begin_s) & (item.times_s <= end_s)
+        assert not item.is_on[~within].any(), name
+        assert item.times_s[-1] > TASKS[-1].end_s  # or the end would prove nothing
 
 
 def test_the_fire_warms_and_the_wind_blows(played: dict[str, Played]) -> None:
@@ -138,10 +138,10 @@ def test_the_arrow_is_felt_on_the_back_only(demo: Any, folder: Path) -> None:
 
     with TrackReader(folder / "garage.hfxtrack") as track:
         names = {effect.id: effect.name for effect in track.header.effects}
-        felt = {names[s.stream.effect_id]: s for s in track.samples_at(2.75)}
-    assert set(felt) == {"T2 Arrow"}
+        felt_samples = {names[s.stream.effect_id]: s for s in track.samples_at(2.75)}
+    assert set(felt_samples) == {"T2 Arrow"}
     model = load_model("hfx-pressure-1")
-    arrow = felt["T2 Arrow"].vertices
+    arrow = felt_samples["T2 Arrow"].vertices
     assert set(model.part[arrow]) == {PARTS.index("torso")}
     assert (model.normals[arrow, 1] > 0).all()  # the body faces -Y
     # It points to the wearer's right, -X: the tip is narrower than the head behind it.
@@ -171,7 +171,7 @@ def test_the_heart_beats_twice_a_second_within_its_fades(played: dict[str, Playe
 def test_the_track_takes_at_most_a_byte_for_each_entry(demo: Any, folder: Path) -> None:
     path = folder / "garage.hfxtrack"
     with TrackReader(path) as track:
-        entries = sum(each.entry_count for each in track.summary())
+        entries = sum(item.entry_count for item in track.summary())
         assert not track.full_precision
     assert entries > 1_000_000
     assert path.stat().st_size <= entries
@@ -188,26 +188,26 @@ def test_the_saved_scene_exports_to_the_same_track_elsewhere(
         folder / "garage.insoles.csv"
     ).read_bytes()
     # Insoles play nothing of the back, of the air or of the chest.
-    lost = {each["effect"]: each["share"] for each in _report(tmp_path)["unrendered"]}
+    lost = {item["effect"]: item["share"] for item in _report(tmp_path)["unrendered"]}
     assert {"T1 Fire", "T2 Arrow", "T3 Wind", "T4 Heartbeat"} <= set(lost)
     assert {lost["T1 Fire"], lost["T2 Arrow"], lost["T4 Heartbeat"]} == {1.0}
     assert "T2 Arrow: 0.49 s of it (100%) felt by Avatar but played by no device" in done.stdout
 
 
 def _report(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "garage.report.json").read_text())
-    return found
+    document: dict[str, Any] = json.loads((folder / "garage.report.json").read_text())
+    return document
 
 
 def test_the_report_holds_what_was_felt(demo: Any, folder: Path) -> None:
-    felt = {each["effect"]: each for each in _report(folder)["felt"]}
-    assert set(felt) == {name for task in TASKS for name in task.effects}
+    felt_samples = {item["effect"]: item for item in _report(folder)["felt"]}
+    assert set(felt_samples) == {name for task in TASKS for name in task.effects}
     for task in TASKS:
         for name in task.effects:
-            assert felt[name]["seconds"] > 0.0
-            assert felt[name]["first_s"] >= task.start_s
-            assert felt[name]["last_s"] <= task.end_s
-    assert felt["T3 Lightning"]["seconds"] == pytest.approx(3 * 0.15, abs=2 * SAMPLE_S)
+            assert felt_samples[name]["seconds"] > 0.0
+            assert felt_samples[name]["first_s"] >= task.start_s
+            assert felt_samples[name]["last_s"] <= task.end_s
+    assert felt_samples["T3 Lightning"]["seconds"] == pytest.approx(3 * 0.15, abs=2 * SAMPLE_S)
 
 
 def test_json_and_a_second_run_over_the_first(
@@ -217,8 +217,8 @@ def test_json_and_a_second_run_over_the_first(
     (again / "garage.hfxtrack").write_bytes(b"another")
     assert cli.run(["demo", "--no-pictures", "--json", "-o", str(again)]) == 0
     out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert err == "" and found["pictures"] is None and found["scene"] == "Garage"
+    document = json.loads(out)
+    assert err == "" and document["pictures"] is None and document["scene"] == "Garage"
     with TrackReader(again / "garage.hfxtrack") as track:
         assert len(track.header.effects) == sum(len(task.effects) for task in TASKS)
 
@@ -277,9 +277,9 @@ def test_what_is_felt_colours_the_picture(
     avatar_pictures.aim(scene, body, TASKS[0])
     shown = {}
     with TrackReader(tmp_path / "x.hfxtrack") as track:
-        felt = track.samples_at(0.0)
-        calm = [] if not felt else [_faint(felt[0])]
-        for name, samples in (("calm", calm), ("felt", felt)):
+        felt_samples = track.samples_at(0.0)
+        calm = [] if not felt_samples else [_faint(felt_samples[0])]
+        for name, samples in (("calm", calm), ("felt", felt_samples)):
             avatar_pictures.colour_by_samples(body.hfx.avatar, samples, track.header)
             shown[name] = _vertex_colours(body.hfx.avatar)
             scene.render.filepath = str(tmp_path / f"{name}.png")

@@ -30,7 +30,7 @@ def squares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         for suffix in (f"{device}.csv", f"{device}.phone.ahap", f"{device}.phone.he"):
             assert (folder / f"board.{suffix}").stat().st_size > 1000
     result: dict[str, Any] = json.loads(done.stdout)
-    return {each["square"]: (each, folder) for each in result["squares"]}
+    return {item["square"]: (item, folder) for item in result["squares"]}
 
 
 def test_every_square_is_played_by_both_phones_at_its_materials_frequency(squares: Any) -> None:

@@ -199,8 +199,8 @@ def test_the_worst_part_comes_first() -> None:
         return FitQuality(model, parts, 1.0, 1.0)
 
     def order(*heads: tuple[float, float, float]) -> list[str]:
-        found = stored_fits.worst_first([quality("m", head) for head in heads])
-        return [part.part for part in found]
+        worst_first = stored_fits.worst_first([quality("m", head) for head in heads])
+        return [part.part for part in worst_first]
 
     assert order((1.0, 1.0, 1.0)) == ["foot_sole", "torso", "head"]
     assert order((1.0, 0.7, 1.0)) == ["head", "foot_sole", "torso"]
@@ -231,8 +231,8 @@ def test_a_model_is_shown_on_the_avatar_and_removed_without_a_trace(
     to_skin = avatar.matrix_world.inverted()
     scale = avatar.matrix_world.to_scale()[0]
     height = [
-        scale * (avatar.closest_point_on_mesh(to_skin @ place)[1] - to_skin @ place).length
-        for place in map(Vector, world[:: max(len(world) // 200, 1)].tolist())
+        scale * (avatar.closest_point_on_mesh(to_skin @ position)[1] - to_skin @ position).length
+        for position in map(Vector, world[:: max(len(world) // 200, 1)].tolist())
     ]
     # 2 mm over the skin, plus what the coarse avatar lacks.
     assert np.median(height) == pytest.approx(0.002, abs=0.001)

@@ -19,9 +19,9 @@ def rows() -> list[tuple[str, str]]:
 
 
 def volume(name: str, group: str = "") -> Any:
-    made = effects.add_volume(bpy.context.scene, "wind", "SPHERE", name)
-    made.hfx.group = group
-    return made
+    created = effects.add_volume(bpy.context.scene, "wind", "SPHERE", name)
+    created.hfx.group = group
+    return created
 
 
 def test_effects_of_a_group_follow_its_row(scene: Any) -> None:
@@ -38,7 +38,7 @@ def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
     rows()
     manager = bpy.context.window_manager
     manager.hfx_rows[0].is_muted = True
-    assert [each.hfx.is_muted for each in (*storm, alone)] == [True, True, False]
+    assert [item.hfx.is_muted for item in (*storm, alone)] == [True, True, False]
     storm[0].hfx.is_muted = False
     assert not manager.hfx_rows[0].is_muted and manager.hfx_rows[2].is_muted
     manager.hfx_row = 0
@@ -57,7 +57,7 @@ def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
     assert rows() == [("Rain", "")], "an effect alone"
     bpy.ops.hfx.add_rain(duration=1.0, drops_per_second=16.0)  # at most 10 in each effect
     assert rows() == [("", "Rain"), ("Rain 01", "Rain"), ("Rain 02", "Rain")]
-    strips = [strip for each in effects.effects_of(scene) for _, strip in clips.strips_of(each)]
+    strips = [strip for effect in effects.effects_of(scene) for _, strip in clips.strips_of(effect)]
     first = min(strip.frame_start for strip in strips)
     before = [(strip.frame_start, strip.frame_end) for strip in strips]
     for start in (first + 30.0, first - 0.5):  # the group's clips are moved as one
@@ -66,7 +66,7 @@ def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
         assert np.allclose(now, np.array(before) + start - first, atol=1e-3)
     bpy.ops.hfx.add_from_library(name="hug")
     bpy.ops.hfx.add_from_library(name="hug")
-    groups = {effects.group_of(each) for each in effects.effects_of(scene)} - {""}
+    groups = {effects.group_of(effect) for effect in effects.effects_of(scene)} - {""}
     assert groups in ({"Rain"}, {"Rain", "Hug", "Hug 2"})
 
 

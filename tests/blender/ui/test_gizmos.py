@@ -28,8 +28,8 @@ def test_dragging_a_handle_moves_the_boundary_there(
     gizmos.set_offset(effect, axis, 0.7)
     assert gizmos.offset(effect, axis) == pytest.approx(0.7)
     for name, value in expected.items():
-        found = getattr(effect.hfx, name)
-        assert (found if isinstance(value, float) else tuple(found)) == pytest.approx(value)
+        actual = getattr(effect.hfx, name)
+        assert (actual if isinstance(value, float) else tuple(actual)) == pytest.approx(value)
     points = [effect.matrix_world @ v.co for v in effect.data.vertices]
     assert max(p[axis] for p in points) == pytest.approx(0.7, abs=0.01), "the wires follow"
 

@@ -33,7 +33,7 @@ def unregistered(scene: Any) -> Iterator[None]:
 
 def _traces() -> dict[str, list[str]]:
     draws = {
-        menu.__name__: [each.__name__ for each in getattr(menu.draw, "_draw_funcs", ())]
+        menu.__name__: [item.__name__ for item in getattr(menu.draw, "_draw_funcs", ())]
         for menu in (
             bpy.types.NLA_MT_add,
             bpy.types.OUTLINER_MT_object,
@@ -49,15 +49,15 @@ def _traces() -> dict[str, list[str]]:
         "object": [name for name in bpy.types.Object.bl_rna.properties.keys() if "hfx" in name],
         "scene": [name for name in bpy.types.Scene.bl_rna.properties.keys() if "hfx" in name],
         "handlers": sorted(
-            each.__module__
+            handler.__module__
             for name in dir(bpy.app.handlers)
             if isinstance(handlers := getattr(bpy.app.handlers, name), list)
-            for each in handlers
-            if each.__module__.startswith("hfx_blender")
+            for handler in handlers
+            if handler.__module__.startswith("hfx_blender")
         ),
         **{
-            name: [each for each in found if "hfx" in each or each.startswith("_")]
-            for name, found in draws.items()
+            name: [item for item in actual if "hfx" in item or item.startswith("_")]
+            for name, actual in draws.items()
         },
     }
 
@@ -117,8 +117,8 @@ def test_what_is_not_used_yet_is_not_imported() -> None:
         timeout=120,
     )
     assert "found:" in fresh.stdout, fresh.stderr
-    found = next(line for line in fresh.stdout.splitlines() if line.startswith("found:"))
-    assert found.split()[1:] == []
+    actual = next(line for line in fresh.stdout.splitlines() if line.startswith("found:"))
+    assert actual.split()[1:] == []
 
 
 # Drawing, with a layout that checks what it is given
@@ -172,9 +172,9 @@ class Layout:
 
     def _operator(self, idname: str, icon: str) -> Any:
         module, _, name = idname.partition(".")
-        found = getattr(getattr(bpy.ops, module), name).get_rna_type()
+        actual = getattr(getattr(bpy.ops, module), name).get_rna_type()
         self._show(idname, icon)
-        return Properties(found)
+        return Properties(actual)
 
     def _show(self, what: str, icon: str) -> None:
         assert icon in self.ICONS, icon
@@ -188,9 +188,9 @@ class Properties:
         self.__dict__["bl_rna"] = bl_rna
 
     def __setattr__(self, name: str, value: object) -> None:
-        found = self.bl_rna.properties[name]
-        if found.type == "ENUM":
-            assert value in found.enum_items.keys()
+        actual = self.bl_rna.properties[name]
+        if actual.type == "ENUM":
+            assert value in actual.enum_items.keys()
 
 
 def drawn(draw: Callable[..., None], context: Any) -> list[str]:

@@ -23,19 +23,19 @@ def _groups(owner: Any, seen: set[str]) -> Iterator[Any]:
         return
     seen.add(owner.identifier)
     yield owner
-    for each in owner.properties:
-        inner = getattr(each, "fixed_type", None)
+    for entry in owner.properties:
+        inner = getattr(entry, "fixed_type", None)
         if inner is not None and inner.identifier.startswith("Hfx"):
             yield from _groups(inner, seen)
 
 
 def _own_properties(owner: Any) -> Iterator[Any]:
-    for each in owner.properties:
-        if each.identifier in {"rna_type", *_OF_BLENDER} or each.is_hidden:
+    for entry in owner.properties:
+        if entry.identifier in {"rna_type", *_OF_BLENDER} or entry.is_hidden:
             continue
-        if each.identifier.startswith(("hfx", "filter_")) and owner.identifier == "Object":
+        if entry.identifier.startswith(("hfx", "filter_")) and owner.identifier == "Object":
             continue
-        yield each
+        yield entry
 
 
 def _faults(text: str, place: str) -> list[str]:
@@ -58,8 +58,10 @@ def test_every_argument_of_an_operator_says_what_it_does(registered: Any) -> Non
     faults = [
         fault
         for operator in _operators()
-        for each in _own_properties(operator)
-        for fault in _faults(each.description, f"{operator.identifier}.{each.identifier}")
+        for own_property in _own_properties(operator)
+        for fault in _faults(
+            own_property.description, f"{operator.identifier}.{own_property.identifier}"
+        )
     ]
     assert faults == []
 
@@ -70,24 +72,26 @@ def test_every_property_of_a_scene_says_what_it_does(registered: Any, owner: str
     faults = [
         fault
         for group in _groups(top, set())
-        for each in _own_properties(group)
-        if each.type not in ("POINTER", "COLLECTION") or not each.fixed_type.base
-        for fault in _faults(each.description, f"{group.identifier}.{each.identifier}")
+        for own_property in _own_properties(group)
+        if own_property.type not in ("POINTER", "COLLECTION") or not own_property.fixed_type.base
+        for fault in _faults(
+            own_property.description, f"{group.identifier}.{own_property.identifier}"
+        )
     ]
     assert faults == []
 
 
 def test_every_choice_says_what_it_means(registered: Any) -> None:
     faults = [
-        f"{owner.identifier}.{each.identifier}: {item.identifier}"
+        f"{owner.identifier}.{own_property.identifier}: {item.identifier}"
         for owner in [
             *_operators(),
             *_groups(_hfx("Object"), set()),
             *_groups(_hfx("Scene"), set()),
         ]
-        for each in _own_properties(owner)
-        if each.type == "ENUM"
-        for item in each.enum_items
+        for own_property in _own_properties(owner)
+        if own_property.type == "ENUM"
+        for item in own_property.enum_items
         if not item.description.strip()
     ]
     assert faults == []

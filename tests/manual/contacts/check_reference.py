@@ -43,9 +43,9 @@ def main() -> int:
                 file.flush()
     off = sorted(seed for seed, difference in done.items() if not difference < NEAR)
     most = max(done.values(), default=0.0)
-    told = [f"{len(done)} scenes, {len(off)} differ by {NEAR} or more, at most {most:.3g}"]
-    told += [f"seed {seed}: {done[seed]:.3g}" for seed in off]
-    sys.stdout.write("\n".join(told) + "\n")
+    messages = [f"{len(done)} scenes, {len(off)} differ by {NEAR} or more, at most {most:.3g}"]
+    messages += [f"seed {seed}: {done[seed]:.3g}" for seed in off]
+    sys.stdout.write("\n".join(messages) + "\n")
     return int(bool(off))
 
 

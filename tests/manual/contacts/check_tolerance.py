@@ -44,9 +44,9 @@ def main() -> int:
             file.flush()
     off = sorted(seed for seed, excess in done.items() if not excess <= ACCEPTED)
     most = max(done.values(), default=0.0)
-    told = [f"{len(done)} scenes, {len(off)} off by more than {ACCEPTED}, at most {most:+.4f}"]
-    told += [f"seed {seed}: {done[seed]:+.4f}" for seed in off]
-    sys.stdout.write("\n".join(told) + "\n")
+    messages = [f"{len(done)} scenes, {len(off)} off by more than {ACCEPTED}, at most {most:+.4f}"]
+    messages += [f"seed {seed}: {done[seed]:+.4f}" for seed in off]
+    sys.stdout.write("\n".join(messages) + "\n")
     return int(bool(off))
 
 

@@ -91,7 +91,7 @@ def of_blender() -> Scenes:
     def changed(change: Callable[[object], None]) -> Callable[[], None]:
         def build() -> None:
             garage.build()
-            change(next(each for each in bpy.data.objects if each.type == "ARMATURE"))
+            change(next(item for item in bpy.data.objects if item.type == "ARMATURE"))
 
         return build
 
@@ -129,14 +129,14 @@ def _of_scene(
         tolerance=tolerance,
     )
     engine = Engine(reader.description, record=record, tolerance=tolerance)
-    volumes = {each.id for each in reader.description.effects if each.kind == "volume"}
+    volumes = {effect.id for effect in reader.description.effects if effect.kind == "volume"}
     runs = (run for block in reader.blocks() for run in engine.evaluate(block))
     return [_named(run, reader.description) for run in runs if run.stream.effect_id in volumes]
 
 
 def _named(run: SampleRun, scene: SceneDescription) -> SampleRun:
     """A run whose stream has names instead of ids, which are others each time a scene is built."""
-    names = {each.id: each.name for each in (*scene.bodies, *scene.effects)}
+    names = {item.id: item.name for item in (*scene.bodies, *scene.effects)}
     own = run.stream
     named = replace(own, effect_id=names[own.effect_id], body_id=names[own.body_id])
     return replace(run, stream=named)
@@ -180,22 +180,24 @@ def _packed(runs: list[SampleRun]) -> dict[str, np.ndarray]:
     values = np.zeros((len(rows), columns))
     for k, (_, row) in enumerate(rows):
         values[k, : len(row)] = row
-    found = {"rows": np.array([key for key, _ in rows], np.int64), "values": values}
+    actual = {"rows": np.array([key for key, _ in rows], np.int64), "values": values}
     names = "keys", "weights", "details"
     for k, name in enumerate(names):
-        found[name] = np.concatenate([part[k] for part in parts]) if parts else np.zeros(0)
-    order = np.argsort(found["keys"], kind="stable")
-    found |= {name: found[name][order] for name in names}
-    return found | {"streams": np.array(streams)}
+        actual[name] = np.concatenate([part[k] for part in parts]) if parts else np.zeros(0)
+    order = np.argsort(actual["keys"], kind="stable")
+    actual |= {name: actual[name][order] for name in names}
+    return actual | {"streams": np.array(streams)}
 
 
 def _told(sample: Sample) -> np.ndarray:
     """What was recorded of each contact, (n, D); NaN for what did not begin."""
     impact = sample.impact
-    told = [getattr(sample, name) for name in DETAILS]
-    told += [impact.times_s, impact.speeds_m_s, impact.normals] if impact else []
+    messages = [getattr(sample, name) for name in DETAILS]
+    messages += [impact.times_s, impact.speeds_m_s, impact.normals] if impact else []
     count = len(sample.vertices)
-    columns = [np.asarray(each, np.float64).reshape(count, -1) for each in told if each is not None]
+    columns = [
+        np.asarray(item, np.float64).reshape(count, -1) for item in messages if item is not None
+    ]
     return np.concatenate([np.zeros((count, 0)), *columns], axis=1)
 
 
@@ -205,13 +207,13 @@ def compare(one: Path, other: Path) -> int:
     off = 0
     for name in names:
         if not ((one / name).exists() and (other / name).exists()):
-            told = "is in one of the folders only"
+            difference = "is in one of the folders only"
         else:
             with np.load(one / name) as first, np.load(other / name) as second:
-                told = _difference(dict(first), dict(second))
-        if told:
+                difference = _difference(dict(first), dict(second))
+        if difference:
             off += 1
-            sys.stdout.write(f"{name}: {told}\n")
+            sys.stdout.write(f"{name}: {difference}\n")
     sys.stdout.write(f"{len(names)} scenes, {off} differ\n")
     return int(off > 0 or not names)
 
@@ -220,7 +222,7 @@ def _difference(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str
     """Description of the largest differences; empty if all is the same."""
     if one["streams"].tolist() != other["streams"].tolist():
         return "other effects or bodies are felt"
-    told = []
+    messages = []
     _, mine, theirs = np.intersect1d(one["keys"], other["keys"], True, return_indices=True)
     # A contact that one side lacks has weight 0 there.
     lonely = [np.delete(one["weights"], mine), np.delete(other["weights"], theirs)]
@@ -228,11 +230,11 @@ def _difference(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str
     most = np.concatenate([apart, *lonely]).max(initial=0.0)
     if most > NEAR:
         alone = sum(map(len, lonely))
-        told.append(f"weights by {most:.2g} ({alone} of {len(apart) + alone} on one side only)")
-    told.append(_apart("details", one["details"][mine], other["details"][theirs]))
+        messages.append(f"weights by {most:.2g} ({alone} of {len(apart) + alone} on one side only)")
+    messages.append(_apart("details", one["details"][mine], other["details"][theirs]))
     _, mine, theirs = np.intersect1d(one["rows"], other["rows"], True, return_indices=True)
-    told.append(_apart("levels, parameters", one["values"][mine], other["values"][theirs]))
-    return ", ".join(filter(None, told))
+    messages.append(_apart("levels, parameters", one["values"][mine], other["values"][theirs]))
+    return ", ".join(filter(None, messages))
 
 
 def _apart(name: str, one: np.ndarray, other: np.ndarray) -> str:

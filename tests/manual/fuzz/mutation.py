@@ -72,7 +72,7 @@ def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes
     packed = io.BytesIO()
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {each: archive.read(each)[: 64 << 10] for each in archive.namelist()[:20]}
+            members = {item: archive.read(item)[: 64 << 10] for item in archive.namelist()[:20]}
         name = rng.choice(list(members))
         inner = _of_tree(members[name], rng, of_bytes) or _of_png(members[name], rng, of_bytes)
         is_tree = inner is not None and rng.random() < 0.7
@@ -80,8 +80,8 @@ def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes
         if rng.random() < 0.1:
             members[rng.choice(list(members))] = members.pop(name)
         with zipfile.ZipFile(packed, "w", rng.choice((0, 8))) as archive:
-            for each, content in members.items():
-                archive.writestr(each, content)
+            for item, content in members.items():
+                archive.writestr(item, content)
     except (OSError, ValueError, IndexError, zipfile.BadZipFile, NotImplementedError, zlib.error):
         return None
     except (RuntimeError, EOFError, struct.error, UnicodeError):  # encrypted, cut, odd names
@@ -108,11 +108,11 @@ def _of_png(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | N
     if data[:8] != _PNG:
         return None
     parts: list[tuple[bytes, bytes]] = []
-    place = 8
-    while place + 12 <= len(data) and len(parts) < 20:
-        (size,) = struct.unpack_from(">I", data, place)
-        parts.append((data[place + 4 : place + 8], data[place + 8 : place + 8 + size]))
-        place += 12 + size
+    position = 8
+    while position + 12 <= len(data) and len(parts) < 20:
+        (size,) = struct.unpack_from(">I", data, position)
+        parts.append((data[position + 4 : position + 8], data[position + 8 : position + 8 + size]))
+        position += 12 + size
     if not parts:
         return None
     k = rng.randrange(len(parts))
@@ -126,7 +126,7 @@ def _of_png(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | N
         content = of_bytes(content)
         content = content[:13].ljust(13, b"\0") if name == b"IHDR" else content
     parts[k] = (name, content)
-    return _PNG + b"".join(png_part(*each) for each in parts)
+    return _PNG + b"".join(png_part(*part) for part in parts)
 
 
 def png_part(name: bytes, content: bytes) -> bytes:
@@ -142,7 +142,7 @@ def change_tree(tree: object, rng: random.Random) -> None:
         inner = (
             list(at.values()) if isinstance(at, dict) else list(at) if isinstance(at, list) else []
         )
-        inner = [each for each in inner if isinstance(each, dict | list) and each]
+        inner = [item for item in inner if isinstance(item, dict | list) and item]
         if not inner or rng.random() < 0.1:
             break
         at = rng.choice(inner)
@@ -168,7 +168,7 @@ def graft(tree: object, rng: random.Random) -> None:
             objects.append(at)
         if isinstance(at, dict | list):
             waiting += at.values() if isinstance(at, dict) else at
-    given, taken = ([each for each in objects if each or k] for k in range(2))
+    given, taken = ([item for item in objects if item or k] for k in range(2))
     if given and taken:
         key, value = rng.choice(list(rng.choice(given).items()))
         is_same = rng.random() < 0.4 and not isinstance(value, dict | list)
@@ -218,8 +218,8 @@ def _change_list(at: list[object], rng: random.Random) -> None:
     elif kind == 2:
         at.extend(at[k : k + 1] * rng.choice((1, 2, 40)))
     else:
-        other = rng.randrange(len(at))
-        at[k], at[other] = at[other], at[k]
+        second = rng.randrange(len(at))
+        at[k], at[second] = at[second], at[k]
 
 
 def changed_bytes(data: bytes, other: bytes, rng: random.Random) -> bytes:

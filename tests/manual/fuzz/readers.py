@@ -79,11 +79,11 @@ _COMMAND_SUFFIXES = {
     "cloud": ".ply",
     "clip": ".hfxclip",
 }
-COMMANDS = tuple(f"{each}-commands" for each in _COMMAND_SUFFIXES)
+COMMANDS = tuple(f"{command_suffix}-commands" for command_suffix in _COMMAND_SUFFIXES)
 """All commands that read a format; what one converts to is told by its bytes."""
 
 _DOCUMENTED = (0, 2, 3, 4, 5)  # exit codes that are no defect
-CONVERSIONS = tuple(f"{each}-to" for each in SUFFIXES)
+CONVERSIONS = tuple(f"{item}-to" for item in SUFFIXES)
 """Conversions of a format; which other one each input goes to is told by its bytes."""
 
 DEVICE = "forearm_band_left"
@@ -140,7 +140,7 @@ def _checked(info: FormatInfo) -> Reader:
         except limits.TooLargeError:
             return
         except InputError:
-            if not any(each.severity == "error" for each in findings):
+            if not any(finding.severity == "error" for finding in findings):
                 raise AssertionError("valid, but not read") from None
 
     return read
@@ -150,15 +150,17 @@ def _hjif(content: bytes) -> None:
     """Read, write again, read again: the same; and unfold."""
     document, _ = hjif_reader.decode(content, "x")
     assert hjif_reader.decode(encoded(document), "x")[0] == document
-    for each in to_signals.envelopes(document):
-        assert len(each.strength) > 0
+    for envelope in to_signals.envelopes(document):
+        assert len(envelope.strength) > 0
     to_signals.decode(content, "x")
 
 
 def _node_map(content: bytes) -> None:
     document = json_shapes.node_of(content, "x.json")
-    made = imported_layouts.configuration_of(document, "x", load_model(imported_layouts.MODEL))
-    device_from(json_shapes.Node(made, "made"))  # what is made of it can be used
+    configuration = imported_layouts.configuration_of(
+        document, "x", load_model(imported_layouts.MODEL)
+    )
+    device_from(json_shapes.Node(configuration, "made"))  # what is made of it can be used
 
 
 def _track(folder: Path, content: bytes) -> None:
@@ -179,7 +181,7 @@ def _texture(folder: Path, content: bytes) -> None:
 
 def _members(content: bytes) -> dict[str, bytes]:
     with suppress(Exception), zipfile.ZipFile(io.BytesIO(content)) as archive:
-        return {each: archive.read(each)[: 1 << 20] for each in archive.namelist()[:3]}
+        return {item: archive.read(item)[: 1 << 20] for item in archive.namelist()[:3]}
     return {"m.texture.json": content}
 
 
@@ -215,18 +217,18 @@ def _cloud(folder: Path, content: bytes) -> None:
 
 def _conversion(source: str, folder: Path) -> Reader:
     path = folder / f"x{SUFFIXES[source]}"
-    asked = _targets(source)
+    targets = _targets(source)
 
     def read(content: bytes) -> None:
-        target, device = asked[zlib.crc32(content) % len(asked)]
+        target, device = targets[zlib.crc32(content) % len(targets)]
         path.write_bytes(content)
         try:
             with limits.raised(SHARE):
                 written = convert(path, folder / "made", to=target, device=device)
-            for each in written.files:
-                each.unlink()
+            for file in written.files:
+                file.unlink()
         finally:
-            left = [each.name for each in folder.iterdir() if each != path]
+            left = [item.name for item in folder.iterdir() if item != path]
             for name in left:
                 (folder / name).unlink()
             assert not left, f"left behind: {left}"
@@ -251,21 +253,21 @@ def _commands(kind: str, folder: Path) -> Reader:
                 part
             )
         number = zlib.crc32(content)
-        asked = [["validate", str(path)], ["info", str(path), "--largest", str(SHARE)]]
-        asked[1] = asked[1][:2] if kind in ("device", "model") else asked[1]
+        requests = [["validate", str(path)], ["info", str(path), "--largest", str(SHARE)]]
+        requests[1] = requests[1][:2] if kind in ("device", "model") else requests[1]
         if kind in SUFFIXES:
             to, device = _targets(kind)[number % len(_targets(kind))]
-            made = folder / "made"
+            created = folder / "made"
             more = ["--device", device] if device else []
-            asked.append(["convert", str(path), str(made / "y"), "--to", to, *more])
-            asked[-1] += ["--largest", str(SHARE)]
-            made.mkdir(exist_ok=True)
+            requests.append(["convert", str(path), str(created / "y"), "--to", to, *more])
+            requests[-1] += ["--largest", str(SHARE)]
+            created.mkdir(exist_ok=True)
         if kind in ("device", "nodemap", "unitouch"):
-            asked.append(["device", "check", str(path)])
+            requests.append(["device", "check", str(path)])
         if kind in ("png", "cloud", "texture"):
-            asked.append(["texture", "info", str(path)])
+            requests.append(["texture", "info", str(path)])
         try:
-            for arguments in asked:
+            for arguments in requests:
                 with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                     code = cli.run(arguments)
                 assert code in _DOCUMENTED, f"{arguments[0]} ended with {code}"
@@ -287,10 +289,10 @@ def _raise(console: object) -> int:
 def _targets(source: str) -> list[tuple[str, str | None]]:
     """Formats that a format is converted to, and for which device."""
     if source == "track":
-        return [("hjif", None), ("jsonl", None), *((each, DEVICE) for each in _OF_A_DEVICE)]
+        return [("hjif", None), ("jsonl", None), *((item, DEVICE) for item in _OF_A_DEVICE)]
     if source in ("npz", "csv"):
-        return [(each, DEVICE) for each in _OF_A_DEVICE]
-    return [(each, None) for each in _ENVELOPES] + [(each, DEVICE) for each in _OF_A_DEVICE]
+        return [(item, DEVICE) for item in _OF_A_DEVICE]
+    return [(envelope, None) for envelope in _ENVELOPES] + [(item, DEVICE) for item in _OF_A_DEVICE]
 
 
 def report_of(folder: Path) -> bytes:

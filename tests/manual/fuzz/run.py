@@ -28,8 +28,8 @@ _PARSERS = (
 )  # fmt: skip
 _WORK = {
     "parsers": _PARSERS,
-    "conversions": tuple(f"{each}-to" for each in _SOURCES),
-    "commands": tuple(f"{each}-commands" for each in (*_PARSERS, "channels")),
+    "conversions": tuple(f"{source}-to" for source in _SOURCES),
+    "commands": tuple(f"{item}-commands" for item in (*_PARSERS, "channels")),
 }
 _MOST_MIB = 1024  # that a process may ever have
 _SMALL_BYTES = 3 << 10  # of an input, in all slices but one in eight
@@ -112,28 +112,30 @@ class Campaign:
     def _take(self, name: str, report: Path, code: int) -> None:
         total = self.totals[name]
         if report.is_file():
-            told = json.loads(report.read_text())
-            total["inputs"] += told["inputs"]
-            total["seconds"] += told["seconds"]
-            total["slowest_s"] = max(total["slowest_s"], told["slowest_s"])
-            total["growth_mib"] = max(total["growth_mib"], told["last_mib"] - told["first_mib"])
-            total["peak_mib"] = max(total["peak_mib"], told["peak_mib"])
-            if told["peak_mib"] > _MOST_MIB:
-                self._fault(f"{name}: memory", f"{told['peak_mib']:.0f} MiB")
-            for place, message in told["faults"].items():
-                self._fault(f"{name}: {place}", message)
+            document = json.loads(report.read_text())
+            total["inputs"] += document["inputs"]
+            total["seconds"] += document["seconds"]
+            total["slowest_s"] = max(total["slowest_s"], document["slowest_s"])
+            total["growth_mib"] = max(
+                total["growth_mib"], document["last_mib"] - document["first_mib"]
+            )
+            total["peak_mib"] = max(total["peak_mib"], document["peak_mib"])
+            if document["peak_mib"] > _MOST_MIB:
+                self._fault(f"{name}: memory", f"{document['peak_mib']:.0f} MiB")
+            for position, message in document["faults"].items():
+                self._fault(f"{name}: {position}", message)
         if code != 0:
             self._fault(f"{name}: the process ended with {code}", f"see messages-{name}.txt")
         if not report.is_file():
             raise SystemExit(f"{name}: no input was read; see messages-{name}.txt")
         self._path.write_text(json.dumps({"totals": self.totals, "faults": self.faults}, indent=1))
-        done = sum(each["inputs"] for each in self.totals.values())
+        done = sum(item["inputs"] for item in self.totals.values())
         sys.stdout.write(
             f"{time.strftime('%H:%M:%S')} {name} {total['inputs']:.0f} "
-            f"({told['inputs'] / told['seconds']:.0f} a second of work), slowest "
-            f"{total['slowest_s']:.3f} s, memory {told['first_mib']:.0f} to "
-            f"{told['last_mib']:.0f} MiB (most {total['peak_mib']:.0f}); all {done:.0f} inputs, "
-            f"{len(self.faults)} faults\n"
+            f"({document['inputs'] / document['seconds']:.0f} a second of work), slowest "
+            f"{total['slowest_s']:.3f} s, memory {document['first_mib']:.0f} to "
+            f"{document['last_mib']:.0f} MiB (most {total['peak_mib']:.0f}); all {done:.0f} "
+            f"inputs, {len(self.faults)} faults\n"
         )
         sys.stdout.flush()
 
@@ -166,8 +168,8 @@ def main() -> int:
             f"  {name}: {total['inputs']:.0f} inputs in {total['seconds']:.0f} s of work, slowest "
             f"{total['slowest_s']:.3f} s, memory grew by {total['growth_mib']:.0f} MiB at most\n"
         )
-    for place, message in campaign.faults.items():
-        sys.stdout.write(f"  FAULT {place}: {message}\n")
+    for position, message in campaign.faults.items():
+        sys.stdout.write(f"  FAULT {position}: {message}\n")
     return 1 if campaign.faults else 0
 
 

@@ -47,22 +47,22 @@ def seeds(folder: Path, name: str) -> list[bytes]:
     kind = name.removesuffix("-to").removesuffix("-commands")
     if kind in _OTHERS:
         return _smallest(_OTHERS[kind](folder))
-    found: dict[str, list[bytes]] = {id: [] for id, info in FORMATS.items() if info.check}
-    _of_device(found, folder)
-    _of_signals(found, folder)
-    _of_track(found, folder)
-    found["hjif"].append(json.dumps(sample()).encode())
-    found["glb"] += _glbs()
-    found["wav"].append(_wav())
-    return _smallest(found[kind])
+    actual: dict[str, list[bytes]] = {id: [] for id, info in FORMATS.items() if info.check}
+    _of_device(actual, folder)
+    _of_signals(actual, folder)
+    _of_track(actual, folder)
+    actual["hjif"].append(json.dumps(sample()).encode())
+    actual["glb"] += _glbs()
+    actual["wav"].append(_wav())
+    return _smallest(actual[kind])
 
 
 def _tracks(folder: Path) -> list[bytes]:
-    found = []
+    actual = []
     for modality, kind in (("vibration", "painted"), ("wind", "volume"), ("temperature", "volume")):
         with track_of(folder, modality, kind, BEAT[:12]) as track:
-            found.append(track.path.read_bytes())
-    return found
+            actual.append(track.path.read_bytes())
+    return actual
 
 
 def _devices(folder: Path) -> list[bytes]:
@@ -90,7 +90,7 @@ def _layouts(folder: Path) -> list[bytes]:
     layout = {
         "name": "vest",
         "visualReference": "Skinetic",
-        "actuators": [{"projectedViewPosition": each} for each in places],
+        "actuators": [{"projectedViewPosition": item} for item in places],
         "views": [{"name": "Front", "Indexes": [0, 2]}, {"name": "Back", "indexes": [1]}],
     }
     return [json.dumps(layout).encode()]
@@ -98,7 +98,7 @@ def _layouts(folder: Path) -> list[bytes]:
 
 def _maps(folder: Path) -> list[bytes]:
     layers = np.random.default_rng(0).uniform(size=(2, 4, 5)).astype(np.float32)
-    found = []
+    actual = []
     for bits in (8, 16):
         haptic_map = HapticMap(layers[0], layers[1], (2e-4, 3e-4), False, DeviceRange())
         written = texture_map.write(haptic_map, folder / "m", bits)
@@ -106,13 +106,13 @@ def _maps(folder: Path) -> list[bytes]:
         with zipfile.ZipFile(packed, "w") as archive:
             for path in written.files:
                 archive.write(path, path.name)
-        found.append(packed.getvalue())
-    return found
+        actual.append(packed.getvalue())
+    return actual
 
 
 def _pngs(folder: Path) -> list[bytes]:
     """PNG files of every depth, kind of colour and filter."""
-    found = []
+    actual = []
     node = b'{"1": {"inputs": {"seed": 1, "positive": ["2", 0]}}, "2": {"inputs": {"text": "a"}}}'
     words = b"a\nNegative prompt: b\nSteps: 2, Seed: 3, Model: c"
     texts = (
@@ -126,8 +126,8 @@ def _pngs(folder: Path) -> list[bytes]:
             rows = b"".join(bytes([k]) + bytes(range(3 * unit)) for k in range(5))
             head = struct.pack(">IIBBBBB", 3, 5, depth, colour, 0, 0, 0)
             parts = ((b"IHDR", head), *texts, (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
-            found.append(b"\x89PNG\r\n\x1a\n" + b"".join(png_part(*each) for each in parts))
-    return found
+            actual.append(b"\x89PNG\r\n\x1a\n" + b"".join(png_part(*part) for part in parts))
+    return actual
 
 
 def _models(folder: Path) -> list[bytes]:
@@ -191,8 +191,8 @@ def _of_signals(found: dict[str, list[bytes]], folder: Path) -> None:
     ticking = signal_of([0, 1, 0.5, 0], transients=[Transient(0.01, 0.9, 100.0)])
     for name in ("ahap", "haptic", "he", "openxr"):
         stem = folder / f"b.{name}"
-        made = writing.write_signals(FORMATS[name], [ticking], RANGE, stem, 0.01)
-        for path in made.files:
+        signals = writing.write_signals(FORMATS[name], [ticking], RANGE, stem, 0.01)
+        for path in signals.files:
             found[name].append(path.read_bytes())
 
 
@@ -256,15 +256,15 @@ def _channels() -> bytes:
 def _smallest(contents: list[bytes]) -> list[bytes]:
     """Contents as they are and, for JSON, with shortened lists."""
     every = {*contents, *filter(None, map(_shortened, contents))}
-    fitting = [each for each in every if len(each) <= MOST_BYTES] or [min(every, key=len)]
+    fitting = [item for item in every if len(item) <= MOST_BYTES] or [min(every, key=len)]
     return sorted(fitting, key=lambda each: (len(each), each))[:8]
 
 
 def _shortened(content: bytes) -> bytes | None:
     def short(tree: Any) -> Any:
         if isinstance(tree, list):
-            return [short(each) for each in tree[:_LONG_LIST]]
-        return {key: short(each) for key, each in tree.items()} if isinstance(tree, dict) else tree
+            return [short(item) for item in tree[:_LONG_LIST]]
+        return {key: short(item) for key, item in tree.items()} if isinstance(tree, dict) else tree
 
     try:
         return json.dumps(short(json.loads(content))).encode()

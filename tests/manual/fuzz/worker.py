@@ -113,15 +113,15 @@ class Watched:
 
     def _keep(self, error: BaseException, content: bytes) -> None:
         trace = traceback.extract_tb(error.__traceback__)
-        place = type(error).__name__
+        position = type(error).__name__
         if trace:
-            place += f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}"
-        if place not in self._faults:
-            self._faults[place] = str(error)[:200]
-            shown = place.replace(" ", "-").replace(":", "-")
+            position += f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}"
+        if position not in self._faults:
+            self._faults[position] = str(error)[:200]
+            shown = position.replace(" ", "-").replace(":", "-")
             (self._options.folder / f"fault-{self._name}-{shown}").write_bytes(content)
-            told = "".join(traceback.format_exception(error))
-            (self._options.folder / f"fault-{self._name}-{shown}.txt").write_text(told)
+            text = "".join(traceback.format_exception(error))
+            (self._options.folder / f"fault-{self._name}-{shown}.txt").write_text(text)
 
     def report(self) -> None:
         """Leave the counts for ``run.py``."""
@@ -215,22 +215,22 @@ def fuzz_plainly(watched: Watched, options: argparse.Namespace, corpus: Path) ->
     returns.
     """
     rng = random.Random(options.seed)
-    kept = [path.read_bytes() for path in sorted(corpus.iterdir())]
+    stored = [path.read_bytes() for path in sorted(corpus.iterdir())]
     coverage = Coverage()
-    for data in kept:
+    for data in stored:
         coverage.run(watched, data)
 
     def of_bytes(part: bytes) -> bytes:
-        return changed_bytes(part, rng.choice(kept), rng)
+        return changed_bytes(part, rng.choice(stored), rng)
 
     while True:
-        data = mutated(rng.choice(kept), rng, of_bytes)
+        data = mutated(rng.choice(stored), rng, of_bytes)
         data = data[: options.longest]
         if watched.count % 8:
             watched(data)
-        elif coverage.run(watched, data) and len(kept) < _MOST_KEPT:
-            kept.append(data)
-            (corpus / f"kept-{options.seed}-{len(kept)}").write_bytes(data)
+        elif coverage.run(watched, data) and len(stored) < _MOST_KEPT:
+            stored.append(data)
+            (corpus / f"kept-{options.seed}-{len(stored)}").write_bytes(data)
 
 
 def main() -> None:
@@ -248,9 +248,9 @@ def main() -> None:
         from seeds import seeds  # it brings the tests' modules along
 
         with tempfile.TemporaryDirectory() as folder:
-            made = seeds(Path(folder), options.format)
+            created = seeds(Path(folder), options.format)
             corpus.mkdir(parents=True)
-            for k, data in enumerate(made):
+            for k, data in enumerate(created):
                 (corpus / f"seed-{k}").write_bytes(data)
     findings.MAX_FINDINGS = _MOST_FINDINGS  # type: ignore[misc]
     watched = Watched(options.format, readers(options.format), options)

@@ -45,9 +45,9 @@ HELD_OUT = range(100_000, 100_032)  # numbers that training never asks for
 
 def tokenizer(folder: Path) -> CLIPTokenizer:
     letters = [chr(k) for k in range(33, 127)]
-    words = letters + [f"{each}</w>" for each in letters] + ["<|startoftext|>", "<|endoftext|>"]
+    words = letters + [f"{letter}</w>" for letter in letters] + ["<|startoftext|>", "<|endoftext|>"]
     folder.mkdir(parents=True)
-    (folder / "vocab.json").write_text(json.dumps({each: k for k, each in enumerate(words)}))
+    (folder / "vocab.json").write_text(json.dumps({item: k for k, item in enumerate(words)}))
     (folder / "merges.txt").write_text("#version: 0.2\n")
     return CLIPTokenizer(
         str(folder / "vocab.json"), str(folder / "merges.txt"), model_max_length=77
@@ -128,7 +128,7 @@ def check_a_model(folder: Path, out: Path) -> None:
     touch_decoder.save(decoder, out / "decoder", {})
     decoder = touch_decoder.load(out / "decoder", model.vae, tiling=True)
     shares: list[float] = []
-    first, again, other = (
+    first, again, second = (
         diffusion.generate(
             model, "old wood", seed=seed, settings=settings, decoder=decoder,
             decoder_folder=out / "decoder", progress=shares.append,
@@ -136,7 +136,7 @@ def check_a_model(folder: Path, out: Path) -> None:
         for seed in (1, 1, 2)
     )  # fmt: skip
     assert np.array_equal(first.colour, again.colour)
-    assert not np.array_equal(first.colour, other.colour)
+    assert not np.array_equal(first.colour, second.colour)
     assert first.colour.shape == (TEXELS, TEXELS, 3) and first.map.intensity.shape == (TEXELS,) * 2
     assert shares[:3] == [1 / 3, 2 / 3, 1.0]
     # The new decoder is the mean of the colour decoder's channels, before it is trained.
@@ -232,14 +232,14 @@ def check_what_is_refused(folder: Path, out: Path) -> None:
 
 def check_going_on(out: Path) -> None:
     """Training that was interrupted gives the weights of one that was not."""
-    made = vae()
+    created = vae()
     settings = TrainingSettings(steps=4, warm_up=2, saved_every=100)
-    whole = DecoderTraining(made, PAIRS, out / "whole", settings)
+    whole = DecoderTraining(created, PAIRS, out / "whole", settings)
     whole.run()
-    first = DecoderTraining(made, PAIRS, out / "parts", settings)
+    first = DecoderTraining(created, PAIRS, out / "parts", settings)
     first.run(is_cancelled=lambda: first.step == 2)
     assert first.step == 2
-    rest = DecoderTraining(made, PAIRS, out / "parts", settings)
+    rest = DecoderTraining(created, PAIRS, out / "parts", settings)
     assert rest.step == 2
     rest.run()
     pairs = zip(
@@ -251,29 +251,29 @@ def check_going_on(out: Path) -> None:
 def trained_vae(steps: int) -> AutoencoderKL:
     """A VAE that knows the library's pictures a little, so that what it decodes means something."""
     torch.manual_seed(0)
-    made = vae()
-    adam = torch.optim.Adam(made.parameters(), 1e-3)
+    created = vae()
+    adam = torch.optim.Adam(created.parameters(), 1e-3)
     for step in range(steps):
         rng = np.random.default_rng([9, step])
         colours = [PAIRS[int(k)][0] for k in rng.integers(len(PAIRS), size=4)]
         picture = torch.from_numpy(np.stack(colours))
-        found = made.encode(picture).latent_dist
+        latent_dist = created.encode(picture).latent_dist
         loss = (
-            made.decode(found.sample()).sample - picture
-        ).abs().mean() + 1e-6 * found.kl().mean()
+            created.decode(latent_dist.sample()).sample - picture
+        ).abs().mean() + 1e-6 * latent_dist.kl().mean()
         adam.zero_grad()
         loss.backward()
         adam.step()
-    return made.eval()
+    return created.eval()
 
 
 def check_a_trained_decoder(out: Path, steps: int) -> dict[str, float]:
     """MSE on held-out latents: of the decoder, of the mean map, of Sobel of the decoded picture."""
-    made = trained_vae(steps)
+    created = trained_vae(steps)
     settings = TrainingSettings(
         steps=steps, learning_rate=5e-4, warm_up=min(500, steps // 4), saved_every=10**9
     )
-    training = DecoderTraining(made, PAIRS, out / "trained", settings)
+    training = DecoderTraining(created, PAIRS, out / "trained", settings)
     before = training.errors(PAIRS, HELD_OUT)
     training.run()
     after = training.errors(PAIRS, HELD_OUT)
@@ -285,10 +285,10 @@ def check_a_trained_decoder(out: Path, steps: int) -> dict[str, float]:
         of_mean.append(float(np.square(mean[0] - share).mean()))
         with torch.no_grad():
             latents = training.encoded(torch.from_numpy(colours[None]))
-            decoded = made.decode(latents).sample[0].clamp(-1, 1).numpy()
+            decoded = created.decode(latents).sample[0].clamp(-1, 1).numpy()
         picture = (0.5 + 0.5 * decoded).transpose(1, 2, 0)[::-1].astype(np.float64)
-        found = decoder_pairs.map_of_picture(picture)[::-1]
-        of_sobel.append(float(np.square(found - share).mean()))
+        actual = decoder_pairs.map_of_picture(picture)[::-1]
+        of_sobel.append(float(np.square(actual - share).mean()))
     return {
         "untrained": before["mse"],
         "trained": after["mse"],
@@ -317,10 +317,10 @@ def main() -> None:
         say("what is refused: ok")
         check_going_on(folder)
         say("going on after an interruption: ok")
-        found = check_a_trained_decoder(folder, arguments.steps)
-        say("\n".join(f"  {key}: {value:.5f}" for key, value in found.items()))
-        assert found["trained"] < found["mean map"]
-        assert found["trained"] < found["Sobel of the decoded picture"]
+        trained_decoder = check_a_trained_decoder(folder, arguments.steps)
+        say("\n".join(f"  {key}: {value:.5f}" for key, value in trained_decoder.items()))
+        assert trained_decoder["trained"] < trained_decoder["mean map"]
+        assert trained_decoder["trained"] < trained_decoder["Sobel of the decoded picture"]
         say(f"trained decoder: ok ({time.process_time() - begin:.0f} s of a processor in all)")
 
 

@@ -128,8 +128,8 @@ class Driver:
 
     def key(self, *keys: str) -> Iterator[float]:
         self.actions += len(keys)
-        for each in keys:
-            yield from self.input.key(each)
+        for item in keys:
+            yield from self.input.key(item)
         yield 0.2
 
     def text(self, text: str) -> Iterator[float]:
@@ -145,8 +145,8 @@ class Driver:
         Blender does not tell where its buttons are, so they are painted in a colour of their own
         for one picture.
         """
-        found = yield from self._painted("wcol_tool", region)
-        return found
+        actual = yield from self._painted("wcol_tool", region)
+        return actual
 
     def button(self, region: bpy.types.Region, operator: type, which: int = 0) -> Iterator[float]:
         """Centre of one operator's button: the one that is greyed out when its poll says no.
@@ -158,7 +158,7 @@ class Driver:
         which : int
             Where it has several buttons: which of them, from the top.
         """
-        base = next(each for each in operator.__mro__ if "needs" in each.__dict__)
+        base = next(item for item in operator.__mro__ if "needs" in item.__dict__)
         needs = base.__dict__["needs"]
         with_it = yield from self.op_buttons(region)
         base.needs = classmethod(
@@ -170,33 +170,33 @@ class Driver:
             base.needs = needs
         region.tag_redraw()
         pictures.redraw(self.window)
-        found = [place for place in with_it if place not in without]
-        self.check(len(found) > which, f"{operator.bl_label} is in sight")
-        return found[which]
+        actual = [position for position in with_it if position not in without]
+        self.check(len(actual) > which, f"{operator.bl_label} is in sight")
+        return actual[which]
 
     def press_button(self, operator: str, region: str = "UI", which: int = 0) -> Iterator[float]:
         """Click an operator's button, named as in ``bpy.types``."""
         kind = getattr(bpy.types, operator)
-        place = yield from self.button(self.region(region), kind, which)
-        yield from self.click(*place)
+        position = yield from self.button(self.region(region), kind, which)
+        yield from self.click(*position)
         yield 0.3
 
     def fields(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's number fields, like :meth:`op_buttons`."""
-        found = yield from self._painted("wcol_num", region)
-        return found
+        actual = yield from self._painted("wcol_num", region)
+        return actual
 
     def choices(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's drop-down menus, like :meth:`op_buttons`."""
-        found = yield from self._painted("wcol_menu", region)
-        return found
+        actual = yield from self._painted("wcol_menu", region)
+        return actual
 
     def toggles(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's switches, like :meth:`op_buttons`."""
-        found = yield from self._painted("wcol_toggle", region)
-        if not found:  # since Blender 5.2
-            found = yield from self._painted("wcol_regular", region)
-        return found
+        actual = yield from self._painted("wcol_toggle", region)
+        if not actual:  # since Blender 5.2
+            actual = yield from self._painted("wcol_regular", region)
+        return actual
 
     def enter(self, field: Point, value: str) -> Iterator[float]:
         """Type a value into a number field, as with Enter over it."""
@@ -217,17 +217,17 @@ class Driver:
         before = tuple(getattr(owner, name))
         setattr(owner, name, (1.0, 0.0, 1.0, 1.0))
         try:
-            found = self._magenta(region)
+            actual = self._magenta(region)
         finally:
             setattr(owner, name, before)
         pictures.redraw(self.window)
         yield 0.1
-        return found
+        return actual
 
     def menu_rows(self) -> Iterator[float]:
         """Centres of the rows of all open menus, from top to bottom, then left to right."""
-        found = yield from self._painted("wcol_menu_item", None)
-        return found
+        actual = yield from self._painted("wcol_menu_item", None)
+        return actual
 
     def menu(self) -> Iterator[float]:
         """Centres of the rows of the menu that was opened first."""
@@ -241,12 +241,12 @@ class Driver:
         for _ in range(5):  # a busy computer draws late
             yield 0.6
             rows = yield from self.menu_rows()
-            right = [place for place in rows if place[0] - row[0] > 40]
+            right = [position for position in rows if position[0] - row[0] > 40]
             if right:
                 break
         self.check(right, "a menu opens to the right")
         left = min(x for x, _ in right)
-        return [place for place in right if place[0] - left < 20]
+        return [position for position in right if position[0] - left < 20]
 
     def save_as(self, path: Path) -> Iterator[float]:
         """Answer the open file browser; ``show_files_inside`` before it opens."""
@@ -275,12 +275,12 @@ class Driver:
         before = tuple(colours.inner), tuple(colours.inner_sel)
         colours.inner = colours.inner_sel = (1.0, 0.0, 1.0, 1.0)
         try:
-            found = self._magenta(region)
+            actual = self._magenta(region)
         finally:
             colours.inner, colours.inner_sel = before
         pictures.redraw(self.window)
         yield 0.1
-        return found
+        return actual
 
     def _magenta(self, region: bpy.types.Region | None) -> list[Point]:
         """Centres of what is magenta in a region, or in the whole window."""
@@ -352,7 +352,7 @@ def _boxes(hit: np.ndarray) -> list[Point]:
     Cut along clean columns and rows in turn, since menus beside each other have rows at other
     heights. A caption never takes a box's whole height, so it cuts nothing.
     """
-    found = []
+    actual = []
     parts = [(slice(0, hit.shape[0]), slice(0, hit.shape[1]))]
     while parts:
         rows, columns = parts.pop()
@@ -362,7 +362,7 @@ def _boxes(hit: np.ndarray) -> list[Point]:
         pieces = [(row, column) for row in down for column in across]
         if pieces == [(slice(0, inside.shape[0]), slice(0, inside.shape[1]))]:
             if inside.shape[1] >= 15 and inside.shape[0] >= 8:
-                found.append(
+                actual.append(
                     ((columns.start + columns.stop) / 2, (rows.start + rows.stop) / 2),
                 )
             continue
@@ -373,7 +373,7 @@ def _boxes(hit: np.ndarray) -> list[Point]:
             )
             for row, column in pieces
         ]
-    return sorted(found, key=lambda place: (place[1], place[0]))
+    return sorted(actual, key=lambda place: (place[1], place[0]))
 
 
 def _runs(line: np.ndarray) -> list[slice]:

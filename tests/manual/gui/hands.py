@@ -105,7 +105,7 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
     """Fill Body Part in the sidebar: a column and a row of its menu."""
     paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
     menus = yield from h.choices(h.region("UI"))
-    yield from h.click(*next(place for place in menus if place[1] > paint[1]))
+    yield from h.click(*next(menu for menu in menus if menu[1] > paint[1]))
     yield 0.6
     if shot:
         h.shot(shot)
@@ -123,10 +123,10 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
 
 def effect(modality: str) -> bpy.types.Object:
     """The scene's effect of a modality; to be asked again after whatever may have been undone."""
-    (found,) = (
+    (actual,) = (
         o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o.hfx.modality == modality
     )
-    return found
+    return actual
 
 
 def clips_of(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
@@ -168,5 +168,5 @@ def icon(h: Any, row: int, which: int) -> Iterator[float]:
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:
     """Mean red, green and blue (0..255) around a place of the window."""
-    x, y = (round(each) for each in place)
+    x, y = (round(item) for item in place)
     return pixels[y - half : y + half + 1, x - half : x + half + 1].reshape(-1, 3).mean(axis=0)

@@ -43,7 +43,7 @@ class RealInput:
         """An even way over points, however slowly the window draws meanwhile."""
         pause = f"{seconds / max(len(points), 1):.4f}"
         chain = [("mousemove", str(round(x)), str(round(y)), "sleep", pause) for x, y in points]
-        yield from self._call(*(word for each in chain for word in each))
+        yield from self._call(*(word for item in chain for word in item))
 
     def press(self, button: int) -> Iterator[float]:
         yield from self._call("mousedown", str(button))

@@ -43,16 +43,16 @@ def write_movie(
         heads.append(
             _stream(b"auds\0\0\0\0", 2, 2 * SOUND_HZ, len(sound), 2 * SOUND_HZ, 2, (0, 0), wave)
         )
-    chunks, index, place = [], [], 4
+    chunks, index, position = [], [], 4
     step = SOUND_HZ // rate
     for k in range(count):
         parts = [(b"00db", pictures[k][::-1, :, ::-1].tobytes())]  # blue first, from the bottom
         if sound is not None:
             parts.append((b"01wb", sound[k * step : (k + 1) * step].astype("<i2").tobytes()))
         for name, data in parts:
-            index.append(name + struct.pack("<III", _KEY_FRAME, place, len(data)))
+            index.append(name + struct.pack("<III", _KEY_FRAME, position, len(data)))
             chunks.append(_chunk(name, data))
-            place += len(chunks[-1])
+            position += len(chunks[-1])
     body = (
         b"AVI "
         + _list(b"hdrl", _chunk(b"avih", main), *heads)

@@ -38,7 +38,7 @@ def _steps() -> Iterator[float]:
     window = bpy.context.window_manager.windows[0]
     use = RealInput() if REQUEST["input"] == "real" else SimulatedInput(window)
     screen = Path(REQUEST["screen"]) if REQUEST["screen"] else None
-    zips = [Path(each) for each in REQUEST["zips"]]
+    zips = [Path(item) for item in REQUEST["zips"]]
     documented = Path(REQUEST["pictures"]) if REQUEST["pictures"] else None
     driver = Driver(OUT, REQUEST["args"], zips, use, screen, documented)
     journey = Path(REQUEST["journey"])

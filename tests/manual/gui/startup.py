@@ -45,12 +45,12 @@ def main() -> int:
         plain = BlenderProcess(arguments.blender, Path(folder, "plain"))
         installed = BlenderProcess(arguments.blender, Path(folder, "with"))
         installed.install(arguments.zip)
-        for each in (plain, installed):  # writes what Blender caches
-            seconds(each)
+        for item in (plain, installed):  # writes what Blender caches
+            seconds(item)
         pairs = []
         for index in range(arguments.rounds):  # in turn, so that a busy machine slows both
             order = (plain, installed) if index % 2 else (installed, plain)
-            times = {id(each): seconds(each) for each in order}
+            times = {id(item): seconds(item) for item in order}
             pairs.append((times[id(plain)], times[id(installed)]))
     costs = []
     for index, kind in enumerate(("processor", "elapsed")):

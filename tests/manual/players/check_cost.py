@@ -28,15 +28,15 @@ def main() -> None:
         program = compiled(source, folder / "cost", "-std=c99", "-fno-math-errno")
         for level, responds in ((0, False), (1, False), (2, False), (1, True)):
             for volumes in (1, 4, 12, 48):
-                made = walk(3, 1.0, volumes, responds=responds)
-                clip, bones = clip_of(made, folder, level)
+                created = walk(3, 1.0, volumes, responds=responds)
+                clip, bones = clip_of(created, folder, level)
                 frames = folder / "matrices"
-                frames.write_bytes(made.matrices[:, bones].astype(np.float32).tobytes())
-                told = subprocess.run(
+                frames.write_bytes(created.matrices[:, bones].astype(np.float32).tobytes())
+                completed = subprocess.run(
                     [str(program), str(clip), str(frames)], check=True, capture_output=True
                 )
                 kind = "with responses" if responds else "volumes alone"
-                sys.stdout.write(f"level {level}, {kind}: {told.stdout.decode()}")
+                sys.stdout.write(f"level {level}, {kind}: {completed.stdout.decode()}")
                 sys.stdout.flush()
 
 

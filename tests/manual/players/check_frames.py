@@ -37,21 +37,21 @@ def play(case: Case, random: np.random.Generator, counts: Counts) -> None:
     telling = case.telling
     telling.play()
     player = Player(Clip(case.path.read_bytes()))
-    loudest = np.array([each.start for each in telling.actuators])
+    loudest = np.array([actuator.start for actuator in telling.actuators])
     deviation = np.abs(telling.values - telling.neutral)[:, loudest]
     slack = telling.slack
     lowest_s, highest_s = np.sort(random.uniform(0.005, 0.2, 2))
     while telling.playing:
         before = telling.shown
         step = random.uniform(lowest_s, highest_s)
-        expected, found = telling.advance(step), player.advance(step)
+        expected, actual = telling.advance(step), player.advance(step)
         rows = slice(before + 1, telling.shown + 1)
-        felt = np.abs(found - telling.neutral)[loudest]
+        samples = np.abs(actual - telling.neutral)[loudest]
         if rows.stop > rows.start:
             peaks = deviation[rows].max(axis=0)
             counts.peaks += int(np.count_nonzero(peaks))
-            counts.lost += int(np.count_nonzero(felt < peaks - slack[loudest]))
-        counts.wrong += int(np.count_nonzero(np.abs(found - expected) > slack))
+            counts.lost += int(np.count_nonzero(samples < peaks - slack[loudest]))
+        counts.wrong += int(np.count_nonzero(np.abs(actual - expected) > slack))
         counts.frames += 1
     assert not player.is_playing
 
@@ -64,10 +64,10 @@ def main() -> int:
     counts = Counts()
     random = np.random.default_rng(options.seed)
     with tempfile.TemporaryDirectory() as name:
-        shortish = [each for each in SPECS if each.samples / each.rate_hz < 20]
-        made = [case_of(each, Path(name)) for each in shortish]
+        shortish = [spec for spec in SPECS if spec.samples / spec.rate_hz < 20]
+        cases = [case_of(item, Path(name)) for item in shortish]
         for k in range(options.sequences):
-            play(made[k % len(made)], random, counts)
+            play(cases[k % len(cases)], random, counts)
     sys.stdout.write(
         f"{options.sequences} sequences, {counts.frames} frames, {counts.peaks} peaks: "
         f"{counts.lost} lost, {counts.wrong} values wrong\n"

@@ -73,7 +73,7 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
     runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(live)
     path, bones, given = _written(made, folder, level, runs if level == 0 else [])
     sections = clip_rules.read(path.read_bytes(), str(path))
-    felt = {run.stream.effect_id: run for run in runs}
+    runs_by_id = {run.stream.effect_id: run for run in runs}
     ranks = {
         text: _ranks(sections["VERT"]["id"][int(at["first_vertex"]) :][: int(at["vertices"])])
         for text, at in zip(
@@ -86,8 +86,10 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
             np.array([animated.matrices[row, :3] for animated in made.block.effects]),
             np.array([animated.levels[row] for animated in made.block.effects]),
             [
-                _expected(felt.get(each.id), row, len(coarse[each.model_id]))[ranks[each.model_id]]
-                for each in made.scene.effects
+                _expected(runs_by_id.get(effect.id), row, len(coarse[effect.model_id]))[
+                    ranks[effect.model_id]
+                ]
+                for effect in made.scene.effects
             ],
             given[row],
         )
@@ -103,14 +105,14 @@ def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
     columns = clip_rules.read(path.read_bytes(), str(path))["COLM"]
     strengths = np.flatnonzero((columns["highest"] > columns["lowest"]) & _are_first(columns))
     body = Body(Clip(path.read_bytes()))
-    found = []
+    actual = []
     for row in range(len(made.matrices)):
         body.set_bones(made.matrices[row, bones])
         for k, animated in enumerate(made.block.effects):
             body.set_volume(k, animated.matrices[row, :3])
             body.trigger(k, float(animated.levels[row]))
-        found.append(body.evaluate(1.0 / RATE_HZ if row else 0.0))
-    values, neutral = np.array(found)[:, strengths], columns["neutral"][strengths]
+        actual.append(body.evaluate(1.0 / RATE_HZ if row else 0.0))
+    values, neutral = np.array(actual)[:, strengths], columns["neutral"][strengths]
     expected = given[:, strengths]
     full = (columns["highest"] - columns["lowest"])[strengths]
     acts = (np.abs(values - neutral) > 1e-3 * full) | (np.abs(expected - neutral) > 1e-3 * full)
@@ -124,12 +126,12 @@ def _are_first(columns: np.ndarray) -> np.ndarray:
 
 def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
     """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
-    path, told = moments(made, folder, level)
+    path, messages = moments(made, folder, level)
     sections = clip_rules.read(path.read_bytes(), str(path))
     body = Body(Clip(path.read_bytes()))
     assert body.error == 0
     full = sections["COLM"]["highest"] - sections["COLM"]["lowest"]
-    for row, moment in enumerate(told):
+    for row, moment in enumerate(messages):
         body.set_bones(moment.bones)
         for k, matrix in enumerate(moment.volumes):
             body.set_volume(k, matrix)
@@ -141,10 +143,10 @@ def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
             shares.values += int(np.count_nonzero(is_given))
             shares.values_within += int(np.count_nonzero(is_given & ~differs))
         for k, expected in enumerate(moment.felt):
-            found = body.weights(k) * body.level(k)
-            is_felt = (found > 0.0) | (expected > 0.0)
+            actual = body.weights(k) * body.level(k)
+            is_felt = (actual > 0.0) | (expected > 0.0)
             shares.samples += int(np.count_nonzero(is_felt))
-            is_right = np.abs(found - expected) <= 1.0 / 255.0
+            is_right = np.abs(actual - expected) <= 1.0 / 255.0
             shares.within += int(np.count_nonzero(is_felt & is_right))
 
 
@@ -154,7 +156,7 @@ def clip_of(made: Walk, folder: Path, level: int) -> tuple[Path, list[int]]:
 
 
 def _models(made: Walk) -> dict[str, PerceptualModel]:
-    return {each.model_id: load_model(each.model_id) for each in made.scene.effects}
+    return {effect.model_id: load_model(effect.model_id) for effect in made.scene.effects}
 
 
 def _written(
@@ -163,7 +165,7 @@ def _written(
     """Clip of a walk, its bones, and what the devices are given of some runs, (T, C)."""
     header = TrackHeader.of(made.scene, _models(made), settings={}, tools={})
     played = []
-    for device in (_unheld(load_device(each)) for each in DEVICES):
+    for device in (_unheld(load_device(item)) for item in DEVICES):
         renderer = Renderer(header, device, compensates_latency=False)
         renderer.add(runs)
         played.append((device, renderer.raster()))
@@ -172,14 +174,15 @@ def _written(
     (path,) = write(header, played, folder / "walk", recorder).files
     sections = clip_rules.read(path.read_bytes(), str(path))
     number = {name: k for k, name in enumerate(made.scene.bodies[0].binding.bone_names)}
-    bones = [number[each] for each in texts_at(sections, sections["BONE"]["name"])]
+    bones = [number[item] for item in texts_at(sections, sections["BONE"]["name"])]
     return path, bones, np.concatenate([raster.values for _, raster in played], axis=1)
 
 
 def _unheld(device: DeviceConfig) -> DeviceConfig:
     """A device whose actuators may change at any row: the core leaves holding to the output."""
     free = tuple(
-        replace(each, type=replace(each.type, update_interval_ms=0.0)) for each in device.actuators
+        replace(actuator, type=replace(actuator.type, update_interval_ms=0.0))
+        for actuator in device.actuators
     )
     return replace(device, actuators=free)
 
@@ -213,7 +216,7 @@ def print_table(walkers: int, seconds: float) -> int:
     for level in range(COARSEST + 1):
         with tempfile.TemporaryDirectory() as name:
             walks = [walk(seed, seconds) for seed in range(walkers)]
-            away = np.concatenate([against_standard(each, Path(name), level) for each in walks])
+            away = np.concatenate([against_standard(item, Path(name), level) for item in walks])
         shares = " | ".join(f"{np.mean(away <= most):.1%}" for most in (0.05, 0.2))
         sys.stdout.write(f"| {level} | {len(away)} | {away.mean():.1%} | {shares} |\n")
     return 0
@@ -232,8 +235,8 @@ def main() -> int:
         shares = Shares()
         with tempfile.TemporaryDirectory() as name:
             for seed in range(options.walkers):
-                made = walk(seed, options.seconds, responds=responds)
-                compare(made, Path(name), options.level, shares)
+                created = walk(seed, options.seconds, responds=responds)
+                compare(created, Path(name), options.level, shares)
         what = "with responses" if responds else "volumes alone"
         share = shares.within / max(shares.samples, 1)
         sys.stdout.write(f"{what}: {shares.samples} samples, {share:.5%} within 1/255\n")

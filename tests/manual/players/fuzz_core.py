@@ -30,8 +30,8 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, required=True)
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    kept = options.folder / "totals.json"
-    totals = json.loads(kept.read_text()) if kept.is_file() else {"inputs": 0, "opened": 0}
+    path = options.folder / "totals.json"
+    totals = json.loads(path.read_text()) if path.is_file() else {"inputs": 0, "opened": 0}
     known = sorted((ROOT / "players/conformance").glob("*.hfxclip"), key=lambda p: p.stat().st_size)
     with tempfile.TemporaryDirectory() as name:
         source = (Path(__file__).parent / "fuzz.c").read_text(encoding="utf-8")
@@ -47,7 +47,7 @@ def main() -> int:
                 return 1
             inputs, opened = map(int, done.stdout.split())
             totals = {"inputs": totals["inputs"] + inputs, "opened": totals["opened"] + opened}
-            kept.write_text(json.dumps(totals))
+            path.write_text(json.dumps(totals))
             sys.stdout.write(f"{totals['inputs']:,} inputs, {totals['opened']:,} opened\n")
             sys.stdout.flush()
     return 0

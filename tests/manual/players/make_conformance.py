@@ -61,7 +61,7 @@ def _call(case: Case, random: np.random.Generator, frame: int) -> str:
         value = str(random.choice(sorted(telling.clips)))
     elif name == "parameter":
         factor = float(f"{random.uniform(0.2, 1.5):.3g}")
-        known = [each for each in telling.parameters if not each.startswith("direction")]
+        known = [item for item in telling.parameters if not item.startswith("direction")]
         parameter = str(random.choice(known))
         telling.parameter(parameter, factor)
         return f"parameter {parameter} {factor:g}"
@@ -76,30 +76,30 @@ def _values(call: str, values: np.ndarray, slack: np.ndarray) -> str:
     """A call with its values, of as many digits as the slack needs."""
     digits = np.maximum(np.ceil(-np.log10(slack)) + 1, 0).astype(int)
     texts = (f"{value:.{n}f}" for value, n in zip(values, digits, strict=True))
-    shown = " ".join(each.rstrip("0").rstrip(".") if "." in each else each for each in texts)
+    shown = " ".join(text.rstrip("0").rstrip(".") if "." in text else text for text in texts)
     return f"{call} = {shown}"
 
 
 def write_walk(folder: Path) -> None:
     """Write ``walk``: a body among volumes at a coarse level, and what the engine feels there."""
     with tempfile.TemporaryDirectory() as name:
-        path, told = moments(walk(4, 0.15, volumes=8, responds=True), Path(name), 3)
+        path, messages = moments(walk(4, 0.15, volumes=8, responds=True), Path(name), 3)
         lines = []
-        for row, moment in enumerate(told):
+        for row, moment in enumerate(messages):
             lines += [f"bone {k} {_numbers(at)}" for k, at in enumerate(moment.bones)]
             for k, (matrix, level) in enumerate(zip(moment.volumes, moment.levels, strict=True)):
                 lines.append(f"volume {k} {level:.9g} {_numbers(matrix)}")
             lines.append(f"evaluate {1.0 / RATE_HZ if row else 0.0:.9g}")
-            for k, felt in enumerate(moment.felt):
-                each = (f"{v}:{felt[v]:.4f}" for v in np.flatnonzero(felt))
-                lines.append(" ".join((f"felt {k}", *each)))
+            for k, samples in enumerate(moment.felt):
+                item = (f"{v}:{samples[v]:.4f}" for v in np.flatnonzero(samples))
+                lines.append(" ".join((f"felt {k}", *item)))
         folder.mkdir(exist_ok=True)
         shutil.copy(path, folder / "walk.hfxclip")
     (folder / "walk.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _numbers(matrix: np.ndarray) -> str:
-    return " ".join(f"{each:.7g}" for each in matrix.ravel())
+    return " ".join(f"{item:.7g}" for item in matrix.ravel())
 
 
 def main() -> None:
@@ -110,7 +110,7 @@ def main() -> None:
             shutil.copy(case.path, FOLDER / case.path.name)
             (FOLDER / f"{case.name}.txt").write_text(script_of(case), encoding="utf-8")
     write_walk(FOLDER / "spatial")
-    total = sum(each.stat().st_size for each in FOLDER.rglob("*"))
+    total = sum(item.stat().st_size for item in FOLDER.rglob("*"))
     count = len(SPECS) + len(DEMOS)
     sys.stdout.write(f"{count} clips, {total / 2**20:.2f} MiB in {FOLDER}\n")
 

@@ -71,18 +71,18 @@ def prepare(folder: Path, *, is_short: bool = False) -> dict[str, list[str]]:
     subprocess.run([sys.executable, "-c", MAKE, folder], env=environment, check=True,
                    capture_output=True)  # fmt: skip
     curves, stepped, second = (folder / f"{n}.blend" for n in ("curves", "stepped", "second"))
-    made, pieces = folder / "made", folder / "pieces"
+    created, pieces = folder / "made", folder / "pieces"
     brief = ("--frames", "0:24")
-    for each in (
-        _hfx("export", curves, "-o", made, "--device", "waist_belt", "-f", "track,csv", *brief),
+    for item in (
+        _hfx("export", curves, "-o", created, "--device", "waist_belt", "-f", "track,csv", *brief),
         *(
             _hfx("export", curves, "-o", pieces, *brief, "--piece", f"{k}/2")
             for k in (1, 2)
             if not is_short
         ),
     ):
-        subprocess.run(each, env=environment, check=True, capture_output=True)
-    track = made / "curves.hfxtrack"
+        subprocess.run(item, env=environment, check=True, capture_output=True)
+    track = created / "curves.hfxtrack"
     belt = ("--device", "waist_belt")
     return {
         "export": _hfx("export", curves, "-o", "OUT", *belt, "--rate", 200),
@@ -114,7 +114,7 @@ class Trials:
 
     def text(self) -> str:
         """Write the result for people."""
-        faults = "".join(f"\n  {each}" for each in self.faults)
+        faults = "".join(f"\n  {fault}" for fault in self.faults)
         return (
             f"{sum(self.count.values())} signals {dict(self.count)}, ends {dict(self.codes)}, "
             f"longest {self.longest_s:.2f} s, {len(self.faults)} wrong{faults}"
@@ -123,12 +123,12 @@ class Trials:
 
 def lengths_s(commands: dict[str, list[str]], folder: Path) -> dict[str, float]:
     """Times that commands take when nothing disturbs them."""
-    found = {}
+    actual = {}
     for name, command in commands.items():
         begun = time.monotonic()
         _run(command, folder / f"undisturbed-{name}", None, 0.0)
-        found[name] = time.monotonic() - begun
-    return found
+        actual[name] = time.monotonic() - begun
+    return actual
 
 
 def trial(
@@ -146,7 +146,7 @@ def trial(
     code, took_s, err, is_late = _run(
         command, folder, getattr(signal, number), delay_s, is_for_all=is_for_all
     )
-    wanted = 128 + getattr(signal, number)
+    expected = 128 + getattr(signal, number)
     all_.count[name] += 1
     if is_late:  # the command had ended before
         all_.codes["complete"] += 1
@@ -157,7 +157,7 @@ def trial(
     all_.longest_s = max(all_.longest_s, took_s)
     if not is_early:
         words = "interrupted" if number == "SIGINT" else f"ended by {number}"
-        if code != wanted:
+        if code != expected:
             faults.append(f"code {code}")
         if f"hfx: {words}; nothing half written" not in err:
             faults.append("no message")
@@ -196,7 +196,7 @@ def _run(
         shutil.copytree(folder.parent / "pieces", out / "pieces")
     words = {"PIECES": str(out / "pieces"), "OUT": str(out)}
     started = subprocess.Popen(
-        [words.get(each, each.replace("OUT/", f"{out}/")) for each in command],
+        [words.get(item, item.replace("OUT/", f"{out}/")) for item in command],
         env=_environment(temporary),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -235,25 +235,25 @@ def _left(folder: Path) -> list[Path]:
 def _running(folder: Path) -> list[int]:
     """Processes of a trial that still run a second later."""
     until = time.monotonic() + 1.0
-    while (found := _processes(folder)) and time.monotonic() < until:
+    while (processes := _processes(folder)) and time.monotonic() < until:
         time.sleep(0.05)
-    return found
+    return processes
 
 
 def _processes(folder: Path) -> list[int]:
     """Processes that have a trial's folder for temporary files."""
     mark = str(folder / "temporary").encode()
-    found = []
+    actual = []
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if mark in (path / "environ").read_bytes():
-                found.append(int(path.name))
-    return found
+                actual.append(int(path.name))
+    return actual
 
 
 def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -> Trials:
     """Send signals at random moments, in turn to each command."""
-    found, rng = Trials(), random.Random(seed)
+    actual, rng = Trials(), random.Random(seed)
     lengths = lengths_s(commands, folder)
     names = list(commands)
     for k in range(count):
@@ -262,13 +262,13 @@ def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -
         longest = min(lengths[name], 1.0) if rng.random() < 1 / 3 else lengths[name]
         delay_s = rng.uniform(0.0, 0.9 * longest)
         trial(
-            *(name, commands[name], folder / f"{k}", rng.choice(NAMES), delay_s, found),
+            *(name, commands[name], folder / f"{k}", rng.choice(NAMES), delay_s, actual),
             is_for_all=rng.random() < 1 / 3,  # as a farm does
         )
         shutil.rmtree(folder / f"{k}")
         if k % 20 == 19:
-            sys.stderr.write(found.text() + "\n")
-    return found
+            sys.stderr.write(actual.text() + "\n")
+    return actual
 
 
 def main() -> None:
@@ -282,9 +282,9 @@ def main() -> None:
         commands = prepare(Path(folder))
         if options.commands:
             commands = {name: commands[name] for name in options.commands.split(",")}
-        found = check(commands, Path(folder), options.signals, options.seed)
-    sys.stdout.write(found.text() + "\n")
-    sys.exit(bool(found.faults))
+        actual = check(commands, Path(folder), options.signals, options.seed)
+    sys.stdout.write(actual.text() + "\n")
+    sys.exit(bool(actual.faults))
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from hfx_blender.operators.surfaces import generation_operators
 
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
-    made = library_search.generate("deep corduroy, red", texels=128)
-    return generated.write(made, tmp_path, "1.0").files[-1]
+    created = library_search.generate("deep corduroy, red", texels=128)
+    return generated.write(created, tmp_path, "1.0").files[-1]
 
 
 def plane(bpy: Any, size: float) -> Any:
@@ -37,19 +37,19 @@ def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record:
     assert obj.active_material == material
     mapping = next(node for node in material.node_tree.nodes if node.type == "MAPPING")
     np.testing.assert_allclose(mapping.inputs["Scale"].default_value[:2], 2.0, rtol=1e-5)
-    felt = surfaces.map_of(obj)
+    samples = surfaces.map_of(obj)
     written = generated.read(record)
-    assert felt.size_m == pytest.approx((0.04, 0.04))
-    np.testing.assert_allclose(felt.intensity, written.map.intensity, atol=2e-3)
+    assert samples.size_m == pytest.approx((0.04, 0.04))
+    np.testing.assert_allclose(samples.intensity, written.map.intensity, atol=2e-3)
     assert surfaces.texture_of(obj).height is not None  # the stroke pad has all renderers
 
     # Cycles, which made nothing of it, bakes the same relief from the material's nodes.
-    other = plane(bpy, 0.08)
-    other.data.materials.append(material)
-    surfaces.add_surface(other, "MATERIAL")
-    other.hfx.surface.resolution = 256
-    surfaces.make_maps(other)
-    baked = surfaces.field_of(other).heights_m[:128, :128]
+    second = plane(bpy, 0.08)
+    second.data.materials.append(material)
+    surfaces.add_surface(second, "MATERIAL")
+    second.hfx.surface.resolution = 256
+    surfaces.make_maps(second)
+    baked = surfaces.field_of(second).heights_m[:128, :128]
     truth = written.height.heights_m
     assert np.corrcoef(baked.ravel(), truth.ravel())[0, 1] > 0.99
     assert np.ptp(baked) == pytest.approx(np.ptp(truth), rel=0.05)
@@ -67,8 +67,8 @@ def test_a_blend_and_pictures_come_from_words(
     bpy.ops.wm.open_mainfile(filepath=str(path))
     swatch = bpy.data.objects["Swatch"]
     assert surfaces.is_surface(swatch) and swatch.active_material.asset_data is not None
-    made = surfaces.map_of(swatch)
-    assert set(np.rint(made.intensity * 6.5).ravel() / 6.5) <= {k / 6.5 for k in range(7)}
+    created = surfaces.map_of(swatch)
+    assert set(np.rint(created.intensity * 6.5).ravel() / 6.5) <= {k / 6.5 for k in range(7)}
     # Blender's own reader finds the colours where they were written: red above green and blue.
     image = bpy.data.images.load(str(next(out.glob("*.colour.png"))))
     red, green, blue = np.array(image.pixels[:]).reshape(-1, 4)[:, :3].mean(axis=0)

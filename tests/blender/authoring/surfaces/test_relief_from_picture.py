@@ -49,8 +49,8 @@ def painted(scene: Any, photograph: Path) -> Any:
 def built(capsys: Any, *arguments: object) -> tuple[int, Any, str]:
     capsys.readouterr()
     code = run(["texture", "build", *map(str, arguments), "--json"])
-    told = capsys.readouterr()
-    return code, json.loads(told.out) if told.out else None, told.err
+    output = capsys.readouterr()
+    return code, json.loads(output.out) if output.out else None, output.err
 
 
 def test_a_photograph_gives_height_roughness_and_a_map(
@@ -64,8 +64,8 @@ def test_a_photograph_gives_height_roughness_and_a_map(
     assert code == 0 and names == {"a.texture.json", *layers}
     heights, _ = png.read(tmp_path / "a.height.png")
     assert (heights.min(), heights.max()) == (0, 65535) and heights.shape == (32, 64)
-    made = texture_map.read(tmp_path / "a.texture.json")
-    assert made.tiles and made.size_m == pytest.approx((0.02, 0.01))
+    created = texture_map.read(tmp_path / "a.texture.json")
+    assert created.tiles and created.size_m == pytest.approx((0.02, 0.01))
     assert facts["height_mm"] > 0.0 and "an estimate" in facts["notes"][0]
 
     code, taller, _ = built(
@@ -74,12 +74,12 @@ def test_a_photograph_gives_height_roughness_and_a_map(
     )  # fmt: skip
     assert taller["height_mm"] == pytest.approx(facts["height_mm"] / 2)
     half = texture_map.read(tmp_path / "b.texture.json").intensity
-    assert np.allclose(half, made.intensity / 2, atol=2e-5)
+    assert np.allclose(half, created.intensity / 2, atol=2e-5)
 
 
 def test_the_size_is_asked_for(capsys: Any, photograph: Path) -> None:
-    code, _, told = built(capsys, photograph, "--from", "relief")
-    assert code == 2 and "--size" in told and "ribs.png" in told
+    code, _, messages = built(capsys, photograph, "--from", "relief")
+    assert code == 2 and "--size" in messages and "ribs.png" in messages
 
 
 def test_sobel_is_the_old_colours(capsys: Any, photograph: Path, tmp_path: Path) -> None:
@@ -96,14 +96,14 @@ def test_the_button_makes_a_surface_of_the_material_s_picture(painted: Any) -> N
     settings, field = painted.hfx.surface, surfaces.field_of(painted)
     assert (settings.source, settings.image_kind) == ("IMAGE", "ESTIMATE")
     assert np.allclose(field.heights_m, truth.field.heights_m, atol=1e-9)
-    made = surfaces.map_of(painted)
-    assert made.size_m == pytest.approx((0.02, 0.01))
+    created = surfaces.map_of(painted)
+    assert created.size_m == pytest.approx((0.02, 0.01))
     # A texel of 0.31 mm is larger than the blur: the slope is felt as it was estimated.
-    assert np.allclose(made.intensity, np.minimum(truth.slope, 1.0), atol=1e-5)
-    assert np.allclose(1.0 - made.sharpness, truth.roughness, atol=1e-5)
+    assert np.allclose(created.intensity, np.minimum(truth.slope, 1.0), atol=1e-5)
+    assert np.allclose(1.0 - created.sharpness, truth.roughness, atol=1e-5)
 
     settings.height_mm *= 0.5
-    assert np.allclose(surfaces.map_of(painted).intensity, 0.5 * made.intensity, atol=1e-5)
+    assert np.allclose(surfaces.map_of(painted).intensity, 0.5 * created.intensity, atol=1e-5)
 
 
 def test_without_a_picture_the_button_is_off(painted: Any) -> None:

@@ -32,15 +32,15 @@ def new_material(name: str) -> Any:
 
 
 def node(material: Any, kind: str) -> Any:
-    return next(each for each in material.node_tree.nodes if each.type == kind)
+    return next(item for item in material.node_tree.nodes if item.type == kind)
 
 
 def wave(material: Any, output: str = "UV") -> Any:
     """A socket with sin(2 pi WAVES u)."""
     tree = material.node_tree
-    place = tree.nodes.new("ShaderNodeTexCoord")
+    position = tree.nodes.new("ShaderNodeTexCoord")
     split = tree.nodes.new("ShaderNodeSeparateXYZ")
-    tree.links.new(place.outputs[output], split.inputs[0])
+    tree.links.new(position.outputs[output], split.inputs[0])
     many = tree.nodes.new("ShaderNodeMath")
     many.operation = "MULTIPLY"
     many.inputs[1].default_value = 2.0 * np.pi * WAVES
@@ -69,15 +69,15 @@ def expected(texels: int, amplitude: float) -> np.ndarray:
 def everything() -> list[str]:
     data = bpy.data
     kinds = (data.objects, data.meshes, data.materials, data.images, data.scenes, data.node_groups)
-    found = [each.name_full for kind in kinds for each in kind]
+    names = [item.name_full for kind in kinds for item in kind]
     scene = bpy.context.scene
-    found += [scene.render.engine, scene.name, str(bpy.context.object)]
-    found += [obj.name for obj in bpy.context.selected_objects]
+    names += [scene.render.engine, scene.name, str(bpy.context.object)]
+    names += [obj.name for obj in bpy.context.selected_objects]
     for material in data.materials:
-        found += [material.name, *(each.name for each in material.node_tree.nodes)]
-        found.append(str(material.node_tree.nodes.active))
-        found.append(str(len(material.node_tree.links)))
-    return found
+        names += [material.name, *(item.name for item in material.node_tree.nodes)]
+        names.append(str(material.node_tree.nodes.active))
+        names.append(str(len(material.node_tree.links)))
+    return names
 
 
 def test_bump_is_its_height_times_distance_and_strength(plane: Any) -> None:
@@ -125,8 +125,8 @@ def test_what_only_bends_the_normal_is_integrated(plane: Any) -> None:
     bumpy(material)
     tree, shader = material.node_tree, node(material, "BSDF_PRINCIPLED")
     mix = tree.nodes.new("ShaderNodeMixShader")
-    for place in (1, 2):
-        tree.links.new(shader.outputs[0], mix.inputs[place])
+    for number in (1, 2):
+        tree.links.new(shader.outputs[0], mix.inputs[number])
     tree.links.new(mix.outputs[0], node(material, "OUTPUT_MATERIAL").inputs["Surface"])
     heights = surface_baking.bake(plane, 128, 4).heights_m[2]
     assert np.allclose(heights - heights.mean(), expected(128, 0.0005), atol=5e-5)
@@ -193,10 +193,10 @@ def remove_uvs(obj: Any) -> None:
 
 def overlap(obj: Any) -> None:
     bpy.ops.mesh.primitive_plane_add(size=SIZE, location=(1, 0, 0))
-    other = bpy.context.object
-    other.data.materials.append(obj.active_material)
+    second = bpy.context.object
+    second.data.materials.append(obj.active_material)
     with bpy.context.temp_override(
-        active_object=obj, selected_objects=[obj, other], selected_editable_objects=[obj, other]
+        active_object=obj, selected_objects=[obj, second], selected_editable_objects=[obj, second]
     ):
         bpy.ops.object.join()
     wave(obj.active_material, "Object")

@@ -36,10 +36,10 @@ def test_a_bump_of_a_metre_is_told_with_material_node_and_what_to_set(
 ) -> None:
     """Blender's Bump node makes heights of 1 m by itself until 4.3."""
     bump = bumpy(plane.data.materials[0], distance=1.0, strength=1.0)
-    told = make(plane, capfd)
-    assert told.count("Warning") == 1
-    assert "'Wall'" in told and "Bump node of material 'Bricks' has heights of 1 m" in told
-    assert "set its Distance" in told and "0.001 m" in told
+    messages = make(plane, capfd)
+    assert messages.count("Warning") == 1
+    assert "'Wall'" in messages and "Bump node of material 'Bricks' has heights of 1 m" in messages
+    assert "set its Distance" in messages and "0.001 m" in messages
     bump.inputs["Distance"].default_value = 0.001
     capfd.readouterr()
     bpy.ops.hfx.bake_surface()

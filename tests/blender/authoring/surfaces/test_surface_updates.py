@@ -164,10 +164,10 @@ def test_what_an_older_file_was_made_of_is_not_known_and_not_told(plane: Any) ->
 
 
 def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
-    told: list[tuple[bool, bool]] = []
+    messages: list[tuple[bool, bool]] = []
 
     def on_update(_scene: Any, graph: Any) -> None:
-        told.append((surface_updates.is_material_update(graph), graph.id_type_updated("IMAGE")))
+        messages.append((surface_updates.is_material_update(graph), graph.id_type_updated("IMAGE")))
         surface_updates.note_painted(graph)
 
     image = bpy.data.images.new("Paint", 8, 8)
@@ -178,12 +178,12 @@ def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
     try:
         plane.location.x += 1.0
         bpy.context.view_layer.update()
-        assert told and not any(matters for matters, _ in told)
+        assert messages and not any(matters for matters, _ in messages)
         _another_value(plane)
         bpy.context.view_layer.update()
-        assert told[-1][0]
+        assert messages[-1][0]
         image.update_tag()
         bpy.context.view_layer.update()
-        assert told[-1] == (True, True) and image.name_full in surface_updates.painted_images
+        assert messages[-1] == (True, True) and image.name_full in surface_updates.painted_images
     finally:
         bpy.app.handlers.depsgraph_update_post.remove(on_update)

@@ -62,11 +62,11 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
         samples = evaluation.samples["Blob"].items()
         return {k: (s.vertices.tolist(), s.weights.tolist()) for k, s in samples}
 
-    lazy, some = felt(), len(made)
+    lazy, examples = felt(), len(made)
     always = np.ones(1, np.bool_)
     monkeypatch.setattr(FarVolumes, "are_near", lambda self, places, poses: always)
     assert lazy == felt()
-    assert 0 < some < len(made) - some
+    assert 0 < examples < len(made) - examples
 
 
 def test_the_box_is_around_the_evaluated_mesh(scene: Any, blob: Any) -> None:

@@ -61,8 +61,8 @@ def _felt(runs: list[SampleRun]) -> set[tuple[Any, ...]]:
 
 
 def test_a_collection_instance_is_felt_like_the_volume_itself(ball: Any) -> None:
-    for k, place in enumerate(PLACES):
-        _empty(f"Here {k}", place)
+    for k, position in enumerate(PLACES):
+        _empty(f"Here {k}", position)
     instances, reader = _read()
     assert [e.name for e in reader.description.effects] == [f"Ball Here {k} 0" for k in range(3)]
     assert {run.stream.effect_id for run in instances} == {
@@ -71,9 +71,9 @@ def test_a_collection_instance_is_felt_like_the_volume_itself(ball: Any) -> None
     }
     for k in range(3):
         bpy.data.objects.remove(bpy.data.objects[f"Here {k}"])
-    for place in PLACES:
+    for position in PLACES:
         copy = ball.copy()
-        copy.location = place
+        copy.location = position
         bpy.context.scene.collection.objects.link(copy)
     alone, _ = _read()
     assert _felt(instances) == _felt(alone) and instances
@@ -96,8 +96,8 @@ def test_instances_are_read_between_frames_and_are_the_same_in_any_part(ball: An
 
 
 def test_an_instance_that_is_there_between_two_frames_only(ball: Any) -> None:
-    for where, place in (("Here", BELLY), ("There", PLACES[2])):
-        shown = _empty(where, place)
+    for where, position in (("Here", BELLY), ("There", PLACES[2])):
+        shown = _empty(where, position)
         for frame, is_hidden in ((0, True), (4.2, False), (4.8, True)):
             shown.hide_viewport = is_hidden
             shown.keyframe_insert("hide_viewport", frame=frame)
@@ -169,8 +169,8 @@ def test_a_scene_of_too_many_instances_is_refused(
     ball: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hfx_blender.reading.stepped.instances.MOST", 2)
-    for k, place in enumerate(PLACES):
-        _empty(f"Here {k}", place)
+    for k, position in enumerate(PLACES):
+        _empty(f"Here {k}", position)
     with pytest.raises(InputError, match="3 instances of haptic volumes; at most 2"):
         _read()
 
@@ -202,8 +202,8 @@ def test_an_instancer_of_muted_volumes_alone_rests_while_the_scene_is_stepped(ba
 def test_live_feels_instances_as_they_stand(ball: Any) -> None:
     from hfx_blender.engine.tolerance import STANDARD
 
-    for k, place in enumerate(PLACES):
-        _empty(f"Here {k}", place)
+    for k, position in enumerate(PLACES):
+        _empty(f"Here {k}", position)
     scene = bpy.context.scene
     live = LiveScene(scene, bpy.context.view_layer, STANDARD)
     assert len(live.runs()) == 2
@@ -231,8 +231,8 @@ def test_a_source_that_is_not_felt_is_told(ball: Any) -> None:
 def test_a_volume_that_is_to_be_a_mesh_and_is_none_costs_itself(ball: Any) -> None:
     ring = bpy.data.objects.new("Ring", bpy.data.curves.new("Ring", "CURVE"))
     ring.hfx.role, ring.hfx.kind, ring.hfx.shape = "EFFECT", "VOLUME", "MESH"
-    for each in (ball, ring):
-        bpy.context.scene.collection.objects.link(each)
+    for item in (ball, ring):
+        bpy.context.scene.collection.objects.link(item)
     ball.location = BELLY
     runs, reader = _read()
     assert {run.stream.effect_id for run in runs} == {ball.hfx.uid}

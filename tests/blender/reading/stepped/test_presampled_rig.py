@@ -40,20 +40,20 @@ def _farthest(
     scene: Any, monkeypatch: pytest.MonkeyPatch, rate_hz: int = 24, *, is_presampled: bool = True
 ) -> float:
     """Largest distance of the bones from those of the own scene; they do move."""
-    before = [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
+    before = [len(item) for item in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     reader, blocks = _read(scene, rate_hz)
     assert reader.stepping_note.startswith("stepped a scratch scene")
     assert bool(reader.plan.presampled) == is_presampled
-    assert before == [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
+    assert before == [len(item) for item in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     monkeypatch.setattr(stepping, "foreign_handler", lambda: "a test wants it")
     own, truth = _read(scene, rate_hz)
     assert own.stepping_note.startswith("stepped the whole scene")
     bones = np.concatenate([block.poses[0].bones for block in blocks])
-    other = np.concatenate([block.poses[0].bones for block in truth])
+    second = np.concatenate([block.poses[0].bones for block in truth])
     places = np.concatenate([block.poses[0].to_world for block in blocks])
     assert np.array_equal(places, np.concatenate([b.poses[0].to_world for b in truth]))
     assert bones.std(axis=0).max() > 1e-3
-    return float(np.abs(bones - other).max())
+    return float(np.abs(bones - second).max())
 
 
 @pytest.mark.parametrize("rate_hz", [24, 61])

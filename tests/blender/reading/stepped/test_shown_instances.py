@@ -72,8 +72,8 @@ def test_several_volumes_of_a_collection_are_not_mixed_up(stage: Any) -> None:
 def test_a_fast_turntable_goes_round(stage: Any, tolerance: Any) -> None:
     table = _instance(_put_away(_ball("arm", 0.1, (0.2, 0, 0))), "Table", (0, 0, 1.1))
     oracle.key(table, "rotation_euler", [(1, (0, 0, 0)), (12, (0, 0, 30.0))])
-    found = oracle.evaluate(stage, rate_hz=96, tolerance=tolerance)
-    (block, *_) = found.reader.blocks()
+    actual = oracle.evaluate(stage, rate_hz=96, tolerance=tolerance)
+    (block, *_) = actual.reader.blocks()
     places = block.effects[0].matrices[:, :3, 3]
     radii = np.linalg.norm(places[:, :2], axis=1)
     np.testing.assert_allclose(radii, 0.2, atol=1e-5)
@@ -92,8 +92,8 @@ def test_a_linked_volume_and_a_local_one_of_its_name(scene: Any, tmp_path: Path)
     local = _ball("Ball", 0.05)
     local.name = "Ball"
     _instance(_put_away(local, name="Local"), "Mine", (0, 0, 0.9))
-    found = shown.assert_felt(stage, 24)
-    assert len({effect.id for effect in found.reader.description.effects}) == 2
+    actual = shown.assert_felt(stage, 24)
+    assert len({effect.id for effect in actual.reader.description.effects}) == 2
 
 
 def test_nested_instances_and_a_clip_come_and_go(stage: Any) -> None:
@@ -102,9 +102,9 @@ def test_nested_instances_and_a_clip_come_and_go(stage: Any) -> None:
     inner = _instance(_put_away(ball), "Inner", (0.1, 0, 0))
     outer = _instance(_put_away(inner, name="Outer"), "Top", (0, 0, 1.1))
     oracle.key(outer, "hide_viewport", [(1, False), (6, True), (7, False)])
-    found = oracle.evaluate(stage, rate_hz=96)
-    on = {i for samples in found.samples.values() for i in samples}
-    frames = sorted(float(found.reader.time.frame(i)) for i in on)
+    actual = oracle.evaluate(stage, rate_hz=96)
+    on = {i for samples in actual.samples.values() for i in samples}
+    frames = sorted(float(actual.reader.time.frame(i)) for i in on)
     assert frames[0] == 4.0 and frames[-1] <= 9.0
     assert not [frame for frame in frames if 6 <= frame < 7]
     assert {4.0, 4.25, 5.75, 7.0, 8.75} <= set(frames)
@@ -115,7 +115,7 @@ def _points(realized: bool) -> Any:
     tree = bpy.data.node_groups.new("Cubes", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    line, cube, place, end = (
+    line, cube, position, end = (
         tree.nodes.new(kind)
         for kind in (
             "GeometryNodeMeshLine",
@@ -129,9 +129,9 @@ def _points(realized: bool) -> Any:
     line.inputs["Offset"].default_value = (0.1, 0, 0.3)
     cube.inputs["Size"].default_value = (0.2, 0.2, 0.1)
     link = tree.links.new
-    link(line.outputs[0], place.inputs["Points"])
-    link(cube.outputs[0], place.inputs["Instance"])
-    last = place.outputs[0]
+    link(line.outputs[0], position.inputs["Points"])
+    link(cube.outputs[0], position.inputs["Instance"])
+    last = position.outputs[0]
     if realized:
         real = tree.nodes.new("GeometryNodeRealizeInstances")
         link(last, real.inputs[0])
@@ -149,9 +149,9 @@ def test_geometry_that_nodes_make_instances_of(stage: Any, realized: bool) -> No
         shown.assert_felt(stage, 48, every=5)
         return
     # The object itself has an empty mesh: only its instances are there.
-    found = oracle.evaluate(stage, rate_hz=24)
-    assert sum(name.startswith("own ") for name in found.samples) == 3
-    assert "own" not in found.samples
+    actual = oracle.evaluate(stage, rate_hz=24)
+    assert sum(name.startswith("own ") for name in actual.samples) == 3
+    assert "own" not in actual.samples
 
 
 def test_children_on_vertices_and_hair(stage: Any) -> None:

@@ -48,10 +48,10 @@ def _particles(scene: Any) -> Any:
 
 
 def _felt(scene: Any) -> dict[tuple[str, int], bytes]:
-    found = oracle.evaluate(scene, rate_hz=60)
+    actual = oracle.evaluate(scene, rate_hz=60)
     return {
         (name, index): sample.vertices.tobytes()
-        for name, samples in found.samples.items()
+        for name, samples in actual.samples.items()
         for index, sample in samples.items()
     }
 
@@ -83,7 +83,7 @@ def test_a_simulation_of_nodes_goes_evenly_between_frames(scene: Any) -> None:
     nodes[1].pair_with_output(nodes[3])
     nodes[2].inputs["Offset"].default_value = (0.0, 0.0, 0.02)
     for one, two in itertools.pairwise(nodes):
-        taken = (each for each in one.outputs if each.type == "GEOMETRY")
+        taken = (output for output in one.outputs if output.type == "GEOMETRY")
         tree.links.new(next(taken), next(e for e in two.inputs if e.type == "GEOMETRY"))
     volume.modifiers.new("Rise", "NODES").node_group = tree
     reader = oracle.SceneReader(scene, rate_hz=oracle.Fraction(100))
@@ -138,11 +138,11 @@ def test_unbaked_paint_and_fluid_are_told_where_they_are_felt(scene: Any) -> Non
     surface.surface_type = "DISPLACE"
     canvas.modifiers.new("Water", "FLUID").fluid_type = "DOMAIN"
     canvas.hfx.role, canvas.hfx.kind, canvas.hfx.shape = "EFFECT", "VOLUME", "MESH"
-    told = [
+    messages = [
         "the dynamic paint of 'Cube' is not baked: bake it to feel it",
         "the fluid of 'Cube' is not baked: bake it to feel it",
     ]
-    assert [*oracle.SceneReader(scene).description.warnings] == told
+    assert [*oracle.SceneReader(scene).description.warnings] == messages
     canvas.hfx.is_muted = True
     oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1.1), radius=0.2)
     reader = oracle.SceneReader(scene)

@@ -41,24 +41,24 @@ def constrained(scene: Any) -> Any:
 def _poses(scene: Any, **settings: Any) -> tuple[SceneReader, dict[int, Any]]:
     """World matrices (B, 3, 4) of the bones, by sample."""
     reader = SceneReader(scene, rate_hz=Fraction(RATE_HZ), **settings)
-    found = {}
+    actual = {}
     for block in reader.blocks():
         (posed,) = block.poses
         for row, index in enumerate(block.indices.tolist()):
-            found[index] = posed.to_world[row, :3, :3] @ posed.bones[row]
-            found[index][..., 3] += posed.to_world[row, :3, 3]
-    return reader, found
+            actual[index] = posed.to_world[row, :3, :3] @ posed.bones[row]
+            actual[index][..., 3] += posed.to_world[row, :3, 3]
+    return reader, actual
 
 
 @pytest.mark.parametrize("tolerance", [STANDARD, PREVIEW], ids=lambda each: each.name)
 def test_bones_are_where_blender_puts_them_at_every_sample(
     constrained: Any, tolerance: Any
 ) -> None:
-    reader, found = _poses(constrained, tolerance=tolerance)
+    reader, actual = _poses(constrained, tolerance=tolerance)
     assert reader.stepping_note.startswith(f"stepped a scratch scene, because bone '{BONE}'")
     body = bpy.data.objects["Avatar"]
     number = [bone.name for bone in body.pose.bones].index(BONE)
-    for index, bones in found.items():
+    for index, bones in actual.items():
         oracle.set_time(constrained, reader.time.frame(index))
         posed = body.evaluated_get(constrained.view_layers[0].depsgraph)
         bone = posed.pose.bones[BONE]
@@ -72,17 +72,17 @@ def test_a_jump_stays_a_jump(constrained: Any) -> None:
     for curve in compat.fcurves(body):
         for point in curve.keyframe_points:
             point.interpolation = "CONSTANT"
-    _, found = _poses(constrained, tolerance=STANDARD)
-    assert len({float(matrix[0, 1, 3]) for matrix in found.values()}) == 3
+    _, actual = _poses(constrained, tolerance=STANDARD)
+    assert len({float(matrix[0, 1, 3]) for matrix in actual.values()}) == 3
 
 
 def test_a_range_reads_the_same_poses_as_the_whole(constrained: Any) -> None:
     _, whole = _poses(constrained)
-    part, found = _poses(constrained, frames=(7, 18))
+    part, actual = _poses(constrained, frames=(7, 18))
     offset = Fraction(6 * RATE_HZ, 24)
-    assert offset.denominator == 1 and min(found) == -1, "the first has a history"
+    assert offset.denominator == 1 and min(actual) == -1, "the first has a history"
     assert part.time.sample_count == 50
-    for index, matrix in found.items():
+    for index, matrix in actual.items():
         assert matrix.tobytes() == whole[index + int(offset)].tobytes()
 
 

@@ -54,11 +54,11 @@ def _assert_same(one: Any, two: Any) -> None:
     for name, samples in one.samples.items():
         assert samples.keys() == two.samples[name].keys()
         for index, sample in samples.items():
-            other = two.of(name, index)
-            assert sample.level == other.level
-            assert sample.parameters.tolist() == other.parameters.tolist()
-            assert sample.vertices.tolist() == other.vertices.tolist()
-            assert sample.weights.tolist() == other.weights.tolist()
+            second = two.of(name, index)
+            assert sample.level == second.level
+            assert sample.parameters.tolist() == second.parameters.tolist()
+            assert sample.vertices.tolist() == second.vertices.tolist()
+            assert sample.weights.tolist() == second.weights.tolist()
 
 
 def test_scratch_scene_gives_the_same_as_the_own_scene(
@@ -91,15 +91,15 @@ def test_curves_give_the_same_as_the_own_scene(
     step_own_scene(monkeypatch)
     own = SceneReader(scene, rate_hz=oracle.Fraction(21))
     posed = 0
-    for block, other in zip(blocks, own.blocks(), strict=True):
-        assert block.indices.tolist() == other.indices.tolist()
-        for effect, twin in zip(block.effects, other.effects, strict=True):
+    for block, second in zip(blocks, own.blocks(), strict=True):
+        assert block.indices.tolist() == second.indices.tolist()
+        for effect, twin in zip(block.effects, second.effects, strict=True):
             assert np.allclose(effect.levels, twin.levels, atol=2e-6)
             on = effect.levels > 0.0
             assert np.allclose(effect.parameters[on], twin.parameters[on], atol=1e-6)
             if effect.matrices is not None:
                 assert np.allclose(effect.matrices[on], twin.matrices[on], atol=1e-6)
-        (pose,), (twin,) = block.poses, other.poses
+        (pose,), (twin,) = block.poses, second.poses
         assert pose.valid.tolist() == twin.valid.tolist()
         if pose.valid.any():
             posed += np.count_nonzero(pose.valid)
@@ -486,14 +486,14 @@ def _by_path(scene: Any, ball: Any, prop: Any) -> None:
 
 def _by_bone(scene: Any, ball: Any, prop: Any) -> None:
     armature = bpy.data.armatures.new("Other")
-    other = bpy.data.objects.new("Other", armature)
-    scene.collection.objects.link(other)
-    bpy.context.view_layer.objects.active = other
+    second = bpy.data.objects.new("Other", armature)
+    scene.collection.objects.link(second)
+    bpy.context.view_layer.objects.active = second
     bpy.ops.object.mode_set(mode="EDIT")
     armature.edit_bones.new("Bone").tail = (0, 0, 1)
     bpy.ops.object.mode_set(mode="OBJECT")
-    other.pose.bones["Bone"].constraints.new("COPY_LOCATION").target = prop
-    ball.parent, ball.parent_type, ball.parent_bone = other, "BONE", "Bone"
+    second.pose.bones["Bone"].constraints.new("COPY_LOCATION").target = prop
+    ball.parent, ball.parent_type, ball.parent_bone = second, "BONE", "Bone"
 
 
 def _by_displacing(scene: Any, ball: Any, prop: Any) -> None:
@@ -513,12 +513,12 @@ def _by_nodes(scene: Any, ball: Any, prop: Any) -> None:
     tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
     tree.interface.new_socket("Out", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     nodes = [
-        tree.nodes.new(f"GeometryNode{each}") for each in ("CollectionInfo", "RealizeInstances")
+        tree.nodes.new(f"GeometryNode{entry}") for entry in ("CollectionInfo", "RealizeInstances")
     ]
     nodes.append(tree.nodes.new("NodeGroupOutput"))
     nodes[0].inputs["Collection"].default_value = shown
-    for one, other in itertools.pairwise(nodes):
-        tree.links.new(one.outputs[0], other.inputs[0])
+    for one, second in itertools.pairwise(nodes):
+        tree.links.new(one.outputs[0], second.inputs[0])
     cube.modifiers.new("Nodes", "NODES").node_group = tree
     ball.parent, ball.parent_type = cube, "VERTEX"
 
@@ -527,19 +527,19 @@ def _evaluated_beside(scene: Any, ball: Any) -> set[bool]:
     """Whether a bystander is evaluated in the own scene, where the ball has to be as Blender, which
     evaluates all, places it."""
     bystander = _moving_cube(scene, "Bystander")
-    graph, places, found = bpy.context.view_layer.depsgraph, {}, set()
+    graph, places, actual = bpy.context.view_layer.depsgraph, {}, set()
     for frame in range(1, 25):
         scene.frame_set(frame)
         places[frame] = np.array(ball.evaluated_get(graph).matrix_world)
     assert not np.array_equal(places[1], places[24])
     reader = SceneReader(scene)
     with stepping.own_scene(reader.found) as stepper:
-        for frame, place in places.items():
+        for frame, position in places.items():
             stepper.set_frame(oracle.Fraction(frame))
-            assert np.array_equal(stepper.evaluated(ball).matrix_world, place)
-            found.add(bool(stepper.evaluated(bystander).is_evaluated))
+            assert np.array_equal(stepper.evaluated(ball).matrix_world, position)
+            actual.add(bool(stepper.evaluated(bystander).is_evaluated))
     assert not bystander.hide_viewport
-    return found
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -575,7 +575,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
     test_a_driver_that_reads_the_scene(scene, ball)
     bystander = _moving_cube(scene)
     scene.frame_set(5)
-    found = SceneReader(scene).found
+    actual = SceneReader(scene).found
 
     class Late:
         """An object that is told to show itself just when Ctrl-C comes."""
@@ -590,7 +590,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
         hide_viewport = False
 
     monkeypatch.setattr(stepping, "idle_objects", lambda _found: [Late(), bystander])
-    with pytest.raises(KeyboardInterrupt), stepping.own_scene(found) as stepper:
+    with pytest.raises(KeyboardInterrupt), stepping.own_scene(actual) as stepper:
         stepper.set_frame(oracle.Fraction(9))
         assert bystander.hide_viewport
     assert not bystander.hide_viewport
@@ -610,14 +610,14 @@ def test_where_code_may_read_anything_all_of_the_own_scene_is_evaluated(
 
 
 def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:
-    other = bpy.data.scenes.new("Other")
+    second = bpy.data.scenes.new("Other")
     for obj in scene.objects:
-        other.collection.objects.link(obj)
-    other.frame_start, other.frame_end = 1, 10
-    here, there = oracle.evaluate(scene, frames=(1, 10)), oracle.evaluate(other)
+        second.collection.objects.link(obj)
+    second.frame_start, second.frame_end = 1, 10
+    here, there = oracle.evaluate(scene, frames=(1, 10)), oracle.evaluate(second)
     assert bpy.context.scene == scene
     _assert_same(here, there)
-    assert sorted(each.name for each in bpy.data.scenes) == ["Other", scene.name]
+    assert sorted(entry.name for entry in bpy.data.scenes) == ["Other", scene.name]
 
 
 def test_blocks_are_cut_at_multiples() -> None:

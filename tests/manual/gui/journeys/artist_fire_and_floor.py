@@ -43,8 +43,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from over_view(h)
     yield from h.key("g")
     start = h.xy(h.region(), 0.3, 0.6)
-    for place in between(start, (start[0] - 90, start[1]), 4):
-        yield from h.move(*place)
+    for position in between(start, (start[0] - 90, start[1]), 4):
+        yield from h.move(*position)
     yield from h.click(start[0] - 90, start[1])
     yield from h.key("i")
     yield 0.6
@@ -63,7 +63,7 @@ def steps(h: Any) -> Iterator[float]:
     for field, value in zip(fields[1:5], ("100", "2", "2", "0.3"), strict=True):
         yield from h.enter(field, value)
     floor = hands.effect("vibration").hfx
-    size = tuple(round(each, 3) for each in floor.size)
+    size = tuple(round(item, 3) for item in floor.size)
     h.check(floor.frequency == 100 and size == (2, 2, 0.3), f"the floor: 100 Hz, {size} m")
     yield from h.press_button("HFX_OT_add_clip")
     yield from hands.adjust(h, {1: "48"})
@@ -100,4 +100,4 @@ def add_volume(h: Any, shape: str, modality: str) -> Iterator[float]:
 
 def between(start: Any, end: Any, count: int = 6) -> list[tuple[float, float]]:
     shares = np.linspace(0, 1, count + 1)[1:, None]
-    return [tuple(place) for place in np.array(start) * (1 - shares) + np.array(end) * shares]
+    return [tuple(position) for position in np.array(start) * (1 - shares) + np.array(end) * shares]

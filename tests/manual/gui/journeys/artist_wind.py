@@ -27,7 +27,7 @@ def steps(h: Any) -> Iterator[float]:
     fields = yield from h.fields(h.region("UI"))
     for field, value in zip(fields[1:4], ("2", "2", "3"), strict=True):
         yield from h.enter(field, value)
-    size = tuple(round(each, 3) for each in hands.effect("wind").hfx.size)
+    size = tuple(round(item, 3) for item in hands.effect("wind").hfx.size)
     h.check(size == (2, 2, 3), f"a box of {size} m")
 
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))

@@ -17,7 +17,9 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.empty_scene(h)
     yield from hands.add_avatar(h)
     libraries = bpy.context.preferences.filepaths.asset_libraries
-    h.check([each.name for each in libraries].count(LIBRARY) == 1, "the library is registered")
+    h.check(
+        [library.name for library in libraries].count(LIBRARY) == 1, "the library is registered"
+    )
 
     area = next(area for area in h.window.screen.areas if area.type == "PROPERTIES")
     area.ui_type = "ASSETS"
@@ -32,26 +34,26 @@ def steps(h: Any) -> Iterator[float]:
     before = set(bpy.data.objects.keys())
     yield from drop(h, area, "heartbeat", h.xy_of((0.0, -0.1, 1.3)))
     h.shot("2_on_the_body.png")
-    found = new(before)
-    h.check(found and all(o.hfx.role == "EFFECT" for o in found), f"effects: {names(found)}")
+    actual = new(before)
+    h.check(actual and all(o.hfx.role == "EFFECT" for o in actual), f"effects: {names(actual)}")
     body = next(o for o in bpy.data.objects if o.hfx.role == "BODY")
-    h.check(all(o.hfx.body == body for o in found), "they are painted on the body")
-    h.check(all(len(o["hfx_vertices"]) for o in found), "they have areas")
-    h.check(all(hands.clips_of(o) for o in found), "they have clips")
+    h.check(all(o.hfx.body == body for o in actual), "they are painted on the body")
+    h.check(all(len(o["hfx_vertices"]) for o in actual), "they have areas")
+    h.check(all(hands.clips_of(o) for o in actual), "they have clips")
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     yield from h.key("ctrl+z")
     yield 1.5
     h.check(not new(before), f"one Ctrl+Z takes all of it back {names(new(before))}")
     yield from h.key("ctrl+shift+z")
     yield 1.5
-    h.check(len(new(before)) == len(found), "and Shift+Ctrl+Z brings all of it back")
+    h.check(len(new(before)) == len(actual), "and Shift+Ctrl+Z brings all of it back")
 
     before = set(bpy.data.objects.keys())
     yield from drop(h, area, "hot_object", h.xy_of(BESIDE))
     h.shot("3_in_the_scene.png")
-    found = new(before)
-    h.check(found and all(o.hfx.kind == "VOLUME" for o in found), f"volumes: {names(found)}")
-    h.check(abs(found[0].matrix_world.translation.x - BESIDE[0]) < 0.3, "where they were dropped")
+    actual = new(before)
+    h.check(actual and all(o.hfx.kind == "VOLUME" for o in actual), f"volumes: {names(actual)}")
+    h.check(abs(actual[0].matrix_world.translation.x - BESIDE[0]) < 0.3, "where they were dropped")
     h.check(all(not o.get("hfx_sensation") for o in bpy.data.objects), "no empty is left")
 
 

@@ -60,8 +60,8 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("3_arrow.png")
     h.document("editor_paint.png")
 
-    place = yield from h.button(h.region("HEADER"), bpy.types.HFX_OT_paint_end)
-    yield from h.click(*place)
+    position = yield from h.button(h.region("HEADER"), bpy.types.HFX_OT_paint_end)
+    yield from h.click(*position)
     yield from h.until(lambda: bpy.context.mode == "OBJECT", "Finish Painting ends it", 20)
     h.check(canvas() is None, "the mesh that was painted on is gone")
     h.check(bpy.context.object == hands.effect("pressure"), "the effect is selected again")
@@ -93,10 +93,10 @@ def steps(h: Any) -> Iterator[float]:
 def stroke(h: Any, line: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Places in the window along a broken line on the back (X and Z of the scene)."""
     corners = [np.array(h.xy_of((x, 0.1, z))) for x, z in line]
-    found = [tuple(corners[0])]
+    actual = [tuple(corners[0])]
     for start, end in pairwise(corners):
-        found += [tuple(start + (end - start) * share) for share in np.linspace(0, 1, 9)[1:]]
-    return found
+        actual += [tuple(start + (end - start) * share) for share in np.linspace(0, 1, 9)[1:]]
+    return actual
 
 
 def brush_size() -> float:

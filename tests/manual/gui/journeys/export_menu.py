@@ -43,9 +43,9 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("3_written.png")
     yield from h.key("Escape")  # the popup, which takes every click and key
     yield from reported(h)
-    told = bpy.context.window_manager.clipboard
-    h.check("Wrote back.hfxtrack" in told, "the message says what was written")
-    h.check(str(h.out) in told, "and where")
+    messages = bpy.context.window_manager.clipboard
+    h.check("Wrote back.hfxtrack" in messages, "the message says what was written")
+    h.check(str(h.out) in messages, "and where")
     h.shot("4_told.png")
     yield from given_up(h)
 
@@ -72,7 +72,9 @@ def given_up(h: Any) -> Iterator[float]:
 
 
 def is_exporting(h: Any) -> bool:
-    return any(each.bl_idname == "HFX_OT_export" for each in h.window.modal_operators)
+    return any(
+        modal_operator.bl_idname == "HFX_OT_export" for modal_operator in h.window.modal_operators
+    )
 
 
 def browser(h: Any) -> bpy.types.Area | None:

@@ -33,12 +33,12 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("5_sphere.png")
 
     bpy.context.scene.frame_end = 5  # a short recording
-    place = yield from h.button(h.region("UI"), bpy.types.HFX_OT_export)
-    below = h.window.height - h.region("UI").y - place[1]
+    position = yield from h.button(h.region("UI"), bpy.types.HFX_OT_export)
+    below = h.window.height - h.region("UI").y - position[1]
     h.check(
         below > 12, f"Export Haptics is seen without scrolling, {below:.0f} pixels above the end"
     )
-    yield from h.click(*place)
+    yield from h.click(*position)
     yield 1.0
     h.shot("6_file_browser.png")
     track = h.out / "first.hfxtrack"

@@ -23,12 +23,12 @@ EXTENSIONS = Path(bpy.utils.user_resource("EXTENSIONS"))
 def traces() -> dict[str, list[str]]:
     """Whatever an add-on can leave in Blender and on the disk."""
     menus = [getattr(bpy.types, name) for name in dir(bpy.types)]
-    drawn = {id(each): each for menu in menus for each in _drawn(menu)}
+    drawn = {id(value): value for menu in menus for value in _drawn(menu)}
     handlers = [
-        each
+        value
         for name in dir(bpy.app.handlers)
-        if isinstance(found := getattr(bpy.app.handlers, name), list)
-        for each in found
+        if isinstance(actual := getattr(bpy.app.handlers, name), list)
+        for value in actual
     ]
     keys = [
         f"{keymap.name}: {item.idname}"
@@ -49,7 +49,7 @@ def traces() -> dict[str, list[str]]:
         "types": [name for name in dir(bpy.types) if "hfx" in name.lower()],
         "operators": list(dir(bpy.ops.hfx)),
         "properties": sorted(properties),
-        "handlers": [str(each) for each in handlers if "hfx" in str(each.__module__)],
+        "handlers": [str(handler) for handler in handlers if "hfx" in str(handler.__module__)],
         "drawn in menus": [str(e) for e in drawn.values() if "hfx" in str(e.__module__)],
         "keymaps": [key for key in keys if "hfx" in key],
         "modules": [name for name in sys.modules if "hfx" in name],
@@ -73,9 +73,9 @@ def alive() -> list[str]:
     gc.collect()
     return sorted(
         {
-            f"{each.__module__}.{each.__qualname__}"
-            for each in gc.get_objects()
-            if isinstance(each, FunctionType) and str(each.__module__).startswith(MODULE)
+            f"{value.__module__}.{value.__qualname__}"
+            for value in gc.get_objects()
+            if isinstance(value, FunctionType) and str(value.__module__).startswith(MODULE)
         }
     )
 
@@ -138,14 +138,14 @@ def steps(h: Any) -> Iterator[float]:
     bpy.ops.preferences.addon_disable(module=MODULE)
     yield 0.5
     off = traces()
-    kept = {"modules", "files"}  # Blender keeps both while an add-on is off
-    left = {key: value for key, value in off.items() if value and key not in kept}
+    stored = {"modules", "files"}  # Blender keeps both while an add-on is off
+    left = {key: value for key, value in off.items() if value and key not in stored}
     h.check(not left, f"switched off, it leaves nothing: {left}")
     h.shot("3_off.png")
     bpy.ops.preferences.addon_enable(module=MODULE)
     yield 0.5
     again = traces()
-    different = {key for key in on if key not in kept and sorted(on[key]) != sorted(again[key])}
+    different = {key for key in on if key not in stored and sorted(on[key]) != sorted(again[key])}
     h.check(not different, f"switched on again, all is as before: {different}")
     lost = set(on["modules"]) - set(again["modules"])  # more may come: some are imported late
     h.check(not lost, f"with its modules: {lost}")

@@ -98,8 +98,8 @@ def set_up(h: Any) -> None:
         scene.frame_set(CLIP)
         bpy.ops.hfx.add_clip()
         scene.frame_set(2)
-    for each in scene.objects:
-        each.hide_set(True)
+    for item in scene.objects:
+        item.hide_set(True)
     bpy.context.view_layer.objects.active = None
     h.undo_push()
 
@@ -117,19 +117,19 @@ class Patience:
         self._live, self._log = live, log
 
     def plays(self) -> bool:
-        if any("did not answer" in each.text for each in self._live.states.values()):
+        if any("did not answer" in state.text for state in self._live.states.values()):
             self._live.arm()
         return bool(self._live.is_armed)
 
     def has_passed(self, begun: int, phases: list[str]) -> bool:
         """Test that one phase led to the other, since a row of the log."""
-        found: list[str] = []
+        actual: list[str] = []
         for row in rows(self._log)[begun:]:
             phase = "stop" if "stop" in row else "loud" if any(row["values"][::2]) else "silent"
-            if found[-1:] != [phase]:
-                found.append(phase)
+            if actual[-1:] != [phase]:
+                actual.append(phase)
         count = len(phases)
-        return any(found[k : k + count] == phases for k in range(len(found)))
+        return any(actual[k : k + count] == phases for k in range(len(actual)))
 
     def is_loud(self) -> bool:
         return self.plays() and is_loud(self._log)
@@ -144,5 +144,5 @@ def rows(log: Path) -> list[dict[str, Any]]:
 
 
 def is_loud(log: Path) -> bool:
-    found = rows(log)
-    return bool(found) and any(found[-1].get("values", [0.0])[::2])
+    actual = rows(log)
+    return bool(actual) and any(actual[-1].get("values", [0.0])[::2])

@@ -61,9 +61,9 @@ def steps(h: Any) -> Iterator[float]:
     h.show_files_inside()
     yield from choose_by_key(h, HAPTICS)
     yield from answer(h, SAVE)
-    other = Path(h.out, "other.blend")
-    yield from h.save_as(other)
-    yield from h.until(other.exists, "Save of a file without a name asks for one, and saves", 20)
+    second = Path(h.out, "other.blend")
+    yield from h.save_as(second)
+    yield from h.until(second.exists, "Save of a file without a name asks for one, and saves", 20)
     yield 1.0
     h.check("Mine" in bpy.data.objects, "which ends the question, as for all new files")
     yield from choose_by_key(h, HAPTICS)
@@ -77,7 +77,7 @@ def steps(h: Any) -> Iterator[float]:
     bpy.ops.wm.splash("INVOKE_DEFAULT")
     yield 1.0
     h.shot("7_splash.png")
-    waits = [each.__name__ for each in bpy.app.handlers.load_post if "avatar" in each.__name__]
+    waits = [item.__name__ for item in bpy.app.handlers.load_post if "avatar" in item.__name__]
     h.check(not waits, f"a file that the splash screen begins gets no avatar: {waits}")
     yield from h.key("Escape")
 

@@ -70,16 +70,16 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.click(at(h, region, second.frame_start + 1), row)  # the sidebar covers the rest
     yield from h.key("Delete")
     yield 0.5
-    kept = hands.clips_of(hands.effect("pressure"))
-    h.check(len(kept) == 1, "Delete takes the second half away: it is trimmed")
+    clips = hands.clips_of(hands.effect("pressure"))
+    h.check(len(clips) == 1, "Delete takes the second half away: it is trimmed")
     h.shot("3_trimmed.png")
-    length = kept[0].frame_end - kept[0].frame_start
+    length = clips[0].frame_end - clips[0].frame_start
     h.check(abs(length - (end - start) / 2) <= 1.0, f"half as long as before ({length:.1f})")
     h.check(channels.width > 1, "the channels name the effect")
 
     area.ui_type = "VIEW_3D"
     yield 1.0
-    bpy.context.scene.frame_set(round(kept[0].frame_start + 1))
+    bpy.context.scene.frame_set(round(clips[0].frame_start + 1))
     yield 1.0
     green = hands.tint(h.shot("4_felt.png"), h.xy_of((0.0, -0.1, 1.2)))
     h.check(green[1] > 1.3 * green[0], "it is felt where it was dragged to")

@@ -40,15 +40,15 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_haptic(h, sphere, warmth)  # at the feet
     for name, first, second in (("is_muted", 1, 1), ("is_solo", 0, 0)):
         row = 0  # by name: the temperature is the first
-        place = yield from hands.icon(h, row, first)
-        yield from h.click(*place)
+        position = yield from hands.icon(h, row, first)
+        yield from h.click(*position)
         yield 0.8
         switched = getattr(hands.effect("temperature").hfx, name)
         h.check(switched, f"a click on the row's icon: {name}")
         red = is_red(h, h.shot(f"3_{name}.png"))
         h.check(red == (name == "is_muted"), "the other one is felt unless this one is solo")
-        place = yield from hands.icon(h, row, second)
-        yield from h.click(*place)
+        position = yield from hands.icon(h, row, second)
+        yield from h.click(*position)
         yield 0.5
         switched = getattr(hands.effect("temperature").hfx, name)
         h.check(not switched, "and back")

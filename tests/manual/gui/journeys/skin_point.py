@@ -30,14 +30,14 @@ def steps(h: Any) -> Iterator[float]:
     h.check(is_red(h, pixels, (0.0, 1.25)), "it is felt in the middle of the back")
 
     yield from h.press_button("HFX_OT_draw_path", which=STRAIGHT)
-    for place in PLACES:
-        yield from h.click(*seen(h, place))
+    for position in PLACES:
+        yield from h.click(*seen(h, position))
         yield 0.3
     h.shot("3_clicked.png")
     yield from h.key("Return")
     yield 0.8
     knots = np.array(point()["hfx_path"]).reshape(-1, 3)
-    off = max(np.linalg.norm(knots[:, [0, 2]] - place, axis=1).min() for place in PLACES)
+    off = max(np.linalg.norm(knots[:, [0, 2]] - position, axis=1).min() for position in PLACES)
     pixel_m = 0.1 / (seen(h, (0.0, 1.3))[0] - seen(h, (0.1, 1.3))[0])
     h.check(
         off < 2.0 * abs(pixel_m),
@@ -100,7 +100,7 @@ def seen(h: Any, place: tuple[float, float]) -> tuple[float, float]:
 
 def along(h: Any, line: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Places in the window along a straight line on the back."""
-    start, end = (np.array(seen(h, place)) for place in line)
+    start, end = (np.array(seen(h, position)) for position in line)
     return [tuple(start + (end - start) * share) for share in np.linspace(0, 1, 13)]
 
 

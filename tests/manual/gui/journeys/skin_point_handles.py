@@ -184,8 +184,8 @@ def on_back(x: float, z: float) -> np.ndarray:
     """The place of the skin that is seen there from behind, in rest space."""
     model = hands.module("engine.body.model").load_model("hfx-pressure-1")
     tree = BVHTree.FromPolygons(model.vertices.tolist(), model.triangles.tolist())
-    place, *_ = tree.ray_cast(Vector((x, 1.0, z)), Vector((0.0, -1.0, 0.0)))
-    return np.array(place)
+    position, *_ = tree.ray_cast(Vector((x, 1.0, z)), Vector((0.0, -1.0, 0.0)))
+    return np.array(position)
 
 
 def on_screen(h: Any, where: np.ndarray) -> tuple[float, float]:

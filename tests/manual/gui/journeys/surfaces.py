@@ -48,10 +48,10 @@ def steps(h: Any) -> Iterator[float]:
         hands.module("operators.surfaces.stroke_pad_view"),
         hands.module("operators.surfaces.stroke_pad_operators"),
     )
-    place = view.PadPlace(region.width, region.height)
-    low = h.window.height - (region.y + place.bottom)
-    x = region.x + place.left + place.side / 2
-    way = [(x, low - 20 - 8 * k) for k in range((place.side - 40) // 8)]  # across the ribs
+    pad_place = view.PadPlace(region.width, region.height)
+    low = h.window.height - (region.y + pad_place.bottom)
+    x = region.x + pad_place.left + pad_place.side / 2
+    way = [(x, low - 20 - 8 * k) for k in range((pad_place.side - 40) // 8)]  # across the ribs
     yield from stroke(h, way, "3_stroke.png")
     yield from h.until(lambda: pad.last_take is not None, "a stroke was taken", 20)
     slow = pad.last_take
@@ -91,9 +91,9 @@ def check_felt(h: Any, take: Any) -> None:
     moving = take.stroke.speed_at(take.signal.times_s + take.signal.step_s / 2) > 1e-3
     share = float((amplitude[moving] > 0.0).mean())
     h.check(share > 0.9, f"it is felt while it moves ({share:.0%} of {moving.sum()} steps)")
-    felt = amplitude > 0.0
-    h.check(amplitude[felt].std() > 0.0, f"amplitude up to {amplitude.max():.2f} m/s2")
-    h.check((frequency[felt] >= 50.0).all(), f"frequency up to {frequency.max():.0f} Hz")
+    samples = amplitude > 0.0
+    h.check(amplitude[samples].std() > 0.0, f"amplitude up to {amplitude.max():.2f} m/s2")
+    h.check((frequency[samples] >= 50.0).all(), f"frequency up to {frequency.max():.0f} Hz")
 
 
 def stroke(h: Any, way: list[tuple[float, float]], shot: str) -> Iterator[float]:
@@ -123,10 +123,10 @@ def reach(h: Any, pixels: Any, row: int) -> tuple[int, int]:
     """Highest and lowest pixel of one of the plots' curves, from the plot's lower edge."""
     region = h.region()
     view = hands.module("operators.surfaces.stroke_pad_view")
-    place = view.PadPlace(region.width, region.height)
+    pad_place = view.PadPlace(region.width, region.height)
     wide, high = view.PLOT_PX
-    left = region.x + place.left + place.side + 16
-    low = place.bottom + (len(PLOTS) - 1 - row) * (high + 26)
+    left = region.x + pad_place.left + pad_place.side + 16
+    low = pad_place.bottom + (len(PLOTS) - 1 - row) * (high + 26)
     top = h.window.height - (region.y + low + high)
     part = pixels[top : top + high, left : left + wide].astype(int)
     red, green, blue = part[..., 0], part[..., 1], part[..., 2]

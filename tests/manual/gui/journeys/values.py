@@ -102,7 +102,7 @@ def constrained(h: Any, known: Any) -> Iterator[float]:
 
 def greener(h: Any, pixels: Any) -> int:
     """Pixels of the viewport's middle that are clearly green."""
-    x, y = (round(each) for each in h.xy_of((0.0, -0.1, 1.2)))
+    x, y = (round(item) for item in h.xy_of((0.0, -0.1, 1.2)))
     part = pixels[y - 120 : y + 120, x - 120 : x + 120].astype(int)
     red, green, blue = part[..., 0], part[..., 1], part[..., 2]
     return int(((green > red + 40) & (green > blue + 40)).sum())

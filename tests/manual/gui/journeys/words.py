@@ -18,9 +18,9 @@ def steps(h: Any) -> Iterator[float]:
     with h.context():
         bpy.ops.mesh.primitive_plane_add(size=0.2)
     plane = bpy.context.object
-    wanted = bpy.context.window_manager.hfx_generation
-    wanted.words, wanted.resolution = "worn red corduroy", 128
-    made = hands.module("operators.surfaces.generation_operators")
+    hfx_generation = bpy.context.window_manager.hfx_generation
+    hfx_generation.words, hfx_generation.resolution = "worn red corduroy", 128
+    module = hands.module("operators.surfaces.generation_operators")
     h.undo_push()
     yield from h.move(*h.xy(h.region(), 0.5, 0.5))
     yield from h.key("KP_7", "KP_Decimal")
@@ -31,10 +31,10 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.5
     h.shot("1_panel.png")
     yield from h.press_button("HFX_OT_generate_surface")
-    yield from h.until(lambda: made.results, "materials are made", 120)
+    yield from h.until(lambda: module.results, "materials are made", 120)
     yield 1.0
     plane = bpy.context.object
-    h.check(len(made.results) == 4 and made.running is None, "there are four variations")
+    h.check(len(module.results) == 4 and module.running is None, "there are four variations")
     h.check(plane.hfx.surface.source == "GENERATED", "the first is felt on the plane")
     h.shot("2_previews.png")
     h.document("generation_panel.png", left=0.78)
@@ -55,16 +55,16 @@ def steps(h: Any) -> Iterator[float]:
     yield 1.0
     h.check(bpy.context.object.hfx.surface.source == "GENERATED", "redo gives it again")
 
-    wanted.resolution, wanted.variations = 2048, 8
+    hfx_generation.resolution, hfx_generation.variations = 2048, 8
     _, height = yield from h.button(h.region("UI"), bpy.types.HFX_OT_generate_surface)
     yield from h.press_button("HFX_OT_generate_surface")
     yield 0.5
-    h.check(made.running is not None, "more are being made")
+    h.check(module.running is not None, "more are being made")
     h.shot("3_progress.png")
     region = h.region("UI")
     yield from h.click(region.x + region.width - CANCEL_BESIDE, height)
-    yield from h.until(lambda: made.running is None, "until they are cancelled", 10)
-    h.check(len(made.results) == 4, "the earlier ones are still there")
+    yield from h.until(lambda: module.running is None, "until they are cancelled", 10)
+    h.check(len(module.results) == 4, "the earlier ones are still there")
 
     yield from h.press_button("HFX_OT_stroke_pad")
     yield 0.5

@@ -62,8 +62,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.move(*h.xy(h.region(), 0.3, 0.4))
     yield from h.key("ctrl+z")
     yield 0.8
-    found = [obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"]
-    h.check(len(found) == 1, "one Ctrl+Z takes them back")
+    objects = [obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"]
+    h.check(len(objects) == 1, "one Ctrl+Z takes them back")
 
     bpy.ops.screen.userpref_show("INVOKE_DEFAULT", section="ADDONS")
     yield 1.5
