@@ -39,12 +39,12 @@ def draw(name: str, path: Path) -> None:
     size = high - low
     figure, axes = plt.subplots(1, 2, figsize=(2 * 2.6 * size[0] / size[1] + 0.4, 2.8), dpi=110)
     for (title, facing), panel in zip(_VIEWS, axes, strict=True):
-        _body(panel, avatar, facing)
+        _draw_body(panel, avatar, facing)
         for actuator, point in zip(device.actuators, places, strict=True):
             colour = _COLOURS[actuator.type.modality]
             if isinstance(actuator.place, RoomPlace):
                 continue
-            is_seen = _faces(point, avatar) * facing > 0.0
+            is_seen = _frontward(point, avatar) * facing > 0.0
             panel.plot(
                 facing * point[0],
                 point[2],
@@ -103,7 +103,7 @@ def _frame(
     return middle - half, middle + half
 
 
-def _faces(place: np.ndarray, avatar: object) -> float:
+def _frontward(place: np.ndarray, avatar: object) -> float:
     """Frontward component of the nearest skin's normal: above 0 in front, below 0 at the back."""
     vertices = avatar.vertices.astype(np.float64)
     near = np.argsort(np.linalg.norm(vertices - place, axis=1))[:40]
@@ -113,7 +113,7 @@ def _faces(place: np.ndarray, avatar: object) -> float:
     return -float(normals.sum(axis=0)[1])
 
 
-def _body(panel: object, avatar: object, facing: float) -> None:
+def _draw_body(panel: object, avatar: object, facing: float) -> None:
     vertices = avatar.vertices.astype(np.float64)
     corners = vertices[avatar.faces]  # (F, 3 or 4, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -37,8 +37,8 @@ def felt_shares(
         at_model[sample.vertices] = strengths(sample, is_contact)
         spread = spreads[stream.model_id]
         name = colour_name(sample, is_contact)
-        here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
-        totals[name] = totals[name] + here if name in totals else here
+        at_avatar = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
+        totals[name] = totals[name] + at_avatar if name in totals else at_avatar
     nothing = np.zeros(count)
     return {
         name: np.sqrt(np.clip(totals[name], 0.0, 1.0)) if name in totals else nothing

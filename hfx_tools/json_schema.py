@@ -98,7 +98,7 @@ def _plain(shape: Shape, names: _Names) -> dict[str, Any]:
 
 def _any_of(shapes: list[Shape], names: _Names) -> dict[str, Any]:
     """Schema of alternatives; a single alternative is its own schema."""
-    schemas = [_schema(entry, names) for entry in shapes]
+    schemas = [_schema(shape, names) for shape in shapes]
     return schemas[0] if len(schemas) == 1 else {"anyOf": schemas}
 
 
@@ -137,9 +137,9 @@ def _items(shape: Items, names: _Names) -> dict[str, Any]:
 
 def _row(shape: Row, names: _Names) -> dict[str, Any]:
     count = {"minItems": len(shape.items), "maxItems": len(shape.items)}
-    if all(entry == shape.items[0] for entry in shape.items):
+    if all(item == shape.items[0] for item in shape.items):
         return {"type": "array", **count, "items": _schema(shape.items[0], names)}
-    items = [_schema(entry, names) for entry in shape.items]
+    items = [_schema(item, names) for item in shape.items]
     return {"type": "array", **count, "prefixItems": items, "items": False}
 
 

@@ -183,14 +183,14 @@ def check_requirements(wheels: Iterable[Path]) -> None:
         A wheel requires a distribution outside of the zip, Blender and ``NOT_USED``.
     """
     wheels = list(wheels)
-    there = {wheel.name.partition("-")[0].replace("_", "-") for wheel in wheels}
+    bundled = {wheel.name.partition("-")[0].replace("_", "-") for wheel in wheels}
     for wheel in wheels:
         with zipfile.ZipFile(wheel) as archive:
             (name,) = (n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
             lines = email.message_from_bytes(archive.read(name)).get_all("Requires-Dist", [])
         for line in lines:
             required = re.split(r"[^A-Za-z0-9._-]", line)[0].lower()
-            if "extra ==" not in line and required not in {*there, *IN_BLENDER, *NOT_USED}:
+            if "extra ==" not in line and required not in {*bundled, *IN_BLENDER, *NOT_USED}:
                 raise WheelError(
                     f"{wheel.name}: requires '{required}'; add it to REQUIRED and VERSIONS in "
                     f"{Path(__file__).name}, or to NOT_USED."

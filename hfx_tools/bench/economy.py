@@ -85,7 +85,7 @@ def measure(
         }
         for name, times in seconds.items()
     ]
-    live = _live(tolerance, short)
+    live = _time_live(tolerance, short)
     progress(1.0)
     return {"cases": rows, "live": live, "model": MODEL_ID, "tolerance": tolerance.name}
 
@@ -130,7 +130,9 @@ def evaluated_case(
     scene = SceneDescription(
         TimeBase(Fraction(24), Fraction(100), 0, 0, 24 * blocks), bodies, effects
     )
-    animated = [_block(b, len(model.bone_names), idle_volumes, idle_bodies) for b in range(blocks)]
+    animated = [
+        _make_block(b, len(model.bone_names), idle_volumes, idle_bodies) for b in range(blocks)
+    ]
     engine = Engine(scene, models=lambda _: model, tolerance=tolerance)
 
     def work() -> Engine:
@@ -142,7 +144,7 @@ def evaluated_case(
     return work
 
 
-def _block(number: int, bones: int, idle_volumes: int, idle_bodies: int) -> AnimationBlock:
+def _make_block(number: int, bones: int, idle_volumes: int, idle_bodies: int) -> AnimationBlock:
     rng = np.random.default_rng(1)  # the same bends in every block and case
     phase = rng.uniform(0.0, 2 * np.pi, bones)
     times = (number * _BLOCK + np.arange(_BLOCK)) / 100.0
@@ -202,7 +204,7 @@ def doubled_model(model: PerceptualModel) -> PerceptualModel:
     )
 
 
-def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
+def _time_live(tolerance: Tolerance, short: bool) -> dict[str, float]:
     """Measure evaluation of the demo in blocks of one time; the first of two passes warms up."""
     from hfx_blender.processes import blender_session
 
@@ -238,10 +240,12 @@ def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
 
 def _single_times(block: AnimationBlock) -> list[AnimationBlock]:
     """Cut a block into blocks of one time each, without the block's warm-up rows."""
-    return [_cut(block, slice(row, row + 1)) for row in range(len(block.indices))[block.own]]
+    return [
+        _rows_of_block(block, slice(row, row + 1)) for row in range(len(block.indices))[block.own]
+    ]
 
 
-def _cut(block: AnimationBlock, rows: slice) -> AnimationBlock:
+def _rows_of_block(block: AnimationBlock, rows: slice) -> AnimationBlock:
     return AnimationBlock(
         block.indices[rows],
         tuple(

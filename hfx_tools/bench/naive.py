@@ -33,13 +33,15 @@ def measure(*, short: bool = False, progress: Progress = lambda share: None) -> 
     frames = 8 if short else 24
     scene, model_object, volume = _scene(frames)
     ways: dict[str, Callable[[], dict[int, Bool]]] = {
-        "hfx": lambda: _engine(scene, frames),
-        "evaluated mesh + BVHTree": lambda: _stepped(scene, model_object, volume, frames, _by_bvh),
+        "hfx": lambda: _test_by_engine(scene, frames),
+        "evaluated mesh + BVHTree": lambda: _test_stepped(
+            scene, model_object, volume, frames, _by_bvh
+        ),
     }
     import trimesh
 
     if trimesh.ray.has_embree:
-        ways["evaluated mesh + trimesh.contains"] = lambda: _stepped(
+        ways["evaluated mesh + trimesh.contains"] = lambda: _test_stepped(
             scene, model_object, volume, frames, _by_trimesh
         )
     rows: list[dict[str, Any]] = []
@@ -92,8 +94,10 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
     scene.frame_start, scene.frame_end = 0, frames - 1
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": position} for position in ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0))]
-    bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=frames)
+    waypoints = [
+        {"name": "", "location": position} for position in ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0))
+    ]
+    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=frames)
     bpy.ops.mesh.primitive_torus_add(
         major_segments=150,
         minor_segments=90,
@@ -107,7 +111,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
     return scene, posed, volume
 
 
-def _engine(scene: Any, frames: int) -> dict[int, Bool]:
+def _test_by_engine(scene: Any, frames: int) -> dict[int, Bool]:
     """Vertices inside, (V,) Booleans by frame, from the engine at the paper's tolerance."""
     reader = SceneReader(scene, rate_hz=Fraction(scene.render.fps), tolerance=PAPER)
     engine = Engine(reader.description, tolerance=PAPER)
@@ -120,7 +124,7 @@ def _engine(scene: Any, frames: int) -> dict[int, Bool]:
     return inside
 
 
-def _stepped(
+def _test_stepped(
     scene: Any, posed: Any, volume: Any, frames: int, test: Callable[[Any, F64], Bool]
 ) -> dict[int, Bool]:
     """Vertices inside, (V,) Booleans by frame, from evaluated meshes of a stepped scene."""
@@ -128,11 +132,11 @@ def _stepped(
     for frame in range(frames):
         scene.frame_set(frame)
         layer = bpy.context.evaluated_depsgraph_get()
-        inside[frame] = test(volume.evaluated_get(layer), _world(posed.evaluated_get(layer)))
+        inside[frame] = test(volume.evaluated_get(layer), _world_points(posed.evaluated_get(layer)))
     return inside
 
 
-def _world(evaluated: Any) -> F64:
+def _world_points(evaluated: Any) -> F64:
     points = np.zeros(len(evaluated.data.vertices) * 3, np.float32)
     evaluated.data.vertices.foreach_get("co", points)
     matrix = np.array(evaluated.matrix_world, np.float64)
@@ -161,5 +165,5 @@ def _by_trimesh(volume: Any, points: F64) -> Bool:
     volume.data.calc_loop_triangles()
     triangles = np.zeros(len(volume.data.loop_triangles) * 3, np.int32)
     volume.data.loop_triangles.foreach_get("vertices", triangles)
-    mesh = trimesh.Trimesh(_world(volume), triangles.reshape(-1, 3), process=False)
+    mesh = trimesh.Trimesh(_world_points(volume), triangles.reshape(-1, 3), process=False)
     return np.asarray(mesh.contains(points), np.bool_)

@@ -135,12 +135,12 @@ def measure(
     rows = []
     for number, (name, build) in enumerate(_SCENES.items()):
         build(frames)
-        rows.append({"scene": name, **_compared(frames)})
+        rows.append({"scene": name, **_compare_scene(frames)})
         progress((number + 1) / len(_SCENES))
     return rows
 
 
-def _compared(frames: int) -> dict[str, Any]:
+def _compare_scene(frames: int) -> dict[str, Any]:
     scene, script = bpy.context.scene, _Script()
     scene.frame_set(0)
     begin = time.process_time()
@@ -163,7 +163,7 @@ def _compared(frames: int) -> dict[str, Any]:
         "inside": sum(map(len, script_ids.values())),
     }
     for tolerance in TOLERANCES:
-        seconds, engine_ids = _evaluated(tolerance, frames)
+        seconds, engine_ids = _time_engine(tolerance, frames)
         row[tolerance.name] = 1e3 * seconds / frames
         if tolerance is PAPER:
             no_vertices = np.zeros(0, np.int64)
@@ -172,7 +172,7 @@ def _compared(frames: int) -> dict[str, Any]:
     return row
 
 
-def _evaluated(tolerance: Tolerance, frames: int) -> tuple[float, VerticesInside]:
+def _time_engine(tolerance: Tolerance, frames: int) -> tuple[float, VerticesInside]:
     """Processor seconds of the engine alone, without reading, and the vertices inside."""
     scene = bpy.context.scene
     reader = SceneReader(scene, rate_hz=Fraction(scene.render.fps), tolerance=tolerance)
@@ -222,17 +222,17 @@ def _bend(body: Any, rng: np.random.Generator, strength: float, frames: int) -> 
             bone.keyframe_insert("rotation_euler", frame=frame)
 
 
-def _near_body(rng: np.random.Generator) -> Any:
+def _point_near_body(rng: np.random.Generator) -> Any:
     return rng.uniform((-0.6, -0.25, 0.1), (0.6, 0.25, 1.8))
 
 
-def _many(frames: int) -> None:
+def _build_many(frames: int) -> None:
     """Build 200 volumes, half of them moving, around a bending body."""
     scene = empty_scene("Many", 24, frames / 24)
     rng = np.random.default_rng(11)
     _bend(bpy.context.object, rng, 0.25, frames)
     for k in range(200):
-        size, position = float(rng.uniform(0.03, 0.4)), _near_body(rng)
+        size, position = float(rng.uniform(0.03, 0.4)), _point_near_body(rng)
         obj = volume(
             *(MODALITIES[k % 4], _SHAPES[k // 4 % 4], tuple(position)),
             radius=size / 2,
@@ -248,7 +248,7 @@ def _many(frames: int) -> None:
     scene.frame_set(0)
 
 
-def _rig(frames: int) -> None:
+def _build_rig(frames: int) -> None:
     """Build the walker of :mod:`export_cost` with five volumes moving along."""
     from ..demo import garage
 
@@ -258,7 +258,7 @@ def _rig(frames: int) -> None:
     bpy.context.scene.frame_end = frames - 1
 
 
-def _sheared(frames: int) -> None:
+def _build_sheared(frames: int) -> None:
     """Build ten turning volumes, half with falloff, under rotated, unevenly scaled parents."""
     scene = empty_scene("Sheared", 24, frames / 24)
     rng = np.random.default_rng(21)
@@ -273,7 +273,7 @@ def _sheared(frames: int) -> None:
         obj.rotation_euler = rng.uniform(0, 6, 3)
         if k % 2:
             obj.hfx.falloff, obj.hfx.falloff_share = "smooth", 0.6
-        for position in ((0.0, 0.0, 0.0), _near_body(rng)):
+        for position in ((0.0, 0.0, 0.0), _point_near_body(rng)):
             parent = bpy.data.objects.new("Parent", None)
             scene.collection.objects.link(parent)
             parent.scale = rng.uniform(0.3, 2.5, 3) * rng.choice([-1, 1], 3)
@@ -286,4 +286,8 @@ def _sheared(frames: int) -> None:
     scene.frame_set(0)
 
 
-_SCENES: Final = {"many volumes": _many, "rig": _rig, "sheared, turning": _sheared}
+_SCENES: Final = {
+    "many volumes": _build_many,
+    "rig": _build_rig,
+    "sheared, turning": _build_sheared,
+}

@@ -161,10 +161,10 @@ class _Screen:
             gpu.init()
         else:  # in older Blender, rendering a picture starts the graphics module
             render = scene.render
-            stored = render.engine, render.resolution_x, render.resolution_y
+            old_settings = render.engine, render.resolution_x, render.resolution_y
             render.engine, render.resolution_x, render.resolution_y = "BLENDER_WORKBENCH", 8, 8
             bpy.ops.render.render()
-            render.engine, render.resolution_x, render.resolution_y = stored
+            render.engine, render.resolution_x, render.resolution_y = old_settings
         self._buffer = gpu.types.GPUOffScreen(*_SIZE)
         self._view = Matrix.LocRotScale(
             (0.0, -9.0, 1.2), Matrix.Rotation(1.5708, 3, "X"), None
@@ -200,14 +200,14 @@ def _play(
         for k, frame in enumerate(frames):
             # Alternating order cancels drift and warm caches.
             for is_on in (True, False) if (turn + k) % 2 else (False, True):
-                took = _Preview(is_on, is_check=k % check_interval == 0)
+                calls = _Preview(is_on, is_check=k % check_interval == 0)
                 begun = time.perf_counter()
                 scene.frame_set(frame)
-                took.on_frame()
-                screen.draw(took.draw)
+                calls.on_frame()
+                screen.draw(calls.draw)
                 ended = time.perf_counter() - begun
                 if turn and is_on:
-                    own[k] = min(own[k], took.seconds)
+                    own[k] = min(own[k], calls.seconds)
                     with_preview[k] = min(with_preview[k], ended)
                 elif turn:
                     without_preview[k] = min(without_preview[k], ended)
@@ -256,10 +256,10 @@ class _Preview:
         with _timed(Engine, "evaluate") as engine, _timed(drawing, "submit") as card:
             begun = _now_s()
             work(scene)
-            took = _now_s() - begun
+            duration_s = _now_s() - begun
         seconds.engine += sum(engine)
         seconds.card += sum(card)
-        seconds.own += took - sum(card)
+        seconds.own += duration_s - sum(card)
 
 
 @contextmanager
@@ -281,18 +281,18 @@ def _timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, function)
 
 
-def _figures(took: list[_Seconds]) -> dict[str, Any]:
+def _figures(samples: list[_Seconds]) -> dict[str, Any]:
     def figure(of: Callable[[Any], Any], seconds: list[float]) -> float:
         return round(1000.0 * float(of(np.array(seconds))), 4)
 
-    own = [sample.own for sample in took]
+    own = [sample.own for sample in samples]
     return {
-        "frames": len(took),
+        "frames": len(samples),
         "median_ms": figure(np.median, own),
         "p95_ms": figure(lambda values: np.percentile(values, 95), own),
         "max_ms": figure(np.max, own),
-        "engine_ms": figure(np.median, [sample.engine for sample in took]),
-        "card_ms": figure(np.median, [sample.card for sample in took]),
+        "engine_ms": figure(np.median, [sample.engine for sample in samples]),
+        "card_ms": figure(np.median, [sample.card for sample in samples]),
     }
 
 

@@ -82,7 +82,7 @@ def move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
         compat.set_keys(curve, [(frame, position[axis]) for frame, position in keys])
 
 
-def _crowded() -> None:
+def _build_crowded() -> None:
     """Build 300 volumes of all kinds in a hall, and a walk right through them."""
     scene = empty_scene("Crowded", 30, 4.0)
     ends = [{"name": "", "location": (x, 0.0, 0.0)} for x in (-2.0, 2.0)]
@@ -104,11 +104,11 @@ def _crowded() -> None:
         obj.rotation_euler = rng.uniform(0.0, 2 * pi, 3).tolist()
         if k % 3 == 0:
             drift = rng.normal(0.0, 0.5, 3)
-            there = (x + float(drift[0]), y + float(drift[1]), z + float(drift[2]))
-            move(obj, [(0, (x, y, z)), (scene.frame_end, there)])
+            end = (x + float(drift[0]), y + float(drift[1]), z + float(drift[2]))
+            move(obj, [(0, (x, y, z)), (scene.frame_end, end)])
 
 
-def _fast() -> None:
+def _build_fast() -> None:
     """Build balls, bars and walls of a millimetre, flying through a standing person."""
     scene = empty_scene("Fast", 24, 4.0)
     rng = np.random.default_rng(2)
@@ -116,7 +116,7 @@ def _fast() -> None:
     for k in range(20):
         speed = speeds[k % len(speeds)]
         angle = 2 * pi * float(rng.random())
-        way = np.array([np.cos(angle), np.sin(angle), 0.0]) * speed
+        velocity = np.array([np.cos(angle), np.sin(angle), 0.0]) * speed
         middle = np.array([0.0, 0.0, float(rng.uniform(0.9, 1.5))])
         frame = 4.0 + 4.5 * k  # passes the middle of the body
         reach = 0.2  # seconds before and after
@@ -129,11 +129,11 @@ def _fast() -> None:
         obj = volume(MODALITIES[k % 3], shape, (0.0, 0.0, 0.0), **settings)
         obj.rotation_euler = (0.0, 0.0, angle)
         frames = reach * scene.render.fps
-        start, end = middle - reach * way, middle + reach * way
+        start, end = middle - reach * velocity, middle + reach * velocity
         move(obj, [(frame - frames, tuple(start)), (frame + frames, tuple(end))])
 
 
-def _fine() -> None:
+def _build_fine() -> None:
     """Build coins, pins, blades and pearls, creeping over hands, arms, face and feet."""
     scene = empty_scene("Fine", 24, 4.0)
     rng = np.random.default_rng(3)
@@ -169,17 +169,17 @@ _BUILDERS: Final[dict[str, tuple[Callable[[], Any], str, tuple[int, int]]]] = {
         (40, 45),
     ),
     "crowded": (
-        _crowded,
+        _build_crowded,
         "300 volumes of all kinds in a hall, and a walk right through them",
         (60, 62),
     ),
     "fast": (
-        _fast,
+        _build_fast,
         "20 balls, bars and 1 mm walls at 2 to 50 m/s through somebody who stands",
         (0, 9),
     ),
     "fine": (
-        _fine,
+        _build_fine,
         "40 coins, pins, blades and pearls that creep over hands, arms, face and feet",
         (40, 43),
     ),

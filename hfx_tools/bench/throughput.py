@@ -147,9 +147,10 @@ def measure(
         counts = (400, 1600) if short else (400, 1600, 6400)
         result["memory_by_frames"] = {
             kind: [
-                [count, int(_child(_LENGTH, first, folder, str(count), which))] for count in counts
+                [count, int(_child(_LENGTH, first, folder, str(count), devices_))]
+                for count in counts
             ]
-            for kind, which in (("track", ""), ("track and csv", DEVICE))
+            for kind, devices_ in (("track", ""), ("track and csv", DEVICE))
         }
         progress(1.0)
     return result
@@ -169,7 +170,7 @@ def _workers(
             memory = held
         loads.append(os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0)
         progress(0.8 * (k + 1) / (2 * rounds))
-    ratios = [one / two for one, two in zip(seconds[1], seconds[2], strict=True)]
+    ratios = [one_s / two_s for one_s, two_s in zip(seconds[1], seconds[2], strict=True)]
     return {
         "one_s": seconds[1],
         "two_s": seconds[2],
@@ -231,11 +232,11 @@ def _child(program: str, *arguments: Path | str) -> str:
 def as_text(result: dict[str, Any]) -> str:
     """Format a result of :func:`measure` for a terminal."""
     workers = result["workers"]
-    one, two = statistics.median(workers["one_s"]), statistics.median(workers["two_s"])
+    one_s, two_s = statistics.median(workers["one_s"]), statistics.median(workers["two_s"])
     lines = [
         f"a batch of {result['scenes']} scenes, {result['processors']} processors, "
         f"load {workers['load']:.1f}",
-        f"  one worker {one:.1f} s, two {two:.1f} s: {workers['speedup']:.2f} times as fast "
+        f"  one worker {one_s:.1f} s, two {two_s:.1f} s: {workers['speedup']:.2f} times as fast "
         f"(best {workers['best_speedup']:.2f}, target {workers['target']})",
         "  memory of one worker after each scene, MB: "
         + ", ".join(f"{held / 1e6:.0f}" for held in workers["memory_by_scenes"]),

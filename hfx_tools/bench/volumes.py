@@ -144,15 +144,15 @@ def measure_mesh(
     columns = np.ascontiguousarray(points.T)
     volume.contains(columns)  # the first query builds the voxels
     build_s = time.perf_counter() - start
-    trimesh_mesh = _trimesh(vertices, triangles)
+    trimesh_mesh = _trimesh_mesh(vertices, triangles)
     hfx_s, trimesh_s, differ = [], [], None
     for k in range(rounds + 1):
-        inside, seconds = _timed(lambda: volume.contains(columns))
+        inside, seconds = _time_call(lambda: volume.contains(columns))
         if k:
             hfx_s.append(seconds)
         if trimesh_mesh is None:
             continue
-        trimesh_inside, seconds = _timed(lambda: trimesh_mesh.contains(points))
+        trimesh_inside, seconds = _time_call(lambda: trimesh_mesh.contains(points))
         differ = int(np.count_nonzero(inside != trimesh_inside))
         if k:
             trimesh_s.append(seconds)
@@ -164,7 +164,7 @@ def measure_mesh(
         "ratio": min(trimesh_s) / min(hfx_s) if trimesh_s else None,
         "trimesh_differs": differ,
         **_time_queries(volume, columns, rounds, rng),
-        **_against_winding(volume, vertices, triangles, count, rng),
+        **_compare_winding(volume, vertices, triangles, count, rng),
     }
 
 
@@ -182,17 +182,17 @@ def _time_queries(
     milliseconds = {}
     for name, question in questions.items():
         question()
-        milliseconds[name] = 1e3 * min(_timed(question)[1] for _ in range(rounds))
+        milliseconds[name] = 1e3 * min(_time_call(question)[1] for _ in range(rounds))
     return milliseconds
 
 
-def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
+def _time_call(work: Callable[[], Any]) -> tuple[Any, float]:
     start = time.perf_counter()
     result = work()
     return result, time.perf_counter() - start
 
 
-def _trimesh(vertices: F64, triangles: I32) -> Any:
+def _trimesh_mesh(vertices: F64, triangles: I32) -> Any:
     """Trimesh mesh with embree rays; None without the package embreex."""
     import trimesh
 
@@ -212,7 +212,7 @@ def _near_surface(vertices: F64, triangles: I32, count: int, rng: np.random.Gene
     return np.einsum("nk,nki->ni", shares, corners) + away
 
 
-def _against_winding(
+def _compare_winding(
     volume: MeshVolume, vertices: F64, triangles: I32, count: int, rng: np.random.Generator
 ) -> dict[str, int | None]:
     try:
@@ -264,18 +264,18 @@ def compare_formula(name: str, kind: str, count: int, rng: np.random.Generator) 
     bottom = round(np.linalg.det(whole)) * _UNIT
     # points are q / 4096 and offsets b / 64: L^-1 (p - t) = adj (q - 64 b) / (64 det).
     top = np.abs(adjugate @ (points - (_GRID // _UNIT) * offset[:, None]))
-    way, size = _whole_way(name, top, abs(bottom))
+    distance, size = _whole_distance(name, top, abs(bottom))
 
     (inverse,), _ = inverse_placement(matrix[None])
     world = points / _GRID
     inside = shape.contains(inverse[:3, :3] @ world + inverse[:3, 3:])
-    sure = np.abs(way) > BAND * size
-    wrong = int(np.count_nonzero(inside[sure] != (way[sure] < 0)))
+    sure = np.abs(distance) > BAND * size
+    wrong = int(np.count_nonzero(inside[sure] != (distance[sure] < 0)))
     judged = int(np.count_nonzero(sure))
     return {"wrong": wrong, "judged": judged, "unsure": count - judged}
 
 
-def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
+def _whole_distance(name: str, top: I64, bottom: int) -> tuple[I64, float]:
     """Signed whole-number distance to the boundary, negative inside, and the shape's size in it.
 
     Distance and size share one scale, linear or squared by shape.

@@ -95,8 +95,8 @@ def _walk(half: Half) -> I64:
 def triangles_of(faces: I32) -> I64:
     """Split quads along the diagonal from their first corner; ``-1`` marks a triangle."""
     quads = faces.astype(np.int64)
-    second = quads[quads[:, 3] >= 0]
-    return np.concatenate((quads[:, [0, 1, 2]], second[:, [0, 2, 3]]))
+    true_quads = quads[quads[:, 3] >= 0]
+    return np.concatenate((quads[:, [0, 1, 2]], true_quads[:, [0, 2, 3]]))
 
 
 def sparse_weights(weights: csr_array) -> SkinWeights:
@@ -157,7 +157,7 @@ def model(
     areas = (half_areas_m2 * np.where(half.is_midline, 2.0, 1.0))[body.origin]
     weights = _weights_at(half.points, dense_weights)
     mirrored = weights[:, mirrored_bones(avatar.skeleton)]
-    on_left, on_right = ((body.side == here).astype(float) for here in (LEFT, RIGHT))
+    on_left, on_right = ((body.side == label).astype(float) for label in (LEFT, RIGHT))
     middle = 0.5 * (body.side == CENTRE)  # mean of both sides
     weights = (
         diags_array(on_left + middle) @ weights[body.origin]

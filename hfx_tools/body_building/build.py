@@ -123,7 +123,7 @@ def build(
             compared[modality] = stats.decimated(
                 compared_mesh.half, compared_mesh.gaps_m, compared_mesh.errors_m
             )
-        seconds[modality] = {f"{way}_s": mesh.seconds for way, mesh in thinned.items()}
+        seconds[modality] = {f"{method_}_s": mesh.seconds for method_, mesh in thinned.items()}
         chosen = thinned[method]
         provenance = {
             **_SOURCE,

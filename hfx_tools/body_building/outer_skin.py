@@ -145,7 +145,7 @@ def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
         steps.append(operator)
         weights = operator @ weights
         dense_faces, mirror = finer, new_mirror
-    vertices, scale, ground_m = _placed(vertices, steps, mirror, HEIGHT_M)
+    vertices, scale, ground_m = _scaled_vertices(vertices, steps, mirror, HEIGHT_M)
     dense = Skin(vertices, dense_faces, csr_array(weights), mirror)
     avatar = Skin(vertices[:count], faces, dense.weights[:count], mirror[:count])
     return Skins(
@@ -164,7 +164,7 @@ def reshape(skins: Skins, base_vertices: F64, height_m: float | None) -> Skins:
         Height of the avatar after scaling; None: no scaling.
     """
     cage = base_vertices[skins.source_vertices]
-    vertices, scale, ground_m = _placed(cage, skins.steps, skins.dense.mirror, height_m)
+    vertices, scale, ground_m = _scaled_vertices(cage, skins.steps, skins.dense.mirror, height_m)
     return replace(
         skins,
         avatar=replace(skins.avatar, vertices=vertices[: len(cage)]),
@@ -174,14 +174,14 @@ def reshape(skins: Skins, base_vertices: F64, height_m: float | None) -> Skins:
     )
 
 
-def _placed(
+def _scaled_vertices(
     cage: F64, steps: Sequence[csr_array], mirror: I32, height_m: float | None
 ) -> tuple[F64, float, float]:
     """Subdivided, symmetric and scaled vertices; the scale; the scaled height of the soles."""
     vertices = cage
     for operator in steps:
         vertices = operator @ vertices
-    vertices = _mirrored_exactly(vertices, mirror)
+    vertices = _symmetric_vertices(vertices, mirror)
     lowest, highest = vertices[: len(cage), 2].min(), vertices[: len(cage), 2].max()
     scale = 1.0 if height_m is None else height_m / (highest - lowest)
     return scale * (vertices - (0.0, 0.0, lowest)), scale, scale * lowest
@@ -199,7 +199,7 @@ def _weight_triples(
     return np.array(rows, np.int32), np.array(columns, np.int32), np.array(values)
 
 
-def _mirrored_exactly(vertices: F64, mirror: I32) -> F64:
+def _symmetric_vertices(vertices: F64, mirror: I32) -> F64:
     """Mirror the left half onto the right and set the midline to x = 0; returns a copy."""
     result = vertices.copy()
     right = vertices[:, 0] < vertices[mirror, 0]

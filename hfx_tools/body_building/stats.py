@@ -74,10 +74,10 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
             "vertices": int((model.part == number).sum()),
             "area_cm2": round(1e4 * float(model.areas_m2[model.part == number].sum()), 1),
             "target_mm": model.provenance["targets_mm"][part],
-            "mean_mm": _rounded(mean[number]),
-            "sd_mm": _rounded(sd[number]),
-            "gap_mm": _rounded(gaps_m[number]),
-            "error_mm": _rounded(errors_m[number]),
+            "mean_mm": _to_mm(mean[number]),
+            "sd_mm": _to_mm(sd[number]),
+            "gap_mm": _to_mm(gaps_m[number]),
+            "error_mm": _to_mm(errors_m[number]),
         }
     return result
 
@@ -92,15 +92,15 @@ def decimated(half: Half, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
         if len(own):
             result[part] = {
                 "vertices": int((half.part == number).sum()),
-                "mean_mm": _rounded(own.mean()),
-                "sd_mm": _rounded(own.std()),
-                "gap_mm": _rounded(gaps_m[number]),
-                "error_mm": _rounded(errors_m[number]),
+                "mean_mm": _to_mm(own.mean()),
+                "sd_mm": _to_mm(own.std()),
+                "gap_mm": _to_mm(gaps_m[number]),
+                "error_mm": _to_mm(errors_m[number]),
             }
     return result
 
 
-def _rounded(metres: float) -> float | None:
+def _to_mm(metres: float) -> float | None:
     return None if np.isnan(metres) else round(1000.0 * float(metres), 3)
 
 
@@ -117,8 +117,8 @@ def table(models: Iterable[PerceptualModel]) -> list[Row]:
                     part=part,
                     vertices=int((model.part == number).sum()),
                     target_mm=stored[part]["target_mm"],
-                    mean_mm=_rounded(mean[number]),
-                    sd_mm=_rounded(sd[number]),
+                    mean_mm=_to_mm(mean[number]),
+                    sd_mm=_to_mm(sd[number]),
                     gap_mm=stored[part]["gap_mm"],
                     table_1_mm=TABLE_1_MM[model.modality][number],
                     table_1_sd_mm=TABLE_1_SD_MM[model.modality][number],

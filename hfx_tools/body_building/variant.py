@@ -62,11 +62,11 @@ def parse(text: str) -> Variant:
         An unknown or repeated name, or a value outside of its range.
     """
     values: dict[str, float] = {}
-    for item in text.split(","):
-        name, equals, word = (piece.strip() for piece in item.partition("="))
+    for pair in text.split(","):
+        name, equals, word = (piece.strip() for piece in pair.partition("="))
         if name not in RANGES or not equals:
             raise UsageError(
-                f"--variant '{item}': expected NAME=NUMBER with one of {', '.join(RANGES)}."
+                f"--variant '{pair}': expected NAME=NUMBER with one of {', '.join(RANGES)}."
             )
         if name in values:
             raise UsageError(f"--variant: '{name}' is given twice.")

@@ -103,12 +103,12 @@ def model(canonical: PerceptualModel, person_: Person) -> PerceptualModel:
     Vertex ids, triangles, parts, sides, mirror table and skin weights are canonical; positions,
     normals, areas, the binding to the avatar and the statistics are the variant's.
     """
-    points = _both_sides(canonical, _moved(canonical, person_))
+    points = _both_sides(canonical, _points_on_variant(canonical, person_))
     triangles = canonical.triangles.astype(np.int64)
     normals = _both_sides(canonical, assemble.vertex_normals(points, triangles))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     vertices = points.astype(np.float32)
-    areas_m2, gaps_m, errors_m = _measured(canonical, vertices.astype(np.float64), person_.left)
+    areas_m2, gaps_m, errors_m = _measure(canonical, vertices.astype(np.float64), person_.left)
     avatar = person_.avatar
     avatar_triangles = assemble.triangles_of(avatar.faces)
     avatar_triangle, shares, offset_m = locate(
@@ -129,24 +129,24 @@ def model(canonical: PerceptualModel, person_: Person) -> PerceptualModel:
     return moved
 
 
-def _moved(canonical: PerceptualModel, person_: Person) -> F64:
+def _points_on_variant(canonical: PerceptualModel, person_: Person) -> F64:
     """Positions (V, 3) on the variant's skin; zeros for vertices of the right side.
 
     A vertex raised above the skin keeps its height relative to the size of the triangle below.
     """
-    here, there = person_.original, person_.left
+    old_skin, new_skin = person_.original, person_.left
     chosen = np.flatnonzero(canonical.side != RIGHT)
     points_ = canonical.vertices[chosen].astype(np.float64)
-    triangle, shares, rise_m = locate(points_, here.points, here.triangles)
-    corners = here.triangles[triangle]
-    facing = triangle_normals(there.points, corners)
+    triangle, shares, rise_m = locate(points_, old_skin.points, old_skin.triangles)
+    corners = old_skin.triangles[triangle]
+    facing = triangle_normals(new_skin.points, corners)
     size_before, size = (
         np.linalg.norm(normals, axis=1)
-        for normals in (triangle_normals(here.points, corners), facing)
+        for normals in (triangle_normals(old_skin.points, corners), facing)
     )
     rise_m *= np.sqrt(size / size_before)
     points = np.zeros((len(canonical), 3))
-    points[chosen] = np.einsum("ij,ijk->ik", shares, there.points[corners])
+    points[chosen] = np.einsum("ij,ijk->ik", shares, new_skin.points[corners])
     points[chosen] += (rise_m / size)[:, None] * facing
     return points
 
@@ -160,7 +160,7 @@ def _both_sides(canonical: PerceptualModel, vectors: F64) -> F64:
     return result
 
 
-def _measured(canonical: PerceptualModel, points: F64, left: LeftSkin) -> tuple[F64, F64, F64]:
+def _measure(canonical: PerceptualModel, points: F64, left: LeftSkin) -> tuple[F64, F64, F64]:
     """Skin of each vertex (V,), then largest gap and mean error by part, metres.
 
     Each sample of skin belongs to the nearest vertex of its part.

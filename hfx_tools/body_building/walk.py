@@ -61,7 +61,7 @@ def make(avatar: Avatar) -> WalkCycle:
     for frame in range(FRAMES):
         phase = frame / FRAMES
         offsets[frame], led_turns = _posture(bones, feet, phase)
-        turns[frame] = _inherited(bones, led_turns)
+        turns[frame] = _all_turns(bones, led_turns)
     return WalkCycle(
         rate_hz=RATE_HZ,
         stride_m=STRIDE_M,
@@ -98,7 +98,7 @@ class _Foot:
         """Pitch about X, radians, positive with the toes up; ``phase`` 0 is the heel strike."""
         knots = (0.0, _FLAT, _HEEL_OFF, 0.52, _STANCE, 0.73, 0.87, 1.0)
         degrees = (_STRIKE_DEG, 0.0, 0.0, -20.0, _TOE_OFF_DEG, -34.0, 6.0, _STRIKE_DEG)
-        return float(np.radians(_smooth(phase, knots, degrees)))
+        return float(np.radians(_interpolate(phase, knots, degrees)))
 
     def turn(self, phase: float) -> F64:
         """Rotation of the foot from its rest shape, (3, 3)."""
@@ -159,9 +159,9 @@ def _posture(
         1, -np.radians(_PELVIS_LIST_DEG) * np.sin(around)
     )
     chest = _about(2, np.radians(_CHEST_TURN_DEG) * np.cos(around)) @ _about(0, np.radians(2.0))
-    turns: dict[str, F64] = {"root": pelvis, "neck01": _mix(np.eye(3), chest, 0.5)}
+    turns: dict[str, F64] = {"root": pelvis, "neck01": _slerp(np.eye(3), chest, 0.5)}
     for number, share in (("05", 0.1), ("04", 0.35), ("03", 0.6), ("02", 0.85), ("01", 1.0)):
-        turns[f"spine{number}"] = _mix(pelvis, chest, share)
+        turns[f"spine{number}"] = _slerp(pelvis, chest, share)
     turns["head"] = np.eye(3)
 
     root = _head(bones, "root")
@@ -203,9 +203,9 @@ def _leg(foot: _Foot, side: str, hip: F64, ankle: F64) -> dict[str, F64]:
     """Rotations of thigh and shank by two-bone inverse kinematics, knee to the front."""
     thigh, shank = foot.knee - foot.hip, foot.ankle - foot.knee
     upper, lower = float(np.linalg.norm(thigh)), float(np.linalg.norm(shank))
-    way = ankle - hip
-    distance = min(float(np.linalg.norm(way)), 0.9999 * (upper + lower))
-    along = way / np.linalg.norm(way)
+    hip_to_ankle = ankle - hip
+    distance = min(float(np.linalg.norm(hip_to_ankle)), 0.9999 * (upper + lower))
+    along = hip_to_ankle / np.linalg.norm(hip_to_ankle)
     ahead = np.array([foot.sign * np.sin(np.radians(_TOE_OUT_DEG)), -1.0, 0.0])
     ahead -= along * (along @ ahead)
     ahead /= np.linalg.norm(ahead)
@@ -228,10 +228,10 @@ def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]
     hang = np.array(
         [sign * np.sin(np.radians(_ARM_OUT_DEG)), 0.0, -np.cos(np.radians(_ARM_OUT_DEG))]
     )
-    lower = _shortest(elbow - shoulder, hang)
+    lower = _shortest_turn(elbow - shoulder, hang)
     swung = _about(0, np.radians(_ARM_SWING_DEG * swing + 2.0))
     upper = chest @ swung @ lower
-    straight = _shortest(lower @ (wrist - elbow), hang + np.array([0.0, 0.0, -0.05]))
+    straight = _shortest_turn(lower @ (wrist - elbow), hang + np.array([0.0, 0.0, -0.05]))
     bend = np.radians(_ELBOW_DEG - _ELBOW_SWING_DEG * swing)
     fore = chest @ swung @ _about(0, -bend) @ straight @ lower
     turns = {f"upperarm01.{side}": upper, f"lowerarm01.{side}": fore, f"wrist.{side}": fore}
@@ -244,7 +244,7 @@ def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]
     return turns
 
 
-def _inherited(bones: Skeleton, given: Mapping[str, F64]) -> F64:
+def _all_turns(bones: Skeleton, given: Mapping[str, F64]) -> F64:
     """Rotations (B, 3, 3) of all bones: the given rotation, or the parent's."""
     turns = np.zeros((len(bones.bone_names), 3, 3))
     for number, (name, parent) in enumerate(
@@ -297,7 +297,7 @@ def _about_axis(axis: F64, angle: float) -> F64:
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
-def _shortest(start: F64, end: F64) -> F64:
+def _shortest_turn(start: F64, end: F64) -> F64:
     """Shortest rotation (3, 3) from a direction to another; identity for opposite directions."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     axis = np.cross(start, end)
@@ -307,14 +307,14 @@ def _shortest(start: F64, end: F64) -> F64:
     return _about_axis(axis / sine, float(np.arctan2(sine, start @ end)))
 
 
-def _mix(one: F64, other: F64, share: float) -> F64:
+def _slerp(start: F64, end: F64, share: float) -> F64:
     """Interpolate two rotations along the shortest path."""
-    w, *xyz = _quaternions((one.T @ other)[None])[0]
+    w, *xyz = _quaternions((start.T @ end)[None])[0]
     sine = float(np.linalg.norm(xyz))
     if sine < 1e-9:
-        return one
+        return start
     angle = 2.0 * float(np.arctan2(sine, w))
-    return one @ _about_axis(np.array(xyz) / sine, share * angle)
+    return start @ _about_axis(np.array(xyz) / sine, share * angle)
 
 
 def _frame(along: F64, ahead: F64) -> F64:
@@ -325,7 +325,7 @@ def _frame(along: F64, ahead: F64) -> F64:
     return np.column_stack((first, second, np.cross(first, second)))
 
 
-def _smooth(phase: float, knots: tuple[float, ...], values: tuple[float, ...]) -> float:
+def _interpolate(phase: float, knots: tuple[float, ...], values: tuple[float, ...]) -> float:
     """Evaluate a periodic monotone cubic through knots, flat at extreme knots."""
     from_knot = int(np.searchsorted(knots, phase, side="right")) - 1
     from_knot = min(max(from_knot, 0), len(knots) - 2)

@@ -103,9 +103,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
         console.warn(f"stopped after step {training.step}; the same command resumes")
         return 130
     errors = training.errors(judged, list(numbers))
-    which = "held-out pairs" if options.pictures is None else "pairs of the training"
+    pair_kind = "held-out pairs" if options.pictures is None else "pairs of the training"
     console.say(
-        f"{which}: MSE {errors['mse']:.5f}, perceptual distance "
+        f"{pair_kind}: MSE {errors['mse']:.5f}, perceptual distance "
         f"{errors['perceptual_distance']:.5f} ({training.network.name})"
     )
     console.say(f"wrote {options.output}")

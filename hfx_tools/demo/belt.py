@@ -52,8 +52,8 @@ def build(particles: int = PARTICLES, duration_s: float = DURATION_S) -> bpy.typ
 def _add_walker() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": position} for position in WAY]
-    bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=round(DURATION_S * FPS))
+    waypoints = [{"name": "", "location": position} for position in WAY]
+    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=round(DURATION_S * FPS))
     return body
 
 

@@ -89,7 +89,7 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
         for column, kind in enumerate(kinds):
             name = CHOSEN[kind]
             title = _title(row, column, kind)
-            square = _square(collection, title, first.get(name))
+            square = _add_square(collection, title, first.get(name))
             if name not in first:
                 first[name] = square
                 square.data.materials.append(materials[name])
@@ -99,7 +99,7 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
             square.location = ((column - middle) * SQUARE_M, (row - middle) * SQUARE_M, 0.0)
             squares.append(square)
     _add_cover(collection, board)
-    _slide(scene, board, fingertip_m)
+    _add_slide(scene, board, fingertip_m)
     effects.store_unique_ids()
     return squares
 
@@ -112,7 +112,7 @@ def _fingertip() -> F64:
     return np.asarray(tip, np.float64)
 
 
-def _square(
+def _add_square(
     collection: bpy.types.Collection, title: str, like: bpy.types.Object | None
 ) -> bpy.types.Object:
     """Add a square; ``like`` is a square of the same material, for a shared mesh and maps."""
@@ -137,20 +137,20 @@ def _add_haptic_surface(square: bpy.types.Object, name: str) -> None:
     square.hfx.surface.procedural = name
     surfaces.make_maps(square)
     if MATERIALS[name].kind == "metal":  # too smooth for recognition by touch alone
-        square.hfx.surface.sound = _friction(name)
+        square.hfx.surface.sound = _friction_sound(name)
 
 
-def _friction(name: str) -> bpy.types.Sound:
+def _friction_sound(name: str) -> bpy.types.Sound:
     """Make one second of sound of a nail on a material, from the height profile at audio rate."""
     field, _ = MATERIALS[name].make(_TEXELS)
     texture = SurfaceTexture(field, None, SurfaceRenderer.DIRECT)
-    way = line((0.0, 0.0), np.pi / 3.0, _SPEED_M_S, _SPEED_M_S)
-    stroke = render_stroke(texture, way, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
+    path_ = line((0.0, 0.0), np.pi / 3.0, _SPEED_M_S, _SPEED_M_S)
+    stroke = render_stroke(texture, path_, waveform_rate_hz=stroke_files.WAV_RATE_HZ)
     peak = float(np.abs(stroke.waveform_m_s2).max()) / STANDARD_GRAVITY
     loud = DeviceRange(amplitude_g=(0.0, max(2.0 * peak, 1e-9)))
     with temporary_folder() as folder:
         path = Path(folder) / f"{name}.wav"
-        stroke_files.write(stroke, way, loud, path)
+        stroke_files.write(stroke, path_, loud, path)
         sound = bpy.data.sounds.load(str(path))
         sound.pack()
     sound.name = f"{name} friction"
@@ -228,15 +228,15 @@ def _title(row: int, column: int, kind: int) -> str:
     return f"{MATERIALS[CHOSEN[kind]].kind.title()} {row + 1}{column + 1}"
 
 
-def _slide(scene: bpy.types.Scene, board: bpy.types.Object, fingertip_m: F64) -> None:
+def _add_slide(scene: bpy.types.Scene, board: bpy.types.Object, fingertip_m: F64) -> None:
     """Key the board's motion so that the fingertip crosses every square, row after row."""
     reach = SQUARE_M * (SQUARES / 2.0 - 0.2)
-    way: list[tuple[float, float]] = []
+    turning_points: list[tuple[float, float]] = []
     for row in range(SQUARES):
         y = (row - (SQUARES - 1) / 2.0) * SQUARE_M
         ends = (-reach, reach) if row % 2 == 0 else (reach, -reach)
-        way += [(x, y) for x in ends]
-    points = np.array(way)
+        turning_points += [(x, y) for x in ends]
+    points = np.array(turning_points)
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     frames = np.concatenate([[0.0], np.cumsum(lengths)]) / _SPEED_M_S * _FPS
     scene.frame_start, scene.frame_end = 0, int(np.ceil(frames[-1]))

@@ -39,7 +39,7 @@ def draw_track(track: TrackReader, rasters: Sequence[Raster], path: Path) -> Non
     labels, bottom = [], 0.0
     with chart(path, _WIDTH, (len(track.header.streams) + len(rasters)) * _ROW + 50) as figure:
         axes = figure.subplots()
-        for label, colour, levels in _felt(track):
+        for label, colour, levels in _stream_levels(track):
             labels.append(label)
             bottom -= 1.0
             cuts = np.flatnonzero(np.diff(levels, prepend=-1.0, append=-1.0))
@@ -98,7 +98,7 @@ def draw_belt(raster: Raster, sound: Path, layout: LoudspeakerLayout, path: Path
         _time_axis(loudspeakers, edges_s)
 
 
-def _felt(track: TrackReader) -> list[tuple[str, tuple[float, ...], F64]]:
+def _stream_levels(track: TrackReader) -> list[tuple[str, tuple[float, ...], F64]]:
     """Label, sRGB colour and levels (_STEPS,) of each stream."""
     effects = {effect.id: effect for effect in track.header.effects}
     streams = {(s.effect_id, s.body_id): k for k, s in enumerate(track.header.streams)}

@@ -80,44 +80,44 @@ def frame(time_s: float) -> float:
 def _add_walking_avatar() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    way = [{"name": "", "location": position} for position in (START, CORNER, END)]
-    bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=round(frame(DURATION_S)))
+    waypoints = [{"name": "", "location": position} for position in (START, CORNER, END)]
+    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=round(frame(DURATION_S)))
     return body
 
 
-def _volume(name: str, modality: str, shape: str, **settings: object) -> bpy.types.Object:
+def _add_volume(name: str, modality: str, shape: str, **settings: object) -> bpy.types.Object:
     bpy.ops.hfx.add_volume(modality=modality, shape=shape, name=name, **settings)
     return bpy.context.object
 
 
-def _clip(start_s: float, end_s: float, **settings: object) -> None:
+def _add_clip(start_s: float, end_s: float, **settings: object) -> None:
     bpy.ops.hfx.add_clip(start=frame(start_s), duration=end_s - start_s, **settings)
 
 
 def _add_fire_and_floor() -> None:
-    fire = _volume("T1 Fire", "temperature", "SPHERE", radius=2.0, location=(-6.3, -2.2, 0.5))
+    fire = _add_volume("T1 Fire", "temperature", "SPHERE", radius=2.0, location=(-6.3, -2.2, 0.5))
     fire.hfx.temperature = 30.0
     fire.hfx.temperature_reference = "AMBIENT"
-    _clip(0.0, 2.0, fade_out=0.25)
-    floor = _volume(
+    _add_clip(0.0, 2.0, fade_out=0.25)
+    floor = _add_volume(
         "T1 Floor", "vibration", "CUBOID", size=(2.0, 2.0, 0.1), location=(-5.0, -2.0, 0.0)
     )
     floor.hfx.frequency = 100.0
     floor.hfx.amplitude = 8.0
-    _clip(0.0, 2.0)
+    _add_clip(0.0, 2.0)
 
 
-def _painted(name: str, modality: str, body: bpy.types.Object) -> bpy.types.Object:
+def _add_painted(name: str, modality: str, body: bpy.types.Object) -> bpy.types.Object:
     bpy.context.view_layer.objects.active = body
     bpy.ops.hfx.add_painted(modality=modality, name=name)
     return bpy.context.object
 
 
 def _add_arrow(body: bpy.types.Object) -> None:
-    arrow = _painted("T2 Arrow", "pressure", body)
+    arrow = _add_painted("T2 Arrow", "pressure", body)
     arrow.hfx.pressure = 8.0
     bpy.ops.hfx.set_area(area=json.dumps(dict.fromkeys(_arrow_on_the_back(), 1.0)))
-    _clip(2.5, 3.0, fade_in=0.05, fade_out=0.05)
+    _add_clip(2.5, 3.0, fade_in=0.05, fade_out=0.05)
 
 
 def _arrow_on_the_back() -> list[int]:
@@ -134,20 +134,22 @@ def _arrow_on_the_back() -> list[int]:
 
 def _add_wind_and_lightning(body: bpy.types.Object) -> None:
     # Local Z is the direction of the wind, against the walker. 2 m x 2 m, 3 m high.
-    wind = _volume("T3 Wind", "wind", "CUBOID", size=(3.0, 2.0, 2.0), location=(-2.65, 0.0, 1.5))
+    wind = _add_volume(
+        "T3 Wind", "wind", "CUBOID", size=(3.0, 2.0, 2.0), location=(-2.65, 0.0, 1.5)
+    )
     wind.rotation_euler = (0.0, -pi / 2, 0.0)
     wind.hfx.wind_speed = 7.0
-    _clip(5.0, 7.0, fade_in=0.3, fade_out=0.3)
-    lightning = _painted("T3 Lightning", "pressure", body)
+    _add_clip(5.0, 7.0, fade_in=0.3, fade_out=0.3)
+    lightning = _add_painted("T3 Lightning", "pressure", body)
     lightning.hfx.pressure = 6.0
     bpy.ops.hfx.fill_part(part="all")
     for strike in STRIKES_S:
-        _clip(strike, strike + STRIKE_LENGTH_S, fade_out=0.1, name="Strike")
+        _add_clip(strike, strike + STRIKE_LENGTH_S, fade_out=0.1, name="Strike")
     props.add_lightning([round(frame(strike)) for strike in STRIKES_S])
 
 
 def _add_heartbeat(body: bpy.types.Object) -> None:
-    heart = _painted("T4 Heartbeat", "vibration", body)
+    heart = _add_painted("T4 Heartbeat", "vibration", body)
     heart.hfx.frequency = 60.0
     heart.hfx.amplitude = 10.0
     bpy.ops.hfx.fill_part(part="torso")

@@ -60,7 +60,7 @@ def make(folder: Path) -> Path:
     pictures = {stem: picture_of(sensation) for stem, sensation in sensations.items()}
     bpy.ops.wm.read_homefile(use_empty=True)
     for stem, sensation in sensations.items():
-        _asset(stem, sensation, pictures[stem])
+        _add_asset(stem, sensation, pictures[stem])
     lines = ["# Asset catalogs of Blender", "VERSION 1", ""]
     for path in ("Haptics", WORN, AROUND):
         lines.append(f"{catalog_id(path)}:{path}:{path.replace('/', '-')}")
@@ -76,7 +76,7 @@ def make(folder: Path) -> Path:
     return target
 
 
-def _asset(stem: str, sensation: Sensation, picture: F64) -> None:
+def _add_asset(stem: str, sensation: Sensation, picture: F64) -> None:
     empty = bpy.data.objects.new(sensation.name, None)
     empty.empty_display_type = "SPHERE"
     empty.empty_display_size = 0.1
@@ -136,7 +136,7 @@ def picture_of(sensation: Sensation) -> F64:
     quads = faces[faces[:, 3] >= 0]
     triangles = np.concatenate([faces[:, :3], quads[:, [0, 2, 3]]])
     points = avatar.vertices.astype(np.float64)
-    return _drawn(points, triangles, _colours(strongest, len(points)), _volumes(scene))
+    return _draw(points, triangles, _colours(strongest, len(points)), _volumes(scene))
 
 
 def _colours(strongest: Mapping[str, F64], count: int) -> F64:
@@ -180,7 +180,7 @@ def _boundary(obj: bpy.types.Object, points: F64) -> F64:
     return hfx.radius * points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
-def _drawn(
+def _draw(
     points: F64, triangles: npt.NDArray[np.int32], colours: F64, volumes: tuple[F64, F64]
 ) -> F64:
     """Draw the avatar from the front and from behind, side by side, point by point.
@@ -199,13 +199,13 @@ def _drawn(
         seen = light > 0.0
         positions, tint = surface_points[seen].reshape(-1, 3), tints[seen].reshape(-1, 3)
         tint = np.clip(tint * np.repeat(0.45 + 0.55 * light[seen], len(shares))[:, None], 0.0, 1.0)
-        x, y, inside = _at_pixels(positions, points, left, facing)
+        x, y, inside = _to_pixels(positions, points, left, facing)
         order = np.argsort(-facing * positions[:, 1] * -1.0)  # the nearest is drawn last
         order = order[inside[order]]
         picture[y[order].astype(int), x[order].astype(int), :3] = tint[order]
         picture[y[order].astype(int), x[order].astype(int), 3] = 1.0
         positions, tint = volumes
-        x, y, inside = _at_pixels(positions, points, left, facing)
+        x, y, inside = _to_pixels(positions, points, left, facing)
         is_before = facing * positions[:, 1] > (facing * points[:, 1]).max() - _NEAR_M
         row, column = y.astype(int), x.astype(int)
         inside[inside] &= is_before[inside] | (picture[row[inside], column[inside], 3] == 0.0)
@@ -215,7 +215,7 @@ def _drawn(
     return picture
 
 
-def _at_pixels(points: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
+def _to_pixels(points: F64, body: F64, left: int, facing: float) -> tuple[F64, F64, Bool]:
     """Columns and rows (n,) of points (n, 3) in a half of the picture, and a mask of visibility."""
     scale = 0.94 * SIZE / np.ptp(body[:, 2])
     x = -facing * (points[:, 0] - body[:, 0].mean()) * scale * 0.72 + left + SIZE / 4

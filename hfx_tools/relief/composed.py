@@ -23,16 +23,16 @@ as a share of the square."""
 def composed(rng: np.random.Generator, texels: int, feature: float) -> F64:
     """Heights (N, N) of one or two random patterns."""
     heights = _pattern(rng, texels, feature)
-    way = rng.choice(["one", "higher", "lower", "inside", "on top", "one"])
-    if way == "one":
+    operation = rng.choice(["one", "higher", "lower", "inside", "on top", "one"])
+    if operation == "one":
         return heights
     size = float(np.clip(feature * 2.0 ** rng.uniform(-2.0, 2.0), 6.0 / texels, 0.5))
     pattern = _pattern(rng, texels, size)
-    if way == "higher":
+    if operation == "higher":
         return np.maximum(heights, pattern + rng.uniform(-0.5, 0.5))
-    if way == "lower":
+    if operation == "lower":
         return np.minimum(heights, pattern + rng.uniform(-0.5, 0.5))
-    if way == "inside":
+    if operation == "inside":
         border = float(np.quantile(pattern, rng.uniform(0.3, 0.7)))
         mask = p.smooth_step(pattern, border, border + 0.1)
         return heights * mask + rng.uniform(0.0, 0.5) * (1.0 - mask)

@@ -52,22 +52,22 @@ class ReliefNetwork(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         x = functional.pixel_unshuffle(x, 2)
-        one = _leaky_relu(self.first1(x))
-        one = one + _leaky_relu(self.first2(one))
-        two = _leaky_relu(self.second1(functional.avg_pool2d(one, 2)))
-        two = two + _leaky_relu(self.second2(two))
-        three = _leaky_relu(self.third1(functional.avg_pool2d(two, 2)))
-        three = three + _leaky_relu(self.third2(three))
-        four = _leaky_relu(self.fourth1(functional.avg_pool2d(three, 2)))
-        four = four + _leaky_relu(self.fourth2(four))
-        four = four + _leaky_relu(self.overall(four.mean((2, 3))))[:, :, None, None]
-        three = three + _upsampled(self.to_third(four))
-        three = three + _leaky_relu(self.back3(three))
-        two = two + _upsampled(self.to_second(three))
-        two = two + _leaky_relu(self.back2(two))
-        one = one + _upsampled(self.to_first(two))
-        one = one + _leaky_relu(self.back1(one))
-        height, slope, rough = functional.pixel_shuffle(self.last(one), 2).unbind(1)
+        half = _leaky_relu(self.first1(x))
+        half = half + _leaky_relu(self.first2(half))
+        quarter = _leaky_relu(self.second1(functional.avg_pool2d(half, 2)))
+        quarter = quarter + _leaky_relu(self.second2(quarter))
+        eighth = _leaky_relu(self.third1(functional.avg_pool2d(quarter, 2)))
+        eighth = eighth + _leaky_relu(self.third2(eighth))
+        sixteenth = _leaky_relu(self.fourth1(functional.avg_pool2d(eighth, 2)))
+        sixteenth = sixteenth + _leaky_relu(self.fourth2(sixteenth))
+        sixteenth = sixteenth + _leaky_relu(self.overall(sixteenth.mean((2, 3))))[:, :, None, None]
+        eighth = eighth + _upsampled(self.to_third(sixteenth))
+        eighth = eighth + _leaky_relu(self.back3(eighth))
+        quarter = quarter + _upsampled(self.to_second(eighth))
+        quarter = quarter + _leaky_relu(self.back2(quarter))
+        half = half + _upsampled(self.to_first(quarter))
+        half = half + _leaky_relu(self.back1(half))
+        height, slope, rough = functional.pixel_shuffle(self.last(half), 2).unbind(1)
         return torch.stack(
             [4.0 * height, functional.softplus(slope - 2.0), torch.sigmoid(rough)], 1
         )

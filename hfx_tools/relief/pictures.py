@@ -67,7 +67,7 @@ def photograph(rng: np.random.Generator, relief: families.Relief, slope: float) 
     shape = heights.shape
     colours = colours_of(rng, relief, is_print=slope == 0.0)
     roughness = _roughness(rng, relief)
-    light = _lit(rng, heights, colours, roughness)
+    light = _shade(rng, heights, colours, roughness)
     return Sample(
         _camera(rng, light),
         heights.astype(np.float32),
@@ -88,7 +88,7 @@ def scaled(heights: F64, slope: float) -> F64:
     return heights * (slope / present) if present > 0.0 else heights * 0.0
 
 
-def _spread(values: F64) -> F64:
+def _normalize(values: F64) -> F64:
     """Scale values to 0..1 between the first and last percentile, clipped."""
     low, high = np.quantile(values[::3, ::3], (0.01, 0.99))
     return np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)
@@ -113,7 +113,7 @@ def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: b
     for turn in range(1 if rng.random() < 0.6 else 2):
         kind = rng.choice(kinds, p=odds / odds.sum())
         if kind == "follow" or kind == "contradict":
-            share = _spread(relief.heights)
+            share = _normalize(relief.heights)
             share = share if kind == "follow" else 1.0 - share
             share = share ** rng.uniform(0.4, 2.5)
         elif kind == "print":
@@ -121,9 +121,9 @@ def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: b
         elif kind == "cells" and relief.cells is not None:
             share = p.random_by_cell(rng, relief.cells)
         elif kind == "patches" or kind == "cells":
-            share = _spread(p.noise(rng, n, 1.0, 0.1, fall=1.5))
+            share = _normalize(p.noise(rng, n, 1.0, 0.1, fall=1.5))
         elif kind == "grain":
-            share = _spread(
+            share = _normalize(
                 p.noise(rng, n, rng.uniform(4, 30) / n, 2.0 / n, fall=rng.uniform(0, 1))
             )
         else:
@@ -139,7 +139,7 @@ def colours_of(rng: np.random.Generator, relief: families.Relief, *, is_print: b
 
 def _print(rng: np.random.Generator, n: int) -> F64:
     """Printed pattern (N, N), 0..1: shapes of a random family, with sharp or soft borders."""
-    spread = _spread(families.draw_one(rng, n).heights)
+    spread = _normalize(families.draw_one(rng, n).heights)
     if rng.random() < 0.6:
         levels = int(rng.integers(2, 6))
         return np.floor(spread * levels * 0.999) / (levels - 1)
@@ -153,13 +153,13 @@ def _roughness(rng: np.random.Generator, relief: families.Relief) -> F64:
     if kind < 0.6:
         change = np.zeros((n, n))
     elif kind < 0.8:
-        change = (_spread(relief.heights) - 0.5) * rng.uniform(-0.5, 0.5)
+        change = (_normalize(relief.heights) - 0.5) * rng.uniform(-0.5, 0.5)
     else:
         change = 0.1 * p.noise(rng, n, 0.8, 0.1)
     return np.clip(level + change, 0.02, 1.0)
 
 
-def _smoothed(grid: F64, sigma: float) -> F64:
+def _blur(grid: F64, sigma: float) -> F64:
     """Blur a tileable grid by a Gaussian, by Fourier transform."""
     rows = np.fft.fftfreq(grid.shape[0])[:, None]
     columns = np.fft.rfftfreq(grid.shape[1])
@@ -191,7 +191,7 @@ def _shadow(heights: F64, direction: F64, rise: float, soft: float) -> F64:
     return lit
 
 
-def _lit(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -> F64:
+def _shade(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -> F64:
     """Light (N, N, 3) from a relief to a camera above."""
     down = 0.5 * (np.roll(heights, -1, 0) - np.roll(heights, 1, 0))
     right = 0.5 * (np.roll(heights, -1, 1) - np.roll(heights, 1, 1))
@@ -200,7 +200,7 @@ def _lit(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -
     sky = 0.5 + 0.5 * up
     depth = rng.uniform(0.3, 1.5)
     for sigma in (2.0, 5.0, 12.0):
-        below = np.maximum(_smoothed(heights, sigma) - heights, 0.0) / sigma
+        below = np.maximum(_blur(heights, sigma) - heights, 0.0) / sigma
         sky = sky / (1.0 + depth * below)
     total = sky[..., None] * _tint(rng) * rng.uniform(0.1, 0.9)
     suns = rng.choice([0, 1, 2], p=[0.12, 0.68, 0.2])
@@ -209,11 +209,13 @@ def _lit(rng: np.random.Generator, heights: F64, colours: F64, roughness: F64) -
     for _ in range(suns):
         azimuth = rng.uniform(0.0, 2.0 * np.pi)
         elevation = np.radians(rng.uniform(15.0, 80.0))
-        way = np.array([np.sin(azimuth), np.cos(azimuth)])
-        sun = np.array([*(np.cos(elevation) * way), np.sin(elevation)])
+        azimuth_direction = np.array([np.sin(azimuth), np.cos(azimuth)])
+        sun = np.array([*(np.cos(elevation) * azimuth_direction), np.sin(elevation)])
         facing = np.maximum((sun[2] - sun[0] * down - sun[1] * right) * up, 0.0)
         if rng.random() < 0.8:
-            facing = facing * _shadow(heights, way, np.tan(elevation), rng.uniform(0.02, 0.5))
+            facing = facing * _shadow(
+                heights, azimuth_direction, np.tan(elevation), rng.uniform(0.02, 0.5)
+            )
         strength = rng.uniform(0.4, 1.2) / np.sin(elevation) ** 0.7
         total += facing[..., None] * _tint(rng) * strength
         # Blinn highlight, with a slightly tilted camera.
@@ -235,7 +237,7 @@ def _camera(rng: np.random.Generator, light: F64) -> npt.NDArray[np.uint8]:
     n = len(light)
     light = light * (rng.uniform(0.15, 0.6) / max(float(np.median(light)), 1e-6))
     if rng.random() < 0.7:
-        light = np.maximum(_smoothed(light, rng.uniform(0.3, 1.3)), 0.0)
+        light = np.maximum(_blur(light, rng.uniform(0.3, 1.3)), 0.0)
     if rng.random() < 0.4:  # light falls off toward one side
         rows, columns = p.places(n)
         tilt = rng.normal(0.0, 0.4, 2)
@@ -248,7 +250,7 @@ def _camera(rng: np.random.Generator, light: F64) -> npt.NDArray[np.uint8]:
     codes = linear_to_srgb(light)
     codes = np.clip(0.5 + (codes - 0.5) * rng.uniform(0.85, 1.3) + rng.normal(0, 0.03), 0.0, 1.0)
     if rng.random() < 0.3:  # sharpened
-        codes = codes + rng.uniform(0.2, 0.8) * (codes - _smoothed(codes, 1.2))
+        codes = codes + rng.uniform(0.2, 0.8) * (codes - _blur(codes, 1.2))
     if rng.random() < 0.15:
         codes = np.repeat(codes.mean(axis=2, keepdims=True), 3, axis=2)
     if rng.random() < 0.6:

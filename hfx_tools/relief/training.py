@@ -30,13 +30,13 @@ _CROP: Final = 128
 _RATE: Final = 3e-3
 _WARM: Final = 100  # steps up to the full learning rate; then the rate falls linearly to 0
 _LEARNERS: Final = 3
-_TOGETHER: Final = 10  # steps between two averages of the processes' weights
+_AVERAGE_EVERY: Final = 10  # steps between two averages of the processes' weights
 
 _AVERAGED: Final = 0.98
 """Share of the old value in the running mean of weights at each average; the mean is stored."""
 
 _MODULE: Final = "hfx_tools.relief.training"
-_MEETING: Final = ".hfx-relief-training"  # rendezvous file of the processes
+_RENDEZVOUS: Final = ".hfx-relief-training"  # rendezvous file of the processes
 _LATEST: Final = "latest.npz"
 
 
@@ -59,7 +59,7 @@ def train(folder: Path, *, jobs: int = 2, steps: int = STEPS) -> dict[str, np.nd
         A process failed; its error output has the reason.
     """
     data_set.opened(folder, SAMPLES, SEED, jobs)
-    (folder / _MEETING).unlink(missing_ok=True)
+    (folder / _RENDEZVOUS).unlink(missing_ok=True)
     data_set.run_together(
         [start.command(_MODULE, folder, str(rank), str(steps)) for rank in range(_LEARNERS)]
     )
@@ -72,7 +72,7 @@ def _learn(folder: Path, rank: int, steps: int) -> None:
     torch.manual_seed(SEED)
     torch.set_num_threads(1)
     torch.distributed.init_process_group(
-        "gloo", f"file://{(folder / _MEETING).resolve()}", rank=rank, world_size=_LEARNERS
+        "gloo", f"file://{(folder / _RENDEZVOUS).resolve()}", rank=rank, world_size=_LEARNERS
     )
     data, rng = data_set.opened(folder, SAMPLES, SEED, 1), np.random.default_rng([SEED, rank])
     network, mean = ReliefNetwork(), ReliefNetwork()
@@ -83,8 +83,8 @@ def _learn(folder: Path, rank: int, steps: int) -> None:
         for group in optimizer.param_groups:
             group["lr"] = _RATE * min((step + 1) / _WARM, (steps - step) / steps)
         losses.append(_step(network, optimizer, data, rng))
-        if (step + 1) % _TOGETHER == 0:
-            _meet(network, mean, min(_AVERAGED, step / (step + 100.0)))
+        if (step + 1) % _AVERAGE_EVERY == 0:
+            _average_weights(network, mean, min(_AVERAGED, step / (step + 100.0)))
         if rank == 0 and ((step + 1) % 100 == 0 or step + 1 == steps):
             np.savez(folder / _LATEST, **weights_of(mean))
             spent, loss = time.monotonic() - begin, np.mean(losses[-100:])
@@ -114,7 +114,7 @@ def _step(
 
 
 @torch.no_grad()
-def _meet(network: ReliefNetwork, mean: ReliefNetwork, old_share: float) -> None:
+def _average_weights(network: ReliefNetwork, mean: ReliefNetwork, old_share: float) -> None:
     """Average the weights of all processes, and update the running mean, both in place."""
     values = torch.nn.utils.parameters_to_vector(network.parameters())
     torch.distributed.all_reduce(values)

@@ -93,7 +93,7 @@ def measure(
             share = lambda part, k=k: progress((k + part) / len(names))  # noqa: E731
             began_s = time.monotonic()
             with temporary_folder() as folder:
-                row = _measured(name, Path(folder), rounds, gap_s, share)
+                row = _measure_row(name, Path(folder), rounds, gap_s, share)
             seconds = round(time.monotonic() - began_s, 1)
             load = round(os.getloadavg()[0], 2)
             rows[name] = {**row, "seconds": seconds, "load": load, "busy": busy}
@@ -101,7 +101,7 @@ def measure(
     return rows
 
 
-def _measured(
+def _measure_row(
     name: str, folder: Path, rounds: int, gap_s: float, progress: Progress
 ) -> dict[str, Any]:
     if name == "limiter":

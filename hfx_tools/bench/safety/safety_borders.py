@@ -115,7 +115,7 @@ class _CableIsCut(Rounds):
         except OutputLostError:  # the board stopped after the cut of the cable
             self._output.stop()
 
-    def _paced(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
+    def _send_paced(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
         end = following = time.monotonic()
         end += seconds
         while time.monotonic() < end and not is_over():
@@ -126,12 +126,12 @@ class _CableIsCut(Rounds):
     def round(self) -> float:
         self._board.is_cut = False
         self.until_played(lambda: self._board.silent_since_s == math.inf, self._send)
-        self._paced(float(self._rng.uniform(0.05, 0.1)))
+        self._send_paced(float(self._rng.uniform(0.05, 0.1)))
         if self._board.silent_since_s != math.inf:
             raise NotPlayedError("the board was silent before the fault")
         self._board.is_cut = True
         cut_s = time.monotonic()
-        self._paced(PATIENCE_S, lambda: self._board.silent_since_s != math.inf)
+        self._send_paced(PATIENCE_S, lambda: self._board.silent_since_s != math.inf)
         silent_s = self._board.silent_since_s
         if silent_s == math.inf:
             raise NotSilentError

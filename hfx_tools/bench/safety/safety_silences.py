@@ -129,7 +129,7 @@ class _Several(WithClient):
     def _all_are_loud(self) -> bool:
         return all([log.is_loud() for log in self._logs.values()])
 
-    def _paced(self, rate_hz: float, seconds: float, values: list[float]) -> None:
+    def _send_paced(self, rate_hz: float, seconds: float, values: list[float]) -> None:
         end = following = time.monotonic()
         end += seconds
         while time.monotonic() < end:
@@ -166,10 +166,10 @@ class _Offsets(_Several):
         offsets_s = dict(zip(self._logs, self._rng.uniform(0.0, 1.0, len(self._logs)), strict=True))
         for name, offset_s in offsets_s.items():
             self._client.set_offset(name, 1000.0 * offset_s)
-        self._paced(rate_hz, 0.15, playing())
+        self._send_paced(rate_hz, 0.15, playing())
         last_input_s = time.monotonic()
         longest_s = max(offsets_s.values())
-        self._paced(rate_hz, longest_s + 0.15, _QUIET)
+        self._send_paced(rate_hz, longest_s + 0.15, _QUIET)
         if any(log.is_loud() for log in self._logs.values()):
             raise NotSilentError
         ends = {name: last_input_s + offset_s for name, offset_s in offsets_s.items()}
@@ -190,7 +190,7 @@ class _NothingNew(_Several):
 
     def several(self) -> list[float]:
         self._play()
-        self._paced(RATE_HZ, 0.05, playing())
+        self._send_paced(RATE_HZ, 0.05, playing())
         last_input_s = time.monotonic()
         self._send(playing())
         time.sleep(0.01)

@@ -42,19 +42,19 @@ def limiter(count: int) -> dict[str, Any]:
         [len(a.type.controls) for a in device.actuators],
     )
     rng = np.random.default_rng(1)
-    rows = _hostile(rng, lowest, highest)
+    rows = _hostile_rows(rng, lowest, highest)
     guard = Guard(device)
     before = neutral
     faults = 0
     rounds = -(-count // len(controls))
     for k in range(rounds):
         roll = np.roll(rows[k % _ROWS], int(rng.integers(len(controls))))
-        given = guard.limited(roll, _STEP_S)
-        is_wrong = ~np.isfinite(given) | (given < lowest) | (given > highest)
-        farther = np.abs(given - neutral) - np.abs(before - neutral)
+        limited = guard.limited(roll, _STEP_S)
+        is_wrong = ~np.isfinite(limited) | (limited < lowest) | (limited > highest)
+        farther = np.abs(limited - neutral) - np.abs(before - neutral)
         is_wrong |= is_strength & (farther > rise * (1.0 + 1e-9))
         faults += int(np.count_nonzero(is_wrong))
-        before = given
+        before = limited
     return {
         "trials": rounds * len(controls),
         "what": "values through the limiter, out of range or risen too fast",
@@ -74,7 +74,7 @@ def _large_device() -> DeviceConfig:
     return replace(first, actuators=tuple(many))
 
 
-def _hostile(
+def _hostile_rows(
     rng: np.random.Generator, lowest: np.ndarray[Any, Any], highest: np.ndarray[Any, Any]
 ) -> np.ndarray[Any, Any]:
     """Hostile rows (256, C) of values: in range, out of range, huge, tiny, infinite, NaN."""
@@ -110,10 +110,10 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
             if k % 3 == 0:
                 blender_session.open_blend(path)
             else:
-                blender_session.open_blend(_empty(bpy, folder))
-                with bpy.data.libraries.load(str(path), link=k % 3 == 1) as (there, here):
-                    here.objects, here.texts = there.objects, there.texts
-                for obj in here.objects:
+                blender_session.open_blend(_empty_file(bpy, folder))
+                with bpy.data.libraries.load(str(path), link=k % 3 == 1) as (source, target):
+                    target.objects, target.texts = source.objects, source.texts
+                for obj in target.objects:
                     bpy.context.scene.collection.objects.link(obj)
             bpy.context.scene.frame_set(2 + k % 5)
             faults += mark.exists()
@@ -142,7 +142,7 @@ def _without_driver_messages() -> Iterator[None]:
             os.close(descriptor)
 
 
-def _empty(bpy: Any, folder: Path) -> Path:
+def _empty_file(bpy: Any, folder: Path) -> Path:
     path = folder / "empty.blend"
     if not path.exists():
         bpy.ops.wm.read_homefile(use_empty=True)

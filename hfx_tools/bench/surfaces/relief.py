@@ -121,8 +121,8 @@ def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, 
     families, truths = np.array(names), np.stack(truth_rows)
     estimates = np.stack([np.stack(row) for row in rows], 1)  # (3, K, N, N)
     has_relief = families != ""
-    for way in (1, 2):
-        estimates[way] *= truths[has_relief].mean() / estimates[way, has_relief].mean()
+    for method in (1, 2):
+        estimates[method] *= truths[has_relief].mean() / estimates[method, has_relief].mean()
     estimates = np.minimum(estimates, 1.0)
     true_levels = truths[has_relief].mean((1, 2))
     low, high = DeviceRange().amplitude_g
@@ -133,16 +133,16 @@ def figures(drawn: Iterator[Case], weights: Weights | None = None) -> dict[str, 
     }
     r = np.array(
         [
-            [correlation(e, t) for e, t in zip(way[has_relief], truths[has_relief], strict=True)]
-            for way in estimates
+            [correlation(e, t) for e, t in zip(method[has_relief], truths[has_relief], strict=True)]
+            for method in estimates
         ]
     )
-    for way, name in enumerate(("relief", "sobel", "contrast")):
-        estimate_ = estimates[way]
+    for method, name in enumerate(("relief", "sobel", "contrast")):
+        estimate_ = estimates[method]
         near = np.abs(estimate_ - truths) <= step
         result[name] = {
-            "median_r": float(np.median(r[way])),
-            "tenth_percentile_r": float(np.quantile(r[way], 0.1)),
+            "median_r": float(np.median(r[method])),
+            "tenth_percentile_r": float(np.quantile(r[method], 0.1)),
             "spearman_of_levels": spearman(estimate_[has_relief].mean((1, 2)), true_levels),
             "within_one_step": float(near.mean()),
             "level_of_prints": float(estimate_[~has_relief].mean()),

@@ -40,7 +40,7 @@ def correlation(
     for seed in range(rounds):
         for name, cloths in RECIPES.items():
             cloths_ = cloths(seed, texels)
-            measured = np.array([_measured(cloth) for cloth in cloths_])
+            measured = np.array([_measure_cloth(cloth) for cloth in cloths_])
             if not listed:
                 listed, rows = cloths_, measured
             sets[name].append(_correlations(measured))
@@ -61,7 +61,7 @@ def correlation(
     }
 
 
-def _measured(cloth: Cloth) -> list[float]:
+def _measure_cloth(cloth: Cloth) -> list[float]:
     """Ra, Rz and Rmax at each cut-off, then the mean drive at each speed; micrometres."""
     values_m = []
     for cutoff in CUTOFFS_MM:
@@ -70,12 +70,14 @@ def _measured(cloth: Cloth) -> list[float]:
     starts = [(1e-3 * k, 2.3e-3 * k) for k in range(4)]
     for speed in SPEEDS_M_S:
         ways = [stroke.line(start, 0.0, speed, speed) for start in starts]
-        values_m.append(float(np.mean([drive_levels(cloth.field, way, 1.0) for way in ways])))
+        values_m.append(
+            float(np.mean([drive_levels(cloth.field, stroke_, 1.0) for stroke_ in ways]))
+        )
     return [1e6 * value for value in values_m]
 
 
 def _correlations(rows: F64) -> F64:
-    """Correlation r of a set's rows of :func:`_measured`, (cut-off, speed, parameter)."""
+    """Correlation r of a set's rows of :func:`_measure_cloth`, (cut-off, speed, parameter)."""
     r = np.corrcoef(rows.T)[: -len(SPEEDS_M_S), -len(SPEEDS_M_S) :]
     return r.reshape(len(CUTOFFS_MM), len(PARAMETERS), len(SPEEDS_M_S)).transpose(0, 2, 1)
 

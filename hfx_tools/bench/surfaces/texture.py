@@ -94,8 +94,8 @@ def strokes_over(
     for direction in directions:
         for speed in speeds:
             start = (float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
-            way = stroke.line(start, direction, 0.6 * speed, speed)
-            signals.append(render_stroke(texture, way, step_s=2e-3, waveform_rate_hz=1000.0))
+            path = stroke.line(start, direction, 0.6 * speed, speed)
+            signals.append(render_stroke(texture, path, step_s=2e-3, waveform_rate_hz=1000.0))
     return signals
 
 
@@ -112,8 +112,8 @@ def salience(short: bool) -> list[dict[str, Any]]:
     for name in ("gravel-fine", "wood-oak") if short else procedural.MATERIALS:
         map_ = mcha.make_map(*procedural.material(name).make(384))
         for speed in SPEEDS_M_S:
-            way = stroke.line((0.01, 0.02), 0.3, 2.0 * speed, speed, 240.0)
-            hits = collisions(map_, way)
+            path = stroke.line((0.01, 0.02), 0.3, 2.0 * speed, speed, 240.0)
+            hits = collisions(map_, path)
             if not len(hits):
                 continue
             best = _best_possible(hits, 0.05)
@@ -154,17 +154,17 @@ def _best_possible(candidates: Collisions, gap_s: float) -> float:
 def windows() -> list[dict[str, Any]]:
     """Measure spread of the textile renderer's level over an even stroke, and cost, by window."""
     field, _ = procedural.material("fabric-denim").make(512)
-    way = stroke.line((0.0, 0.0), 0.3, 0.4, 0.1, 240.0)
+    path = stroke.line((0.0, 0.0), 0.3, 0.4, 0.1, 240.0)
     rows = []
     for window_s in (0.0125, 0.025, 0.05, 0.1, 0.2):
         start = time.perf_counter()
-        levels = drive_levels(field, way, 1.0, window_s)
+        levels = drive_levels(field, path, 1.0, window_s)
         seconds = time.perf_counter() - start
         rows.append(
             {
                 "window_ms": 1e3 * window_s,
                 "spread": float(levels.std() / levels.mean()),
-                "ms_per_second": 1e3 * seconds / way.duration_s,
+                "ms_per_second": 1e3 * seconds / path.duration_s,
             }
         )
     return rows
@@ -306,10 +306,10 @@ def as_text(result: dict[str, Any]) -> str:
 
 def as_markdown() -> str:
     """Measure classification and salience; returns the text of ``docs/surfaces.md``."""
-    one, many = identification(1, 1), identification(3, 10)
-    names, table = one["names"], np.array(one["confusion"])
+    small, large = identification(1, 1), identification(3, 10)
+    names, table = small["names"], np.array(small["confusion"])
     lines = [
-        f"A nearest-neighbour judge that learnt {one['learnt']} strokes (18 materials, five "
+        f"A nearest-neighbour judge that learnt {small['learnt']} strokes (18 materials, five "
         f"directions, 2, 4 and 8 cm/s) names the kind of {np.trace(table)} of {table.sum()} "
         "strokes on other maps, in other directions and at 3, 6 and 10 cm/s, by micro-collisions "
         "with their mean level taken away:",
@@ -321,7 +321,7 @@ def as_markdown() -> str:
             for name, row in zip(names, table.tolist(), strict=True)
         ),
     ]
-    table = np.array(many["confusion"])
+    table = np.array(large["confusion"])
     right, all_ = np.diag(table), table.sum(axis=1)
     worst = int(np.argmin(right / all_))
     fast = [row for row in salience(False) if row["speed_m_s"] == max(SPEEDS_M_S)]
@@ -333,9 +333,9 @@ def as_markdown() -> str:
         [
             *lines,
             "",
-            f"With three variants of each material learnt ({many['learnt']} strokes) and ten "
-            f"others asked ({all_.sum()} strokes), {right.sum()} ({100 * many['share']:.1f} %) "
-            f"are named right; the worst kind, {many['names'][worst]}, {right[worst]} of "
+            f"With three variants of each material learnt ({large['learnt']} strokes) and ten "
+            f"others asked ({all_.sum()} strokes), {right.sum()} ({100 * large['share']:.1f} %) "
+            f"are named right; the worst kind, {large['names'][worst]}, {right[worst]} of "
             f"{all_[worst]}.",
             "",
             "Where a device needs 50 ms between two collisions, taking the most salient first "

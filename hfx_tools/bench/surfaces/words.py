@@ -60,7 +60,7 @@ def comparatives() -> list[dict[str, Any]]:
     """Measure the change of each comparative as a ratio, and test its direction."""
     rows = []
     for plain, steered, name, sign in COMPARATIVES:
-        before, after = (_measured(words, name) for words in (plain, steered))
+        before, after = (_measure_words(words, name) for words in (plain, steered))
         rows.append(
             {
                 "plain": plain,
@@ -73,7 +73,7 @@ def comparatives() -> list[dict[str, Any]]:
     return rows
 
 
-def _measured(words: str, name: str) -> float:
+def _measure_words(words: str, name: str) -> float:
     """RSm or Ra in metres (mean of both axes; an unknown RSm is 0), or the map's mean intensity."""
     surface = library_search.generate(words, texels=TEXELS)
     if name == "level":

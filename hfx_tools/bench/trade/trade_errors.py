@@ -72,14 +72,16 @@ class ContactError:
     samples: int  # samples with a contact in either recording
 
 
-def contact_error(one: StreamContacts, reference: StreamContacts, areas_m2: F64) -> ContactError:
+def contact_error(
+    contacts: StreamContacts, reference: StreamContacts, areas_m2: F64
+) -> ContactError:
     """Compare the contacts of one stream; ``areas_m2`` are the vertices' cells, (V,)."""
-    keys = np.union1d(one.keys, reference.keys)
-    difference = _on(keys, one) - _on(keys, reference)
+    keys = np.union1d(contacts.keys, reference.keys)
+    difference = _on(keys, contacts) - _on(keys, reference)
     areas = areas_m2[keys % VERTICES]
     return ContactError(
-        missed=np.setdiff1d(reference.keys, one.keys, assume_unique=True),
-        extra=np.setdiff1d(one.keys, reference.keys, assume_unique=True),
+        missed=np.setdiff1d(reference.keys, contacts.keys, assume_unique=True),
+        extra=np.setdiff1d(contacts.keys, reference.keys, assume_unique=True),
         count=len(reference.keys),
         missed_m2=float(np.sum(np.maximum(-difference, 0.0) * areas)),
         extra_m2=float(np.sum(np.maximum(difference, 0.0) * areas)),
@@ -114,8 +116,8 @@ def boundary_distance_m(shape: Shape, to_shape: F64, points: F64) -> F64:
     reach = _NEAREST_M
     while reach < _FARTHEST_M and len(open_):
         probes = points[:, open_, None] + reach * around[:, None]
-        there = shape.contains(linear @ probes.reshape(3, -1) + offset).reshape(-1, _DIRECTIONS)
-        crossed = (there != inside[open_, None]).any(axis=1)
+        is_inside = shape.contains(linear @ probes.reshape(3, -1) + offset).reshape(-1, _DIRECTIONS)
+        crossed = (is_inside != inside[open_, None]).any(axis=1)
         distances[open_[crossed]] = reach
         open_ = open_[~crossed]
         reach *= _FACTOR
@@ -144,20 +146,20 @@ class OnsetError:
     extra: int  # events without a near event of the reference
 
 
-def onset_error(one: F64, reference: F64) -> OnsetError:
+def onset_error(events_: F64, reference: F64) -> OnsetError:
     """Match the events (n, 2) of a recording to the reference's events (m, 2), seconds.
 
     Of several near events the one with the nearest begin counts.
     """
     errors, missed = [], 0
-    used = np.zeros(len(one), np.bool_)
+    used = np.zeros(len(events_), np.bool_)
     for begin, end in reference:
-        near = (one[:, 0] < end + WINDOW_S) & (one[:, 1] > begin - WINDOW_S)
+        near = (events_[:, 0] < end + WINDOW_S) & (events_[:, 1] > begin - WINDOW_S)
         if not near.any():
             missed += 1
             continue
         used |= near  # all near events count as matched, the nearest begin gives the error
-        late = one[near, 0] - begin
+        late = events_[near, 0] - begin
         errors.append(float(late[np.abs(late).argmin()]))
     return OnsetError(np.array(errors), missed, int(np.count_nonzero(~used)))
 
@@ -175,7 +177,7 @@ class AmplitudeError:
 
 
 def amplitude_error(
-    one: Raster, reference: Raster, device: DeviceConfig, window: int
+    raster: Raster, reference: Raster, device: DeviceConfig, window: int
 ) -> AmplitudeError:
     """Compare two rasters of a device; shifts up to ``window`` samples are no error.
 
@@ -184,9 +186,9 @@ def amplitude_error(
     columns, scales = _strengths(reference, device)
     if not len(columns):
         return AmplitudeError(0.0, 0.0, 0)
-    count = min(len(one.values), len(reference.values))
+    count = min(len(raster.values), len(reference.values))
     neutral = reference.neutral[columns]
-    a = (one.values[:count, columns] - neutral) / scales
+    a = (raster.values[:count, columns] - neutral) / scales
     b = (reference.values[:count, columns] - neutral) / scales
     driven = (a != 0.0) | (b != 0.0)
     if not driven.any():

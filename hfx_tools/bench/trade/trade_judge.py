@@ -105,8 +105,8 @@ class Judge:
 
     def _amplitude_errors(self, recording: Recording, window: int) -> dict[str, Any]:
         errors = [
-            trade_errors.amplitude_error(one, reference, device, window)
-            for (device, one), (_, reference) in zip(
+            trade_errors.amplitude_error(raster, reference, device, window)
+            for (device, raster), (_, reference) in zip(
                 recording.rasters, self._reference.rasters, strict=True
             )
         ]
@@ -149,8 +149,8 @@ class Judge:
         if not usable[0]:
             return np.inf
         points = bound.points(np.array([vertex], np.int32), pose, row, pose.to_world[row])
-        which = 0 if animated.shape_index is None else int(animated.shape_index[row])
-        shape = animated.shapes[which]
+        shape_index = 0 if animated.shape_index is None else int(animated.shape_index[row])
+        shape = animated.shapes[shape_index]
         return float(trade_errors.boundary_distance_m(shape, inverses[0], points)[0])
 
     def _bound_model(self, stream: Stream, body: int) -> SkinnedModel | None:

@@ -69,7 +69,7 @@ def pierced(points: F64, ends: I64, corners: I64) -> I64:
     # sides of the triangle in one sense.
     through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
     sides = np.column_stack(
-        [_volume(start, end, one, second) for one, second in ((a, b), (b, c), (c, a))]
+        [_volume(start, end, start_, end_) for start_, end_ in ((a, b), (b, c), (c, a))]
     )
     through &= (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
     return np.column_stack((ends[through], corners[through]))
@@ -90,9 +90,9 @@ def depth_m(points: F64, crossing: I64) -> F64:
     above, below = (np.einsum("ij,ij->i", position - a, normal) for position in (start, end))
     through = start + (above / (above - below))[:, None] * (end - start)
     least: F64 = np.minimum(np.abs(above), np.abs(below))
-    for one, second in ((a, b), (b, c), (c, a)):
-        along = second - one
-        share = np.einsum("ij,ij->i", through - one, along) / np.einsum("ij,ij->i", along, along)
-        nearest = one + np.clip(share, 0.0, 1.0)[:, None] * along
+    for start_, end_ in ((a, b), (b, c), (c, a)):
+        along = end_ - start_
+        share = np.einsum("ij,ij->i", through - start_, along) / np.einsum("ij,ij->i", along, along)
+        nearest = start_ + np.clip(share, 0.0, 1.0)[:, None] * along
         least = np.minimum(least, np.linalg.norm(through - nearest, axis=1))
     return least

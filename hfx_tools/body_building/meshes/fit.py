@@ -73,10 +73,10 @@ def _stray(mesh: Remesher, edges: mesh_edges.Edges) -> Bool:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    one, second = edges.ends[(mesh.part[edges.ends[:, 0]] == mesh.part[edges.ends[:, 1]])].T
+    start, end = edges.ends[(mesh.part[edges.ends[:, 0]] == mesh.part[edges.ends[:, 1]])].T
     size = (len(mesh.points),) * 2
     piece = connected_components(
-        coo_array((np.ones(len(one)), (one, second)), shape=size), directed=False
+        coo_array((np.ones(len(start)), (start, end)), shape=size), directed=False
     )[1]
     stray = np.zeros(len(mesh.points), bool)
     for part in np.unique(mesh.part):
@@ -93,8 +93,8 @@ def _exchange_diagonals(mesh: Remesher) -> None:
         return
     skin = cKDTree(mesh.samples.points)
 
-    def depth(one: I64, other: I64) -> F64:
-        return skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
+    def depth(start: I64, end: I64) -> F64:
+        return skin.query(0.5 * (mesh.points[start] + mesh.points[end]))[0]
 
     for turn in range(8):
         edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
@@ -122,8 +122,8 @@ def _exchange_diagonals(mesh: Remesher) -> None:
 def _smallest_angle(points: F64, a: I64, b: I64, c: I64, d: I64) -> F64:
     """Smallest angle of the two triangles at a diagonal from c to d, radians."""
     angles = []
-    for apex, one, second in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
-        u, v = points[one] - points[apex], points[second] - points[apex]
+    for apex, left, right in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
+        u, v = points[left] - points[apex], points[right] - points[apex]
         area = np.linalg.norm(np.cross(u, v), axis=1)
         angles.append(np.arctan2(area, np.einsum("ij,ij->i", u, v)))
     return np.min(angles, axis=0)
@@ -167,9 +167,9 @@ def _untangle(mesh: Remesher) -> None:
     from scipy.sparse import coo_array, csr_array
 
     edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
-    one, second = edges.ends.T
+    starts, ends = edges.ends.T
     size = (len(mesh.points),) * 2
-    graph = csr_array(coo_array((np.ones(len(one)), (one, second)), shape=size))
+    graph = csr_array(coo_array((np.ones(len(starts)), (starts, ends)), shape=size))
     graph = graph + graph.T
     mean = csr_array(graph / np.asarray(graph.sum(axis=1))[:, None])
     start = mesh.points.copy()

@@ -63,7 +63,7 @@ def _along_the_mesh(fine: PerceptualModel) -> list[_Links]:
     edge = np.linalg.norm(points[b] - points[a], axis=1)
     label = np.where(fine.side == RIGHT, -1, fine.part.astype(np.int64))
     inside = (label[a] == label[b]) & (label[a] >= 0)
-    (x, y), (u, v) = _unfolded(points, a, b, c, edge), _unfolded(points, a, b, d, edge)
+    (x, y), (u, v) = _apex_in_plane(points, a, b, c, edge), _apex_in_plane(points, a, b, d, edge)
     # The straight line between both apexes is a path only if it crosses the common edge.
     crossing = x + (u - x) * y / np.maximum(y + v, _SHORTEST_M)
     straight = inside & ~edges.is_border & (label[c] == label[a]) & (label[d] == label[a])
@@ -75,7 +75,7 @@ def _along_the_mesh(fine: PerceptualModel) -> list[_Links]:
     ]
 
 
-def _unfolded(points: F64, a: I64, b: I64, apex: I64, edge: F64) -> tuple[F64, F64]:
+def _apex_in_plane(points: F64, a: I64, b: I64, apex: I64, edge: F64) -> tuple[F64, F64]:
     """Coordinates of an apex in its triangle's plane: along the edge from a, and across."""
     along, offset = points[b] - points[a], points[apex] - points[a]
     x = np.einsum("ij,ij->i", offset, along) / edge

@@ -24,16 +24,16 @@ class Edges:
     def is_border(self) -> Bool:
         return self.triangle[:, 1] < 0
 
-    def exists(self, one: I64, other: I64) -> Bool:
+    def exists(self, start: I64, end: I64) -> Bool:
         """Test pairs of vertices for a common edge, (N,)."""
-        keys = key(one, other, self.count)
+        keys = key(start, end, self.count)
         index = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         return self.keys[index] == keys
 
 
-def key(one: I64, other: I64, count: int) -> I64:
+def key(start: I64, end: I64, count: int) -> I64:
     """Unique number of an unordered pair of vertices."""
-    return np.minimum(one, other) * count + np.maximum(one, other)
+    return np.minimum(start, end) * count + np.maximum(start, end)
 
 
 def edges_of(triangles: I64, count: int) -> Edges:

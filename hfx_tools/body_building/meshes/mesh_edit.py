@@ -28,17 +28,17 @@ def scatter_ranks(count: int, seed: int) -> I64:
     return np.random.default_rng(seed).permutation(count)
 
 
-def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
+def independent(edges: Edges, start: I64, end: I64, rank: I64) -> Bool:
     """Mask of candidate edges with the lowest rank within one edge around them."""
     worst = np.iinfo(np.int64).max
     own = np.full(edges.count, worst)
-    np.minimum.at(own, one, rank)
-    np.minimum.at(own, other, rank)
+    np.minimum.at(own, start, rank)
+    np.minimum.at(own, end, rank)
     # Ranks spread by one edge, so no two winners are adjacent.
     around = own.copy()
     np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
     np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
-    return (around[one] == rank) & (around[other] == rank)
+    return (around[start] == rank) & (around[end] == rank)
 
 
 def collapsible(
@@ -186,7 +186,7 @@ def flip(
     return triangles, len(winners)
 
 
-def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:
-    u, v = points[one] - points[apex], points[other] - points[apex]
+def _cotangent(points: F64, apex: I64, left: I64, right: I64) -> F64:
+    u, v = points[left] - points[apex], points[right] - points[apex]
     area = np.linalg.norm(np.cross(u, v), axis=1)
     return np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)

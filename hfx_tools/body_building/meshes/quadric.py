@@ -42,7 +42,7 @@ def decimate(skin: LeftSkin, spacing_m: F64) -> Half:
         used, inverse = np.unique(quads, return_inverse=True)
         corners = inverse.reshape(-1, 4)
         dense = np.concatenate((corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]))
-        few, faces = _decimated(skin.points[used], dense, float(spacing_m[number]))
+        few, faces = _decimate_part(skin.points[used], dense, float(spacing_m[number]))
         triangles.append(faces + len(part))
         points.append(few)
         part += [number] * len(few)
@@ -50,7 +50,7 @@ def decimate(skin: LeftSkin, spacing_m: F64) -> Half:
     return Half(every, np.concatenate(triangles), np.array(part, np.uint8), every[:, 0] == 0.0)
 
 
-def _decimated(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]:
+def _decimate_part(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]:
     import fast_simplification
 
     corners = points[triangles]

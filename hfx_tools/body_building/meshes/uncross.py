@@ -47,11 +47,11 @@ def uncross(mesh: Remesher) -> None:
         return
     for cluster in _clusters(crossings(mesh.points, mesh.triangles)):
         patch = _Patch(mesh, cluster, coarse & ~mesh.is_midline)
-        freed = patch.freed()
-        if freed is not None:
-            mesh.points[patch.local] = freed.points
-            mesh.normals[patch.local] = freed.normals
-            mesh.triangles[patch.rows] = patch.local[freed.triangles]
+        best_state = patch.best_state()
+        if best_state is not None:
+            mesh.points[patch.local] = best_state.points
+            mesh.normals[patch.local] = best_state.normals
+            mesh.triangles[patch.rows] = patch.local[best_state.triangles]
 
 
 def _clusters(crossing: I64) -> list[I64]:
@@ -104,32 +104,32 @@ class _Patch:
         self.tree = cKDTree(self.skin)
         self.sparse_tree = cKDTree(self.skin[:: max(1, len(self.skin) // _DEPTH_SAMPLES)])
 
-    def freed(self) -> _State | None:
+    def best_state(self) -> _State | None:
         """Search a state without a crossing, of low cost; None if all tries fail."""
         for seed in range(_TRIES):
-            annealed = self._annealed(np.random.default_rng(seed))
+            annealed = self._anneal(np.random.default_rng(seed))
             if annealed is not None:
                 return annealed
         return None
 
-    def _annealed(self, rng: np.random.Generator) -> _State | None:
-        state = self._weighed(self.start)
+    def _anneal(self, rng: np.random.Generator) -> _State | None:
+        state = self._with_cost(self.start)
         best: _State | None = None
         for step in range(STEPS):
             # Metropolis rule: the chance of accepting a higher cost falls with the temperature.
             warmth = _COLDEST + _WARMEST * (1.0 - step / STEPS) ** 2
-            change = self._flipped if rng.random() < _FLIPS else self._moved
+            change = self._flip_edge if rng.random() < _FLIPS else self._move_vertex
             new = change(state, rng)
             if new is None:
                 continue
-            new = self._weighed(new)
+            new = self._with_cost(new)
             if new.cost < state.cost or rng.random() < np.exp((state.cost - new.cost) / warmth):
                 state = new
                 if not state.crossing and (best is None or state.cost < best.cost):
                     best = state
         return best
 
-    def _weighed(self, state: _State) -> _State:
+    def _with_cost(self, state: _State) -> _State:
         own = state.triangles[self.own]
         crossing = self._crossings(state, own)
         facing = mesh_edges.triangle_normals(state.points, own)
@@ -167,7 +167,7 @@ class _Patch:
             rows.append(pierced(points, ends[edge_rows], corners[corner_rows]))
         return np.concatenate(rows)
 
-    def _flipped(self, state: _State, rng: np.random.Generator) -> _State | None:
+    def _flip_edge(self, state: _State, rng: np.random.Generator) -> _State | None:
         """Flip a random edge; None if unsafe, too flat, or the flip could disconnect a part."""
         edges = mesh_edges.edges_of(state.triangles, len(state.points))
         inner = np.flatnonzero(self.own[edges.triangle].all(axis=1) & ~edges.is_border)
@@ -189,7 +189,7 @@ class _Patch:
             return None
         return replace(state, triangles=triangles)
 
-    def _moved(self, state: _State, rng: np.random.Generator) -> _State | None:
+    def _move_vertex(self, state: _State, rng: np.random.Generator) -> _State | None:
         """Move a random vertex along the skin; None if too far, too flat, or outside its part."""
         vertex = rng.choice(self.movable)
         moved = state.points[vertex] + rng.normal(0.0, rng.choice(_MOVES_M), 3)
