@@ -174,7 +174,7 @@ def live_messages(path: Path, device: DeviceConfig) -> list[bytes]:
     """Return live messages to a script at each row of a track, with latency compensation."""
     late_ms = device.actuators[0].type.latency_ms
     late = round(late_ms / 1000.0 * RATE_HZ)
-    actual = []
+    messages = []
     with TrackReader(path) as track:
         moments: list[list[SampleRun]] = [[] for _ in range(ROWS + late)]
         for run in track.runs():
@@ -186,8 +186,8 @@ def live_messages(path: Path, device: DeviceConfig) -> list[bytes]:
             now = at_zero(moments[row])
             values, _ = live.ahead(now, later)
             time_s = (FIRST + row * FPS / RATE_HZ - START) / FPS
-            actual.append(encode_haptics(time_s, live.felt(now), values))
-    return actual
+            messages.append(encode_haptics(time_s, live.felt(now), values))
+    return messages
 
 
 def at_zero(runs: list[SampleRun]) -> list[SampleRun]:

@@ -128,11 +128,11 @@ class DistortedScene:
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
     ) -> np.ndarray:
         """Return weights by volume and vertex, with all volumes grown; zero outside ``which``."""
-        expected = np.zeros((len(FALLOFFS), len(self.model)))
+        weights = np.zeros((len(FALLOFFS), len(self.model)))
         for run in self.runs(tolerance, grown_m, which):
             for sample in run:
-                expected[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
-        return expected
+                weights[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
+        return weights
 
     def runs(
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None

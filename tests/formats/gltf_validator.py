@@ -26,8 +26,8 @@ validator.validateBytes(bytes).then(
 def is_there() -> bool:
     """Test for Node and the npm package."""
     node = shutil.which("node")
-    expected = [node or "", "-e", "require('gltf-validator')"]
-    return node is not None and subprocess.run(expected, capture_output=True).returncode == 0
+    command = [node or "", "-e", "require('gltf-validator')"]
+    return node is not None and subprocess.run(command, capture_output=True).returncode == 0
 
 
 def gltf_faults(path: Path) -> list[str]:

@@ -68,15 +68,15 @@ READERS = {
 
 
 def _openxr(folder, device):
-    actual = {}
+    levels = {}
     for channel in json.loads((folder / "x.openxr.json").read_text())["channels"]:
         points = [
             ((frame["start"] + point["time"]) / 1e9, point["value"])
             for frame in channel["frames"]
             for point in frame["amplitudePoints"]
         ]
-        actual[channel["actuator"]] = _between(points, AT_S)
-    return actual
+        levels[channel["actuator"]] = _between(points, AT_S)
+    return levels
 
 
 def _wav(folder, device):

@@ -48,10 +48,10 @@ def signal_of(document):
 
 def analysed(samples):
     """Return the 9/7 wavelet transform by lifting, after JPEG 2000 (ISO/IEC 15444-1, annex F)."""
-    actual = np.array(samples, float)
-    length = len(actual)
+    coefficients = np.array(samples, float)
+    length = len(coefficients)
     while length >= 8:
-        even, odd = actual[:length:2].copy(), actual[1:length:2].copy()
+        even, odd = coefficients[:length:2].copy(), coefficients[1:length:2].copy()
         for weight, is_odd in (
             (-1.586134342059924, True),
             (-0.052980118572961, False),
@@ -64,9 +64,9 @@ def analysed(samples):
                 even += weight * (odd + np.append(odd[0], odd[:-1]))
         gain = 1.230174104914001 / np.sqrt(2.0)
         # The standard negates the details.
-        actual[: length // 2], actual[length // 2 : length] = even / gain, -odd * gain
+        coefficients[: length // 2], coefficients[length // 2 : length] = even / gain, -odd * gain
         length //= 2
-    return actual
+    return coefficients
 
 
 class Code:

@@ -67,7 +67,7 @@ def test_a_forearm_band_is_a_sleeve_on_its_side():
 
 def _levels_at(document, time_ms):
     """Return the strength of each dot at a time, as the Player plays the file."""
-    actual = {}
+    levels = {}
     for track in document["project"]["tracks"]:
         for effect in track["effects"]:
             for group, mode in effect["modes"].items():
@@ -77,8 +77,8 @@ def _levels_at(document, time_ms):
                     )
                     if start <= time_ms < end:
                         for dot in feedback["pointList"]:
-                            actual[group, dot["index"]] = dot["intensity"]
-    return actual
+                            levels[group, dot["index"]] = dot["intensity"]
+    return levels
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ class Spec:
 
 def _specs() -> list[Spec]:
     vibrating = "oculus_touch phone_lra waist_belt mango_pad bhaptics_tactosy_left insoles"
-    actual = [
+    specs = [
         Spec("touch", "v", "oculus_touch"),
         Spec("phone", "vv", "phone_wide_band"),
         Spec("belt", "vvv", "waist_belt"),
@@ -87,8 +87,8 @@ def _specs() -> list[Spec]:
             devices += " pressure_vest fan_heater"
         way = ("mixed", "pulses", "square")[k % 4 % 3]
         kind = kinds[k % 8]
-        actual.append(Spec(f"seed_{k:02}", kind, devices, rates[k % 5], 150 + 10 * k, way=way))
-    return actual
+        specs.append(Spec(f"seed_{k:02}", kind, devices, rates[k % 5], 150 + 10 * k, way=way))
+    return specs
 
 
 SPECS = _specs()

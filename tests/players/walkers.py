@@ -184,12 +184,12 @@ def _way(count: int, random: np.random.Generator) -> F64:
     scale, bend = random.uniform(0.7, 1.2), random.uniform(-0.6, 0.6)
     heading = random.uniform(0.0, 6.3) + bend * np.arange(count) / RATE_HZ
     step = 1.1 * scale / RATE_HZ * np.column_stack([np.sin(heading), -np.cos(heading)])
-    expected = np.tile(np.eye(4), (count, 1, 1))
-    expected[:, 0, 0] = expected[:, 1, 1] = np.cos(heading)
-    expected[:, 1, 0], expected[:, 0, 1] = np.sin(heading), -np.sin(heading)
-    expected[:, :3, :3] *= scale
-    expected[:, :2, 3] = np.cumsum(step, axis=0) + random.uniform(-2.0, 2.0, 2)
-    return expected
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(heading)
+    matrices[:, 1, 0], matrices[:, 0, 1] = np.sin(heading), -np.sin(heading)
+    matrices[:, :3, :3] *= scale
+    matrices[:, :2, 3] = np.cumsum(step, axis=0) + random.uniform(-2.0, 2.0, 2)
+    return matrices
 
 
 def _cycle(count: int, phase: float) -> F64:

@@ -31,9 +31,9 @@ def strengths(values: np.ndarray) -> np.ndarray:
 
 
 def full(guard: Guard, amplitude: float = 15.0) -> np.ndarray:
-    expected = guard.neutral.copy()
-    expected[::2] = amplitude
-    return expected
+    values = guard.neutral.copy()
+    values[::2] = amplitude
+    return values
 
 
 anything = st.one_of(

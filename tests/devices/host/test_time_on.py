@@ -76,9 +76,9 @@ class Tally:
 
     def step(self, amplitude: float, step_s: float = STEP_S) -> bool:
         self.pass_time(step_s)
-        expected = self.guard.neutral.copy()
-        expected[::2] = amplitude
-        self._is_on = bool(self.guard.limited(expected, step_s)[0])
+        values = self.guard.neutral.copy()
+        values[::2] = amplitude
+        self._is_on = bool(self.guard.limited(values, step_s)[0])
         return self._is_on
 
     def stop(self, played_s: float, now_s: float) -> None:

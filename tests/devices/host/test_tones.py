@@ -176,9 +176,9 @@ class Stream:
     def close(self) -> None: ...
 
     def ask(self, count: int) -> np.ndarray:
-        expected = np.zeros((count, self.settings["channels"]), np.float32)
-        self.settings["callback"](expected, count, None, None)
-        return expected
+        block = np.zeros((count, self.settings["channels"]), np.float32)
+        self.settings["callback"](block, count, None, None)
+        return block
 
 
 @pytest.fixture

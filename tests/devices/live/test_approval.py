@@ -35,9 +35,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def script(name: str) -> approval.DeviceScript:
-    actual = approval.script_of(f"{name}_left")
-    assert actual is not None
-    return actual
+    device_script = approval.script_of(f"{name}_left")
+    assert device_script is not None
+    return device_script
 
 
 def test_a_withdrawal_takes_back_this_approval_only(folder):

@@ -20,10 +20,10 @@ class Terminal:
         self.name = os.ttyname(self.slave)
 
     def read(self, wait_s=0.2, least=1):
-        actual = b""
-        while len(actual) < least and select.select([self.master], [], [], wait_s)[0]:
-            actual += os.read(self.master, 65536)
-        return actual
+        content = b""
+        while len(content) < least and select.select([self.master], [], [], wait_s)[0]:
+            content += os.read(self.master, 65536)
+        return content
 
     def close(self):
         for item in (self.master, self.slave):

@@ -59,10 +59,10 @@ def opened(listener, how, *types, **facts):
 
 
 def received(listener, datagrams=1):
-    actual = []
+    packets = []
     for _ in range(datagrams):
-        actual += read(listener.recv(65536))
-    return actual
+        packets += read(listener.recv(65536))
+    return packets
 
 
 def test_a_message_is_these_bytes():  # after the examples of the specification

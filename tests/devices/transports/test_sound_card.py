@@ -42,9 +42,9 @@ class Stream:
         self.calls.append("close")
 
     def ask(self, count: int) -> np.ndarray:
-        expected = np.full((count, self.settings["channels"]), np.nan, np.float32)
-        self.settings["callback"](expected, count, None, None)
-        return expected
+        block = np.full((count, self.settings["channels"]), np.nan, np.float32)
+        self.settings["callback"](block, count, None, None)
+        return block
 
 
 @pytest.fixture

@@ -154,12 +154,12 @@ def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int,
     """Return the worker's answers by device."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
-    actual = {}
+    values_by_device = {}
     for answer in renderers.answers(encode_live_frame(shown, places())):
         length = int.from_bytes(answer[:4], "little")
-        actual[int.from_bytes(answer[5:7], "little")] = answer[7:]
+        values_by_device[int.from_bytes(answer[5:7], "little")] = answer[7:]
         assert len(answer) == 7 + length
-    return actual
+    return values_by_device
 
 
 def test_rendered_values_and_tones_equal_the_engine():

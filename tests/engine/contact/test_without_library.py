@@ -22,12 +22,12 @@ def _weights(modality: str) -> dict[tuple[str, int], np.ndarray]:
     """
     model = load(f"hfx-{modality}-1")
     scene, block = moving_scene(model, 3, 0.3, 0.4)
-    actual = {}
+    weights_by_sample = {}
     for run in Engine(scene, models=load, tolerance=PAPER).evaluate(block):
         for index, sample in zip(run.indices.tolist(), run, strict=True):
-            weights = actual[run.stream.effect_id, index] = np.zeros(len(model))
+            weights = weights_by_sample[run.stream.effect_id, index] = np.zeros(len(model))
             weights[sample.vertices] = sample.weights
-    return actual
+    return weights_by_sample
 
 
 @needs_library

@@ -33,12 +33,12 @@ def _blocks(passes: np.ndarray) -> list[AnimationBlock]:
     side = np.where(np.cumsum(np.isin(np.arange(SAMPLES), passes)) % 2, -1.0, 1.0)
     matrices = np.tile(np.diag([1.0, 1.0, 0.0005, 1.0]), (SAMPLES, 1, 1))
     matrices[:, 2, 3] = 0.25 * side
-    actual = []
+    blocks = []
     for begin in range(0, SAMPLES, BLOCK):
         part = slice(max(begin - 1, 0), begin + BLOCK)
         count = len(matrices[part])
         still = np.tile(np.eye(4), (count, 1, 1))
-        actual.append(
+        blocks.append(
             AnimationBlock(
                 np.arange(SAMPLES)[part],
                 (
@@ -50,7 +50,7 @@ def _blocks(passes: np.ndarray) -> list[AnimationBlock]:
                 int(begin > 0),
             )
         )
-    return actual
+    return blocks
 
 
 @pytest.mark.parametrize("seed", range(5))

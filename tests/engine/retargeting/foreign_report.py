@@ -97,11 +97,11 @@ def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
 
 def with_truth() -> dict[str, ForeignFit]:
     """Third-party avatars with derivable correspondence."""
-    actual = {"SOMA": follow(foreign_avatars.soma())}
+    fits = {"SOMA": follow(foreign_avatars.soma())}
     rigs = ("mixamo", "game_engine", "cmu", "mixamo")
     for name, rig in zip(foreign_avatars.TOPOLOGIES, rigs, strict=True):
-        actual[f"{name}, {rig}"] = follow(foreign_avatars.topology(name, rig))
-    return actual
+        fits[f"{name}, {rig}"] = follow(foreign_avatars.topology(name, rig))
+    return fits
 
 
 def without_truth() -> dict[str, ForeignFit]:

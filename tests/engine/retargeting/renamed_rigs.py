@@ -64,7 +64,7 @@ def _biped(prefix: str, between: str) -> dict[str, str]:
 
 def _mgear() -> dict[str, str]:
     """Return limbs of two numbered parts each, and fingers with a special name for the thumb."""
-    actual = {
+    table = {
         **named(
             "root=spine_C0_0_jnt;spine03=spine_C0_1_jnt;spine01=spine_C0_2_jnt;"
             "neck01=neck_C0_0_jnt;head=neck_C0_head_jnt",
@@ -80,9 +80,9 @@ def _mgear() -> dict[str, str]:
     parts = {"upperarm": "arm_{}0_1", "lowerarm": "arm_{}0_3"}
     parts |= {"upperleg": "leg_{}0_1", "lowerleg": "leg_{}0_3"}
     for side in _UPPER:
-        actual |= {f"{limb}02.{side}": part.format(side) + "_jnt" for limb, part in parts.items()}
-        actual |= {f"finger1-{k + 1}.{side}": f"thumb_{side}0_{k}_jnt" for k in range(3)}
-    return actual
+        table |= {f"{limb}02.{side}": part.format(side) + "_jnt" for limb, part in parts.items()}
+        table |= {f"finger1-{k + 1}.{side}": f"thumb_{side}0_{k}_jnt" for k in range(3)}
+    return table
 
 
 RENAMED: dict[str, dict[str, str]] = {

@@ -74,7 +74,7 @@ def landmarks(model: PerceptualModel) -> dict[str, list[int]]:
     def of(*parts: str) -> Any:
         return np.isin(model.part, [PARTS.index(part) for part in parts])
 
-    actual: dict[str, list[int]] = {"fingertips": [], "heels": [], "knees": []}
+    ids_by_landmark: dict[str, list[int]] = {"fingertips": [], "heels": [], "knees": []}
     for side, bone_side in ((LEFT, "L"), (RIGHT, "R")):
         mine = model.side == side
         for finger in range(1, 6):
@@ -83,28 +83,30 @@ def landmarks(model: PerceptualModel) -> dict[str, list[int]]:
                 heads[f"finger{finger}-3.{bone_side}"] - heads[f"finger{finger}-2.{bone_side}"]
             )
             near = np.linalg.norm(points - heads[f"finger{finger}-3.{bone_side}"], axis=1) < 0.04
-            actual["fingertips"].append(where(mine & near & of("fingers"), -along))
-        actual["heels"].append(where(mine & of("foot_sole", "foot_dorsum"), -points[:, 1]))
+            ids_by_landmark["fingertips"].append(where(mine & near & of("fingers"), -along))
+        ids_by_landmark["heels"].append(where(mine & of("foot_sole", "foot_dorsum"), -points[:, 1]))
         knee = np.abs(points[:, 2] - heads[f"lowerleg01.{bone_side}"][2]) < 0.02
-        actual["knees"].append(where(mine & knee & of("upper_leg", "lower_leg"), points[:, 1]))
+        ids_by_landmark["knees"].append(
+            where(mine & knee & of("upper_leg", "lower_leg"), points[:, 1])
+        )
     front = of("torso") & (np.abs(points[:, 0]) < 0.02) & (points[:, 1] < 0.0)
     for name, height in (("sternum", 1.36), ("navel", 1.07)):
-        actual[name] = [where(front, np.abs(points[:, 2] - height) + np.abs(points[:, 0]))]
-    actual["nose"] = [where(of("head"), points[:, 1])]
-    return actual
+        ids_by_landmark[name] = [where(front, np.abs(points[:, 2] - height) + np.abs(points[:, 0]))]
+    ids_by_landmark["nose"] = [where(of("head"), points[:, 1])]
+    return ids_by_landmark
 
 
 def people() -> dict[str, Variant]:
     """People with another shape, another rig, and vertices in an unknown order."""
-    actual = {}
+    variants_by_name = {}
     for number, shape in enumerate((*ADULTS, "child")):
         rig = UNKNOWN_MESH_RIGS[number % len(UNKNOWN_MESH_RIGS)]
-        actual[f"{shape}, {rig}"] = variants.shuffled(variants.rigged(shape, rig))
-    actual["man, mixamo, 40 % of the triangles"] = variants.decimated(
+        variants_by_name[f"{shape}, {rig}"] = variants.shuffled(variants.rigged(shape, rig))
+    variants_by_name["man, mixamo, 40 % of the triangles"] = variants.decimated(
         variants.rigged("man", "mixamo")
     )
-    actual["woman, game_engine, same mesh"] = variants.rigged("woman", "game_engine")
-    return actual
+    variants_by_name["woman, game_engine, same mesh"] = variants.rigged("woman", "game_engine")
+    return variants_by_name
 
 
 def unseen() -> dict[str, Variant]:

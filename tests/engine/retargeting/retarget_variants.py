@@ -193,17 +193,17 @@ def _weights(
     stored: dict[str, list[tuple[int, float]]], names: tuple[str, ...], used: I64, count: int
 ) -> SkinWeights:
     index = {name: number for number, name in enumerate(names)}
-    expected = np.full(count, -1)
-    expected[used] = np.arange(len(used))
+    vertex_row = np.full(count, -1)
+    vertex_row[used] = np.arange(len(used))
     # Rigify's weights name halves of limbs, present only in the generated rig.
     whole = {name: name.removeprefix("DEF-").removesuffix(".001") for name in stored}
     whole |= {name: name for name in stored if name in index}
     rows = [
-        (expected[vertex], index[whole[name]], value)
+        (vertex_row[vertex], index[whole[name]], value)
         for name, entries in stored.items()
         if whole[name] in index
         for vertex, value in entries
-        if expected[vertex] >= 0 and value > 0.0
+        if vertex_row[vertex] >= 0 and value > 0.0
     ]
     table = np.array(rows)
     order = np.lexsort((table[:, 1], table[:, 0]))

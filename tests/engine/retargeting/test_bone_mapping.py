@@ -354,13 +354,13 @@ def test_the_skin_of_feet_reveals_mirrored_names_without_toes(ends_in: str) -> N
     heads = canonical_heads()
 
     def skin_of(rig: dict[str, str], forward: float) -> dict[str, np.ndarray]:
-        actual = {}
+        skin = {}
         for side in "LR":
             ankle, knee = heads[f"foot.{side}"], heads[f"lowerleg01.{side}"]
             calf = np.linspace(knee, ankle, 9)
             sole = ankle + np.outer(np.linspace(-0.05, 0.2, 6) * forward, (0.0, -1.0, 0.0))
-            actual[rig[f"{ends_in}.{side}"]] = np.concatenate((calf, sole - (0.0, 0.0, 0.08)))
-        return actual
+            skin[rig[f"{ends_in}.{side}"]] = np.concatenate((calf, sole - (0.0, 0.0, 0.08)))
+        return skin
 
     for rig, forward, side in ((table, 1.0, "L"), (mirrored, 1.0, "L"), (mirrored, 0.1, "R")):
         mapping = bone_mapping.map_bones(rig_of(rig), skin=partial(skin_of, rig, forward))

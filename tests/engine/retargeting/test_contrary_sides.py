@@ -35,27 +35,27 @@ HALVES = {
 
 
 def table_of(left: str, right: str) -> dict[str, str]:
-    actual = dict(TRUNK)
+    table = dict(TRUNK)
     for side, pattern in (("L", left), ("R", right)):
-        actual |= {f"{b}.{side}": pattern.format(n) for b, n in zip(LIMBS, NAMES, strict=True)}
-        actual |= {
+        table |= {f"{b}.{side}": pattern.format(n) for b, n in zip(LIMBS, NAMES, strict=True)}
+        table |= {
             f"finger{number}-{joint}.{side}": pattern.format(f"{finger}{joint}")
             for number, finger in enumerate(FINGERS, start=1)
             for joint in (1, 2, 3)
         }
-    return actual
+    return table
 
 
 def turned(bones: list[RigBone]) -> list[RigBone]:
     """Return bones turned, scaled and shifted at random, in another order."""
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     matrix = 100.0 * turn * np.linalg.det(turn)
-    actual = [
+    turned_bones = [
         replace(b, head=tuple(matrix @ b.head + 3.0), tail=tuple(matrix @ b.tail + 3.0))
         for b in bones
     ]
-    random.Random(3).shuffle(actual)
-    return actual
+    random.Random(3).shuffle(turned_bones)
+    return turned_bones
 
 
 @pytest.mark.parametrize("case", HALVES)

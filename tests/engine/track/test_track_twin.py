@@ -66,7 +66,7 @@ def twin(path):
         for stream in head["streams"]
     ]
     wide = head["encoding"]["weights"] == "float32"
-    actual = {}
+    samples_by_key = {}
     for chunk in index["chunks"]:
         data = io.BytesIO(archive.read(f"chunks/{chunk:06d}.bin"))
         start = chunk * head["encoding"]["samples_per_chunk"]
@@ -88,14 +88,14 @@ def twin(path):
             at = -1
             for k in range(n):
                 at += is_new[k]
-                actual[stream, start + steps[k]] = (
+                samples_by_key[stream, start + steps[k]] = (
                     levels[k],
                     [column[k] for column in parameters],
                     sets[at],
                     floats(weights[at], 4) if wide else [weight / 255 for weight in weights[at]],
                     [floats(channel[at], 4) for channel in channels],
                 )
-    return actual
+    return samples_by_key
 
 
 @pytest.mark.parametrize("full_precision", [False, True])

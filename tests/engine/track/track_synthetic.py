@@ -89,12 +89,12 @@ def quantised(weights):
 
 def rows(runs):
     """Return comparable values of every sample of some runs, keyed by stream and index."""
-    actual = {}
+    rows_by_key = {}
     for item in runs:
         for k, sample in enumerate(item):
             key = (item.stream.effect_id, item.stream.body_id, int(item.indices[k]))
-            assert key not in actual
-            actual[key] = tuple(
+            assert key not in rows_by_key
+            rows_by_key[key] = tuple(
                 None if value is None else np.asarray(value).tobytes()
                 for value in (
                     sample.time_s,
@@ -107,7 +107,7 @@ def rows(runs):
                     sample.depth_m,
                 )
             )
-    return actual
+    return rows_by_key
 
 
 def body_points(spacing_m=0.012):

@@ -69,7 +69,7 @@ def slow_depth(shape, linear, point, rng):
         normal = normal / np.linalg.norm(normal)
         return (support(shape, (normal @ linear)[None])[0] - normal @ linear @ point) / best
 
-    actual = best
+    depth = best
     for k in np.argsort(depths)[:2]:
         start = normals[k] @ linear
         result = minimize(
@@ -78,12 +78,12 @@ def slow_depth(shape, linear, point, rng):
             method="Nelder-Mead",
             options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 800},
         )
-        actual = min(actual, result.fun * best)
+        depth = min(depth, result.fun * best)
     for face in FLAT_FACES.get(type(shape), ()):  # kinks of h, where a simplex may stick
         a, b, c = (linear @ corner for corner in np.array(face, np.float64))
         normal = np.cross((b - a) / np.linalg.norm(b - a), (c - a) / np.linalg.norm(c - a))
-        actual = min(actual, abs(normal @ (linear @ point - a)) / np.linalg.norm(normal))
-    return actual
+        depth = min(depth, abs(normal @ (linear @ point - a)) / np.linalg.norm(normal))
+    return depth
 
 
 @pytest.mark.parametrize("name", SHAPES)

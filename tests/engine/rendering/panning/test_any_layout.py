@@ -78,9 +78,9 @@ def layout_of(scheme: str, law: str, centres: np.ndarray) -> PannedLayout:
         mount=None,
         scheme=Scheme(scheme, law=law),  # type: ignore[arg-type]
     )
-    actual = panned_layout(device, actuators, SKIN)
-    assert actual is not None
-    return actual
+    layout = panned_layout(device, actuators, SKIN)
+    assert layout is not None
+    return layout
 
 
 def vertex(column: int, row: int) -> int:
