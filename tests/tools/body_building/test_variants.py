@@ -146,11 +146,11 @@ def test_a_variant_does_not_replace_the_canonical_models() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("build", "--variant", "age=9"), "name it with -o DIR"),
+        (("build", "--variant", "age=9"), "add -o DIR"),
         (("build", "--variant", "age=9", "--targets", "table1", "-o", "x"), "--targets"),
         (("build", "--variant", "age=999", "-o", "x"), "from 1 to 90"),
         (("stats", "."), "holds no body model"),
-        (("stats", ".", "--compare"), "takes no folder"),
+        (("stats", ".", "--compare"), "remove the folder"),
     ],
 )
 def test_the_command_refuses_in_one_sentence(
