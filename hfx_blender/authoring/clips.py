@@ -144,9 +144,11 @@ def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | No
 
 
 def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
-    """Keyframes (frame, value) for linear interpolation of an F-curve that has keyframes.
+    """Points (frame, evaluated value) of an F-curve for linear interpolation, by frame.
 
-    Curves with nonlinear keyframes give also each whole frame between the first and last.
+    Points are the keyframes, and each whole frame between first and last if a keyframe is not
+    LINEAR. Curves with linear keyframes are not sampled between keyframes, even with modifiers.
+    Empty without keyframes.
     """
     frames = [key.co[0] for key in curve.keyframe_points]
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
@@ -316,7 +318,10 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 
 
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
-    """First unlinked track of an effect without a strip in a span of frames; added if missing."""
+    """Lowest track of an effect with no strip, muted or not, in a span of frames; else a new track
+    "Clips" on top. Strips may touch the span. Tracks of a linked file are passed over. The effect
+    must have animation data.
+    """
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):

@@ -174,8 +174,11 @@ def check_armature(armature: bpy.types.Object) -> None:
 
 
 def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Make an armature a haptic body with ``meshes``, without a fit; an id stays. InputError as of
-    :func:`check_armature`.
+    """Mark an armature as a haptic body of the avatar ``meshes``, the main mesh first.
+
+    ``meshes`` replace meshes stored earlier, none for an empty sequence. A stored fit and an id
+    stay; without an id a random id is added. Raises InputError for an object that is no armature,
+    or is linked without an override.
     """
     check_armature(armature)
     armature.hfx.role = "BODY"

@@ -109,7 +109,7 @@ def last_surface_map(body: bpy.types.Object, mesh: bpy.types.Object) -> SurfaceM
 
 
 def drop_measurement(body: bpy.types.Object, mesh: bpy.types.Object) -> None:
-    """Remove the stored measurement of a mesh."""
+    """Remove the stored measurement of a mesh, if any; the next measurement is a new one."""
     _known.pop((body.name_full, mesh.name_full), None)
 
 
@@ -323,7 +323,8 @@ class _Copies:
         )
 
     def deviates(self, on: frozenset[str]) -> bool:
-        """Test for a deviation from the bones-only pose, at rest or in the second pose."""
+        """Test for a deviation by the suspects ``on`` from the pose by bones alone, at rest or with
+        all bones turned by 0.6 radians."""
         return any(self._has_deviation(self._cached(on, angle)) for angle in (0.0, _BEND))
 
     def _cached(self, on: frozenset[str], angle: float) -> _Evaluated:
@@ -334,8 +335,13 @@ class _Copies:
         return self._cache[on, angle]
 
     def _has_deviation(self, posed: _Evaluated) -> bool:
-        """Test that the share of vertices farther from the bones-only pose than the tolerance,
-        without movement towards the mean of neighbours, exceeds 1/2000; of a remeshed surface 5 %.
+        """Test for more than 1/2000 of a mesh's vertices away from their pose by bones alone.
+
+        Displacement towards the mean of a vertex's neighbours is not counted. The tolerance is
+        0.06 % of the rig's size plus half of the distance from that mean. A vertex without an
+        evaluated vertex does not count; with such vertices (merging), the distance from the skin
+        must exceed the tolerance, too. On a wholly new mesh (Remesh): more than 5 % of the
+        evaluated vertices farther from the skin than 0.06 % plus half the median edge.
         """
         # Own vertices without an evaluated match (-1) are not compared here.
         own = self._nearest_duplicates(posed)
@@ -400,7 +406,11 @@ class _Copies:
         return matches
 
     def depends_on_others(self, name: str) -> bool:
-        """Test for a modifier whose result changes with place or shape of a referenced object."""
+        """Test for a modifier whose result changes with place or shape of a referenced object.
+
+        Each object but the copies of body and mesh is replaced by a moved, scaled copy for the
+        test. False for a name without a modifier.
+        """
         modifier = self._full.modifiers.get(name)
         copies = (self._rigs[1], self._full)
         references = [] if modifier is None else list(mesh_copies.objects_of(modifier))

@@ -31,12 +31,15 @@ _LASTS: Final = "its envelopes last"
 def write(
     id: str, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
-    """Write the output of a device in one format, and report the losses.
+    """Write the output of a device in one format; existing files are replaced.
 
-    ``id`` is a key of ``FORMATS`` with ``write_raster`` or ``write_signals``; ``stem`` the begin of
-    the file names; ``tolerance`` the amplitude error of keyframe formats, a share of full scale.
-    Raises InputError if the format can hold nothing of the device, or not all of a signal, and
-    OutputError for an unwritable file.
+    ``id`` is a key of ``FORMATS`` with ``write_raster`` or ``write_signals``; ``stem`` is
+    ``folder/name`` without suffix; ``tolerance`` the amplitude error of keyframe formats, a share
+    of full scale. Modalities outside the format and clipped values are sentences in ``left_out``;
+    several frequencies reduced to one are in ``notes``.
+
+    Raises InputError if the format holds none of the device's modalities, a size limit is exceeded,
+    or the writer can store nothing or only part of a signal; OutputError for an unwritable file.
     """
     info = FORMATS[id]
     held = info.plays_of(device.modalities)
@@ -100,10 +103,10 @@ def write_signals(
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
-    """Reject formats and devices without any export.
+    """Raise UsageError for a choice of formats and devices that cannot be exported.
 
-    Raises UsageError for an unknown format, a device format without devices or without devices of
-    matching modalities, and for two different devices with equal ids (their files would coincide).
+    Cases: an unknown format, a device format without devices or without a matching modality in any
+    device, two different devices with equal ids (their files would coincide). Returns nothing.
     """
     refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
@@ -136,7 +139,8 @@ def _modalities_of(devices: Iterable[DeviceConfig]) -> list[str]:
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Select track formats, and device formats holding a modality of any of the devices."""
+    """Ids of ``formats``, in order: all track formats, and device formats that hold a modality of
+    one of the devices."""
     played = _modalities_of(devices)
     infos = [FORMATS[id] for id in formats]
     return tuple(info.id for info in infos if not info.is_of_device or info.plays_of(played))

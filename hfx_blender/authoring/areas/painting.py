@@ -110,7 +110,9 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace an effect's area by (V,), also on a canvas (InputError if edited); vertex count."""
+    """Replace an effect's area by ``weights`` (V,), stored and on a canvas; return the number of
+    weights above 0. Raises InputError, before any change, if the canvas was edited.
+    """
     canvas = canvas_of(effect)
     if canvas is not None:
         _read_group(effect, canvas)  # raises an error for an edited mesh
@@ -155,7 +157,11 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 
 def store_all_painted() -> None:
-    """Store the areas of all local canvases with their effects; edited canvases are skipped."""
+    """Store the painted weights of every canvas, except linked canvases, as its effect's area.
+
+    The canvases stay. Where the mesh of a canvas was edited (vertex count or group changed), the
+    effect keeps the area stored before; no error is raised.
+    """
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
@@ -178,8 +184,8 @@ def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def end(effect: bpy.types.Object) -> int:
-    """Store the painted weights, remove the canvas and return the vertex count.
-    Raises InputError: the effect has no canvas, or it was edited; the canvas stays.
+    """Store the painted weights, remove the canvas and return the number of painted vertices.
+    Raises InputError: the effect has no canvas, or the canvas was edited; nothing changes then.
     """
     canvas = canvas_of(effect)
     if canvas is None:
@@ -192,10 +198,10 @@ def end(effect: bpy.types.Object) -> int:
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
-    """Add body regions on ``side`` ("both", "left", "right") at full weight; return the vertex
-    count.
+    """Add body regions on ``side`` ("both", "left", "right") to an area; return the vertex count.
 
-    ``parts`` are ids of ``engine.body.regions.REGIONS``; empty: the whole body.
+    Each vertex gets the larger of present weight and region weight. ``parts`` are ids of
+    ``engine.body.regions.REGIONS``; empty: the whole side at weight 1.
     """
     import numpy as np
 
@@ -277,9 +283,10 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 
 
 def add_saved(effect: bpy.types.Object, name: str) -> int:
-    """Add a saved area to an effect's area; return the number of vertices of both.
+    """Add a saved area to an effect's area, by the larger weight; return the number of vertices of
+    both. An area saved on another model is transferred.
 
-    Raises InputError: there is no readable area of that name.
+    Raises InputError: there is no readable area of that name, or the canvas was edited.
     """
     import numpy as np
 

@@ -35,7 +35,8 @@ class ReachableBounds:
 
     @cached_property
     def bends_m(self) -> F64:
-        """Bound of each cluster's distance from a straight path before each row, (n, C) metres."""
+        """Deviation of each cluster's path, from the row before to each row, from a straight line:
+        upper bound (n, C), metres, by :func:`bends_m`; cached."""
         boxes = np.stack([self.low, self.high], axis=2)
         follows = np.diff(self.rows, prepend=-2) == 1
         return bends_m(boxes, follows)
@@ -54,10 +55,12 @@ class ReachableBounds:
 
 
 def bends_m(boxes: F64, follows: Bool) -> F64:
-    """Bound of the distance of boxes (n, ..., 2, 3) from a straight path before each row, metres.
+    """Deviation of moving boxes (n, ..., 2, 3) from a straight line between the row before and each
+    row: upper bound (n, ...), metres.
 
-    A curved path deviates by at most half of its second difference. ``follows`` (n,) marks rows
-    whose row before is the sample before. Shape (n, ...); 0 where unknown.
+    Half of the larger second difference at both ends of the path, over all box corners.
+    ``follows`` (n,) is True for a row one sample after the row before. A second difference enters
+    only for three successive samples, without NaN. 0: straight motion, or none known, as at row 0.
     """
     bends = np.zeros(boxes.shape[:-2])
     known = (follows[1:-1] & follows[2:]).reshape(-1, *[1] * (bends.ndim - 1))
@@ -69,9 +72,10 @@ def bends_m(boxes: F64, follows: Bool) -> F64:
 
 
 def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
-    """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block, metres.
+    """World boxes of a model's skin, cluster by cluster, at ``rows`` (n,) of the block, metres.
 
-    Boxes contain the bulge of curved skin. Positions of skin without bones are kept in the result.
+    Boxes contain the bulge of curved skin. The result has ``places`` only for skin without bones,
+    and ``own`` only if such skin is grouped.
     """
     to_world = pose.to_world[rows]
     surface, margins_m = skin.surface, skin.skin.margins_m

@@ -166,7 +166,11 @@ class CellGroups:
         surface: Clusters,
         own: Clusters | None,
     ) -> None:
-        """Compute the entries of clusters (k,).
+        """Compute the table entries of one or more clusters, ids (k,), and mark them as present.
+
+        An entry lists the groups of a cluster's cells, at rest: largest distance, box, and the
+        bones of each group with bounds of their weights. An existing entry is computed again and
+        replaced, not skipped.
 
         ``table`` needs no skin samples; ``mesh`` is its surface; ``surface`` and ``own`` are bone
         weights of the surface's vertices and of the model's own vertices, with the clusters added

@@ -201,9 +201,15 @@ class Renderer:
         return model
 
     def _mixed(self, group: ActuatorGroup, shares: Sequence[_GroupShare], rows: I64) -> Mixed:
-        """Strengths (R, A) of the group's actuators at ``rows``, combined with substitutions.
+        """Combine all runs of a block at a group's actuators: strengths (R, A), at R = ``rows``.
 
-        Vibrations have one held frequency; waveform actuators also collect partials (side effect).
+        Runs of a modality combine by :func:`.mixing.mix`. A modality other than the group's is
+        then converted by the device's substitution of that modality, and the modalities combine by
+        :func:`.mixing.merged`: vibrations add at equal frequencies, else as powers; others add.
+
+        For vibration, frequencies (R, A) are of the strongest contributor (an effect, or a
+        substituted modality), held until another is 1.25 times as strong. Side effect: the
+        vibrations at actuators with a waveform are added to the partials, times the device's gain.
         """
         mixes = []
         vibrations: list[tuple[str, F64, F64]] = []  # effect, (R, A) m/s^2, (R,) Hz

@@ -127,7 +127,10 @@ class TargetSurface:
 
 
 def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
-    """Halve triangles (F, 3, 3) at the longest edge until all are short, or above 300,000 pieces.
+    """Halve triangles (F, 3, 3), metres, at the longest edge until no edge exceeds 20 mm.
+
+    Each round halves all triangles with a longer edge; above 300,000 triangles no round begins, and
+    longer edges remain. Short triangles are returned uncut; the order is not that of the input.
 
     Returns the corners (N, 3, 3) of the pieces, the original triangle (N,) of each, and the
     barycentric weights (N, 3, 3) of the corners in the original triangle.

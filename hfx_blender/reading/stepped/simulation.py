@@ -65,9 +65,12 @@ class Simulation:
         self._is_played = True
 
     def go_to(self, frame: Fraction) -> None:
-        """Prepare and remember the reading of a frame, without setting the frame. Plays again if
-        geometry nodes simulate and the last frame read was after the scene's end and after this
-        frame. Blender 4.5 clears simulations of geometry nodes on such a step back."""
+        """Remember ``frame`` as the next frame to read; call before the caller sets that frame.
+
+        The current frame stays, with one exception: if geometry nodes simulate, and the frame
+        remembered before is later than ``frame`` and than the scene's end, :meth:`play` runs again
+        from the earliest simulated frame and leaves the scene at the last required frame. Blender
+        4.5 clears simulations of geometry nodes on such a step back."""
         if self._forgets and frame < self._frame and self._frame > self._scene.frame_end:
             self._is_played = False
             self.play()

@@ -116,14 +116,18 @@ class Partial:
 
 
 class Partials:
-    """Collector of the effects' partials, block by block."""
+    """Collector of the sines of effects at W = ``count`` actuators driven by a waveform."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._parts: dict[str, list[tuple[I64, F32, F32]]] = {}
 
     def add(self, name: str, rows: I64, amplitudes: F64, frequencies_hz: F64) -> None:
-        """Add amplitudes (R, W) and Hz (R,) of an effect at rows (R,), without silent rows."""
+        """Store amplitudes (R, W), m/s^2, and frequencies (R,), Hz, of effect ``name`` at raster
+        rows (R,), as float32 copies.
+
+        Rows with amplitude 0 at all W actuators are left out. Rows ascend over all calls.
+        """
         is_on = amplitudes.any(axis=1)
         if is_on.any():
             part = rows[is_on], amplitudes[is_on], frequencies_hz[is_on]
@@ -132,7 +136,7 @@ class Partials:
             )
 
     def forget(self) -> None:
-        """Discard all partials."""
+        """Discard the stored rows of all effects."""
         self._parts.clear()
 
     def finished(
@@ -143,10 +147,12 @@ class Partials:
         highest_hz: F64,
         highest: F64,
     ) -> tuple[Partial, ...]:
-        """Partials of all effects, advanced by ``latency_rows`` (W,) and limited.
+        """One partial per effect, in the order of their first :meth:`add`; stored rows stay.
 
-        Amplitudes of a row are scaled so that their sum never exceeds ``highest``; frequencies are
-        clipped, 0 in silence. Rows at or after ``row_count`` are dropped.
+        Each of W actuators plays ``latency_rows`` (W,) earlier; rows before 0, or at or after
+        ``row_count``, are dropped, and effects without remaining rows. Where the sum of amplitudes
+        over all effects, at one row and actuator, exceeds ``highest`` (W,), all are scaled to that
+        sum. Frequencies are clipped to ``lowest_hz`` and ``highest_hz`` (W,), and 0 in silence.
         """
         partials = [self._one(name, row_count, latency_rows) for name in self._parts]
         partials = [partial for partial in partials if len(partial.amplitudes)]
@@ -167,9 +173,10 @@ class Partials:
         return tuple(limited)
 
     def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
-        """Partial of an effect over its rows, each column advanced by a latency in rows.
+        """Unlimited partial of effect ``name``, each actuator's column advanced by its latency.
 
-        Non-finite or negative amplitudes and frequencies up to 0 are silent.
+        Covers first to last row, 0 in gaps. A row with a non-finite amplitude or frequency, or a
+        frequency up to 0, is silent at all actuators; a negative amplitude is 0.
         """
         parts = self._parts[name]
         rows = np.concatenate([part[0] for part in parts])
