@@ -52,7 +52,7 @@ class DeviceError(HfxError):
 
 
 def fault_of_file(error: OSError) -> InputError:
-    """Convert an OSError about a file into an InputError."""
+    """InputError "file name: reason" of an OSError, for the caller to raise."""
     return InputError(f"{error.filename}: {error.strerror or error}.")
 
 
@@ -66,8 +66,9 @@ def is_endless(path: Path) -> bool:
 
 
 def refuse_no_file(path: Path) -> None:
-    """Raise InputError for a path that is missing, unreadable or no regular file (a pipe would
-    block).
+    """Raise InputError for a missing path, a folder, pipe, device or socket, or if ``stat`` fails.
+
+    The file is not opened: a file without read permission passes. Links are followed.
     """
     try:
         mode = path.stat().st_mode

@@ -44,7 +44,8 @@ def curve_of(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
 
 
 def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> None:
-    """Copy drawn fades, if any, from a clip to ``strip`` of ``effect``, stretched to its span."""
+    """Copy the drawn fades of clip ``source`` to clip ``strip`` of ``effect``: keyframes and
+    handles, stretched to the span of ``strip``. Without drawn fades ``strip`` is unchanged."""
     if not source.use_animated_influence:
         return
     strip.use_animated_influence = True

@@ -66,7 +66,8 @@ def _reference(response_filter: bpy.types.PropertyGroup) -> str:
 
 
 def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
-    """Comparable value of a response without its controls: index and kind of unmuted filters."""
+    """Comparable value of a response: stack index, kind, operation and reference of each unmuted
+    filter, without the controls that can be animated; () for effects that are no volumes."""
     return tuple((k, described(item)) for k, item in active_filters(hfx))
 
 

@@ -35,7 +35,8 @@ class Counters:
         self.__dict__.update(vars(Counters(models_loaded=models, bodies_reached=bodies)))
 
     def copy(self) -> Counters:
-        """Copy with lists and dicts of its own, for :meth:`since` and :meth:`go_back`."""
+        """Snapshot for :meth:`since` and :meth:`go_back`; lists and warnings are copied, so later
+        changes here do not reach it."""
         return replace(
             self,
             models_loaded=[*self.models_loaded],

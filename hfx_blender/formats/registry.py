@@ -345,9 +345,9 @@ _REMOVED: Final = {
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Raise UsageError for a name outside ``known``, naming a removed format's replacement.
-
-    ``option`` begins the message, such as ``--format``.
+    """Raise UsageError for the first name of a removed format (with the replacement, even if in
+    ``known``) or outside ``known``; returns nothing. ``option``, such as ``--format``, begins the
+    message.
     """
     for name in names:
         if name in _REMOVED:
@@ -358,9 +358,11 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
 
 
 def target_of(path: Path) -> FormatInfo:
-    """Return the format named by the suffix of an output path; the longest suffix wins.
+    """Return the writable format whose suffix ends an output path, case-sensitive; the longest
+    suffix wins.
 
-    Raises UsageError for an unknown suffix, and for a removed format with the replacement.
+    Raises UsageError for an unknown suffix, a name of only a suffix, and a removed format's suffix
+    (with the replacement).
     """
     for removed, (instead, suffix) in _REMOVED.items():
         if path.name.endswith(suffix):

@@ -183,7 +183,8 @@ class Worker:
         threading.Thread(target=self.process.wait, daemon=True).start()
 
     def close(self, limit_s: float | None = None) -> None:
-        """End the process's input and wait for the exit; kill after ``limit_s`` (None: 10 s)."""
+        """Close the process's input after all unsent messages and wait for the exit; kill the
+        process after ``limit_s`` seconds (None: 10 s). No effect before the start."""
         if self.process is None:
             return
         self._unsent.put(None)

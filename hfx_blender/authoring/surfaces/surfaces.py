@@ -391,7 +391,8 @@ def _plain(value: object) -> object:
 
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
-    """Fingerprint of an object's haptic material: all settings with an effect."""
+    """Comparable value of an object's haptic material: relief and layer settings, renderer, drive,
+    own scale, size of the UV map in mm, amplitude and frequency."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),

@@ -275,7 +275,10 @@ class DeviceThread:
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
-        """Stop the device and let its thread close the port, without waiting; may be repeated."""
+        """Stop the device for good, reporting ``reason`` if armed; its thread then closes the port.
+
+        Does not wait; no effect on a closed device.
+        """
         with self._wake:
             if self.is_closed:
                 return
@@ -476,17 +479,21 @@ class DeviceThread:
         self._due_s = self._ramp.next_s(due, now)
 
     def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send the values of time ``now``; return True if they differ from the last values sent.
+        """Send the values of time ``now``, after ramp, pace, test pulse and guard.
+
+        An output with sound gets tones as well. Returns True if the values differ from the last
+        values sent. Returns False, with nothing sent, if the device is not armed, has no output,
+        was paused or stopped after ``generation``, or if ``now`` is more than 0.26 s ago.
 
         Parameters
         ----------
         step_s : float
-            Time since the last turn, seconds.
+            Time since the last turn, seconds, for the guard: slew rates and rests.
         newest : (columns,) or (columns + tones,), optional
             Frame that the ramp starts to approach, control values followed by values of tones for
             actuators driven as sound; None continues the present ramp.
         generation : int
-            ``self.generation`` at the start of the turn; after a change nothing is sent.
+            ``self.generation`` at the start of the turn.
         """
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)

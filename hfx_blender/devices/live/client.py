@@ -245,7 +245,8 @@ class LiveClient:
         self.pipe.stop(reason)
 
     def close(self) -> None:
-        """Stop all devices and end the output process, within about a second."""
+        """Stop all devices, end the output process within about a second, and clear
+        :attr:`devices`; no effect without a process."""
         if self.pipe.close():
             self.devices.clear()
 

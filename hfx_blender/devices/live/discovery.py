@@ -70,8 +70,11 @@ def answers(host: str, port: int) -> bool:
 
 
 def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -> list[Found]:
-    """Matches: a device and each port with its USB ids and serial number pattern, then devices by
-    websocket whose program accepts connections. Not devices with OSC: datagrams get no answer.
+    """Pairs of a device and a present connection, for the user to choose; empty without any.
+
+    First, in the order of ``devices``, one for each of ``ports`` with USB ids and serial number of
+    the device's brand; then devices by websocket whose local program accepts a connection, for
+    Buttplug one for each fitting device of the server. Never OSC: datagrams get no answer.
     """
     ports, matches = list(ports), []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}

@@ -167,7 +167,8 @@ class HostPipe:
             self._events.append(Event("gone", EVERY_DEVICE, text))
 
     def close(self) -> bool:
-        """Stop all devices and end the process within about a second; False without a process."""
+        """Discard unsent values, stop all devices and end the process, killed after about a second.
+        True; False, with no effect, without a process."""
         worker, self.worker = self.worker, None
         if worker is None:
             return False

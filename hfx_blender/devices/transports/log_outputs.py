@@ -172,7 +172,8 @@ class LogFile:
         self._file.truncate()
 
     def close(self) -> None:
-        """Close the file; remove a new one, still at the path, after a failed write; idempotent."""
+        """Close the file; may be called again. After a failed write, a file created by this writer
+        is removed, unless another file has its path by now. OSErrors are ignored."""
         with suppress(OSError):
             # The path may lead to another file by now, which must stay.
             state = os.fstat(self._file.fileno()) if not self.is_closed else None

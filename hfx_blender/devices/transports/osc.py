@@ -30,7 +30,8 @@ def message(address: str, value: float) -> bytes:
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
-    """Pack messages in order into bundles of 1400 bytes at most; a longer one stands alone."""
+    """Pack messages in order into as few bundles of 1400 bytes at most; a longer message has a
+    bundle of its own. An empty list gives one bundle without messages."""
     complete: list[bytes] = []
     bundle = _BUNDLE
     for content in messages:
@@ -72,7 +73,7 @@ class OscOutput:
                 self._send(self._channels.neutral)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the socket, without a stop."""
         self._socket.close()
 
     def _send(self, values: F64) -> None:

@@ -104,7 +104,7 @@ class SerialPort:
             raise OutputLostError(f"{self.name} is lost ({error}).") from None
 
     def close(self) -> None:
-        """Close the port; may be called again."""
+        """Close the port, with errors ignored, and release its reservation; may be called again."""
         with suppress(Exception):
             self._port.close()
         release(self._keys)

@@ -38,11 +38,12 @@ class _Outlet:
         self._since, self._count = 0.0, 0
 
     def send_text(self, kind: MessageKind, text: str) -> None:
-        """Send a shortened text as a message."""
+        """Send a message with the first 500 characters of ``text``; never dropped."""
         self._owner.send(message(kind, 0, text[:_LONGEST_TEXT].encode(errors="replace")))
 
     def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
-        """Replace ``print``: send a LOG message; drop more than 10 lines in a second."""
+        """Replace ``print``: send the joined ``parts`` as a LOG message; after 10 calls, further
+        calls are dropped until a second has passed. ``end``, ``file`` and ``flush`` are ignored."""
         now = time.monotonic()
         if now - self._since > 1.0:
             self._since, self._count = now, 0
@@ -52,9 +53,11 @@ class _Outlet:
 
 
 def main() -> None:
-    """Load the script of the first message, then answer haptic data until the owner ends.
+    """Run the worker: limit resources, load the script of the first message, send READY, then
+    answer each message of haptic data with values until the owner ends.
 
-    Any exception is sent as a FAULT and ends the process with exit code 1.
+    Memory is limited to 4 GiB; standard input, output and errors of the script are discarded. Any
+    exception, also while loading, is sent as a FAULT and ends the process with exit code 1.
     """
     # No standard streams for the script, which must not read or write messages.
     null = os.open(os.devnull, os.O_RDWR)
@@ -103,7 +106,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
 
 
 def _limit_resources() -> None:
-    """Limit memory to 4 GiB, disable core dumps and lower the priority, where supported."""
+    """Limit address space to 4 GiB, disable core dumps and raise niceness by 5, where supported."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -114,8 +117,10 @@ def _limit_resources() -> None:
 
 
 def _described(error: BaseException) -> str:
-    """Describe the handled error in a line: type, text, and file and line of the innermost frame
-    unless in this module.
+    """Describe ``error``: "Type: text (file, line N)"; line breaks of its text stay.
+
+    Place: innermost frame of the exception being handled (``sys.exc_info``), so only within an
+    ``except`` block; left out for a frame of this module.
     """
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""

@@ -242,7 +242,8 @@ def _gathered(
 
 
 def _joined(parts: list[SurfaceSamples]) -> SurfaceSamples | None:
-    """Concatenate samples of successive times; None for an empty list."""
+    """Concatenate samples of successive times; None for an empty list. Offsets of each part are
+    shifted by the number of vertices in the parts before."""
     if not parts:
         return None
     before = np.cumsum([0, *(part.offsets[-1] for part in parts)])

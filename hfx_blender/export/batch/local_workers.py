@@ -120,7 +120,8 @@ class UnitWorker:
         raise WorkerDiedError(worker.how_it_ended())
 
     def close(self) -> None:
-        """End the process and discard the unit; any thread may call this method again."""
+        """End the process, killed after 10 s, with its unit, and prevent further starts; may be
+        called again, from any thread."""
         self._closed = True
         self._end()
 

@@ -262,7 +262,8 @@ class ViewportPreview:
             self.schedule_check()
 
     def reread(self) -> None:
-        """Timer: discard record and colours after an edit that Blender evaluated during reading."""
+        """Timer, run once after an edit that Blender evaluated during reading: discard record and
+        colours in any case, schedule a check of the scene (not while stepping), and redraw."""
         recorder.invalidate()
         # A drawing between the edit and this timer has cached colours of the outdated record.
         self.invalidate()

@@ -82,8 +82,8 @@ def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
 
 
 def signature(effect: bpy.types.Object) -> tuple[object, ...]:
-    """Comparable value of a spot's path, or of the device and actuator names; () for other
-    kinds."""
+    """Comparable value for the detection of changes: hash of a spot's path, or device id and names
+    of the driven actuators of an actuator effect; () for other kinds."""
     hfx = effect.hfx
     if hfx.kind == "SPOT":
         return (hash(paths.path_of(effect).tobytes()),)

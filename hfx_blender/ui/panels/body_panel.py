@@ -66,7 +66,11 @@ def label_of(bone: str) -> str:
 
 @cache
 def region_of(bone: str) -> str:
-    """Part of the bone table for a canonical bone: "BODY", "HANDS", "FEET", otherwise "FACE"."""
+    """Part of the bone table for a canonical bone, regardless of the side ".L" or ".R".
+
+    "HANDS" for names starting with finger or metacarpal, "FEET" with toe; "BODY" for trunk, neck,
+    head and limbs, with wrist and foot; "FACE" for jaw, eye and unknown names.
+    """
     stem, _ = _split(bone)
     if stem in _BODY:
         return "BODY"
