@@ -239,10 +239,6 @@ def is_loud_row(row: dict[str, Any]) -> bool:
     return any(row.get("values", ())[::2])
 
 
-def _nothing() -> None:
-    pass
-
-
 class Rounds:
     """Base class of rounds of one kind, with their shared state."""
 
@@ -268,7 +264,7 @@ class Rounds:
     @staticmethod
     def until_played(
         happened: Callable[[], object],
-        feed: Callable[[], None] = _nothing,
+        feed: Callable[[], None] = lambda: None,
         is_over: Callable[[], bool] = lambda: False,
     ) -> None:
         """Call ``feed`` until an event of a playing device.
@@ -286,7 +282,7 @@ class Rounds:
             time.sleep(0.002)
 
     @staticmethod
-    def silence(log: Log, fault_s: float, feed: Callable[[], None] = _nothing) -> float:
+    def silence(log: Log, fault_s: float, feed: Callable[[], None] = lambda: None) -> float:
         """Wait for lasting silence; returns seconds from the fault.
 
         Raises

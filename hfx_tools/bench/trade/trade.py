@@ -19,8 +19,6 @@ import bpy
 import numpy as np
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.arrays import F64
-from hfx_blender.engine.samples import Stream
 from hfx_blender.engine.tolerance import EXACT, PRESETS, Tolerance, parse
 from hfx_blender.reading.description.scene_settings import scene_devices
 
@@ -80,11 +78,10 @@ def measure(
     reference = traced(scene, EXACT, devices, frames, keep_blocks=True)
     step(2)
     rate_hz = float(reference_rate_hz or reference.description.time.rate_hz)
-    onsets = (
-        events(reference.runs, rate_hz)
-        if reference_rate_hz is None
-        else _onsets(scene, frames, reference_rate_hz)
-    )
+    runs = reference.runs
+    if reference_rate_hz is not None:
+        runs = record(scene, EXACT, (), frames, rate_hz=reference_rate_hz)[0].runs
+    onsets = events(runs, rate_hz)
     step(2)
     judge = Judge(reference, onsets)
     errors_of_settings = []
@@ -165,11 +162,3 @@ def _beats(row: dict[str, Any], rival: dict[str, Any]) -> bool:
     """Test a setting for being faster than a second setting, and as exact by all criteria."""
     faster = row["ms_per_frame"] * NOISE < rival["ms_per_frame"]
     return faster and all(row[name] <= rival[name] + 1e-9 for name in ERRORS)
-
-
-def _onsets(
-    scene: bpy.types.Scene, frames: tuple[int, int] | None, rate_hz: Fraction
-) -> dict[Stream, F64]:
-    """Begin and end of each stream's contacts, from the preset ``exact`` at a rate."""
-    recording, _ = record(scene, EXACT, (), frames, rate_hz=rate_hz)
-    return events(recording.runs, float(rate_hz))
