@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender for tests: an empty scene with the add-on registered, settings of nobody."""
+"""Blender for tests: an empty scene with the add-on registered, without user settings."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-# Before bpy is imported: nobody's preferences, add-ons or start-up file. Each process removes its
-# own folder at its end, so a worker does not take that of the process that started it.
+# Set before the import of bpy: no user preferences, add-ons or start-up file. Each process removes
+# only its own folder at the end, so that a worker leaves the folder of the parent process alone.
 _PREFIX = "hfx_test_"
 if os.path.basename(os.environ.get("BLENDER_USER_RESOURCES", _PREFIX)).startswith(_PREFIX):
     os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp(prefix=_PREFIX)
@@ -34,7 +34,7 @@ def scene(registered: Any) -> Any:
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the mesh volumes that are made from now on."""
+    """Names of the mesh volumes created from now on."""
     from hfx_blender.engine.volume.mesh import MeshVolume
 
     names: list[str] = []

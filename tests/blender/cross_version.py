@@ -19,9 +19,9 @@ bpy = blender_session.start()
 
 
 def compare(major: str, minor: str, patch: str, theirs: str, blend: str, *rest: str) -> None:
-    """Dump the demo that the older one of this Blender and of the given version has made.
+    """Dump the demo made by the older of two Blenders: this version and the given version.
 
-    That demo is copied or written to ``blend``; prints this version.
+    The demo's .blend is copied or written to ``blend``; prints this version.
     """
     if bpy.app.version < (int(major), int(minor), int(patch)):
         from hfx_tools.demo import garage
@@ -81,7 +81,7 @@ def memory(folder: str, samples: str) -> None:
 
 
 def _peak() -> int:
-    # Not getrusage: its peak includes that of the process that started this one.
+    # getrusage is unusable here: its peak includes the peak of the parent process.
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     (line,) = (line for line in lines if line.startswith("VmHWM:"))
     return int(line.split()[1]) * 1024

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small scenes for the tests of what a user does, and ``hfx`` run as a process."""
+"""Small scenes for tests of user actions, and ``hfx`` run as a process."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FPS = 25
 
 
 def small_scene(frame_end: int = 9) -> Any:
-    """Small scene: an avatar at rest, one painted effect 'Touch' and one volume 'Ball'
-    around it.
+    """Small scene: an avatar at rest, a painted effect 'Touch' and a volume 'Ball' around the
+    avatar.
     """
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
@@ -38,7 +38,7 @@ def save(path: Path) -> Path:
 
 
 def process(*arguments: object, **settings: Any) -> subprocess.CompletedProcess[str]:
-    """``hfx`` with these arguments, run to its end."""
+    """Run ``hfx`` with arguments to the end."""
     settings.setdefault("stdout", subprocess.PIPE)
     settings.setdefault("stderr", subprocess.PIPE)
     settings.setdefault("env", environment())
@@ -48,7 +48,7 @@ def process(*arguments: object, **settings: Any) -> subprocess.CompletedProcess[
 def process_without_litter(
     folder: Path, *arguments: object, **settings: Any
 ) -> subprocess.CompletedProcess[str]:
-    """:func:`process` with a new folder for temporary files, in which nothing is left."""
+    """:func:`process` with a new folder for temporary files; asserts an empty folder at the end."""
     folder.mkdir()
     done = process(*arguments, env={**environment(), "TMPDIR": str(folder)}, **settings)
     assert names_in(folder) == []

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A slow reference that shares nothing with the engine but the models' data.
+"""A slow reference, sharing only the models' data with the engine.
 
-Perceptual models are mesh objects that Blender deforms; their evaluated vertices, in float64
+Perceptual models are mesh objects deformed by Blender; their evaluated vertices, in float64
 and world space, are tested with exact formulas, meshes with libigl's exact winding number.
 """
 
@@ -28,7 +28,7 @@ BOUNDARY_M = 1e-5
 """Vertices nearer to a boundary than this may fall on either side."""
 
 
-# What the engine says
+# Results of the engine
 
 
 @dataclass
@@ -78,7 +78,7 @@ def evaluate(
     return result
 
 
-# What Blender says
+# Results of Blender
 
 
 def set_time(scene: Any, frame: Fraction) -> None:
@@ -140,7 +140,7 @@ def triangles(scene: Any, obj: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Points against one volume at one time."""
+    """Points against a volume at one time."""
 
     inside: np.ndarray  # (V,) bool
     clear: np.ndarray  # (V,) bool: at least BOUNDARY_M from the boundary
@@ -156,7 +156,7 @@ def judge(scene: Any, effect: Any, points: np.ndarray) -> Verdict:
     to_local = np.linalg.inv(matrix[:3, :3])  # rows are the gradients of the local coordinates
     local = (points - matrix[:3, 3]) @ to_local.T
     # Each shape as a set of constraints g(p) <= 1; |g - 1| / |gradient| is, to first order, the
-    # world distance to where g is 1, and exactly that for planes.
+    # world distance to the surface g = 1, and exact for planes.
     along = np.abs(local[:, 2])
     gradient_z = np.broadcast_to(to_local[2], local.shape)
     if hfx.shape == "CUBOID":
@@ -197,7 +197,7 @@ def _judge_mesh(scene: Any, effect: Any, points: np.ndarray) -> Verdict:
     near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     inside, clear = np.zeros(len(points), bool), np.ones(len(points), bool)
     if len(near):
-        # Of a turned copy: the winding number's sign is of no interest, its zero is.
+        # Winding number of a turned copy: only zero or non-zero matters, not the sign.
         inside[near] = np.rint(np.abs(igl.winding_number(corners, faces, points[near]))) > 0
         squared = igl.point_mesh_squared_distance(points[near], corners, faces)[0]
         clear[near] = np.sqrt(squared) > BOUNDARY_M
@@ -210,7 +210,7 @@ def mesh_depths(scene: Any, effect: Any, points: np.ndarray) -> np.ndarray:
     return np.sqrt(igl.point_mesh_squared_distance(points, corners, faces)[0])
 
 
-# Building scenes with the operators that a user has
+# Building scenes with the user's operators
 
 
 def add_volume(name: str, modality: str, shape: str, location: Any, **settings: Any) -> Any:

@@ -48,7 +48,7 @@ _folder = tempfile.TemporaryDirectory(
 
 
 def opened(*, is_fitted: bool = False) -> tuple[Any, Any]:
-    """The avatar in a file of its own, opened; made and fitted once only."""
+    """Open the avatar in a separate file; made and fitted only once."""
     path = Path(_folder.name) / f"anna{is_fitted}.blend"
     if not path.exists():
         bpy.ops.wm.read_homefile(use_empty=True)
@@ -63,7 +63,7 @@ def opened(*, is_fitted: bool = False) -> tuple[Any, Any]:
 
 
 def own_avatar(scene: Any, *, centimetres: bool = True) -> tuple[Any, Any]:
-    """Somebody's avatar: a T-pose at rest, other bone names, in centimetres on other axes."""
+    """A user's avatar: a T-pose at rest, different bone names, in centimetres on different axes."""
     rig, skin = bodies.add_avatar(bpy.context, "Anna")
     rig.hfx.role, rig.hfx.avatar = "NONE", None
     for side, sign in (("L", -1.0), ("R", 1.0)):
@@ -93,7 +93,7 @@ def own_avatar(scene: Any, *, centimetres: bool = True) -> tuple[Any, Any]:
 
 
 def mark(rig: Any, *meshes: Any) -> None:
-    """Add a haptic body as a user does: these meshes selected, the armature active."""
+    """Add a haptic body as a user does: meshes selected, armature active."""
     bpy.context.view_layer.objects.active = rig
     for obj in bpy.context.scene.objects:
         obj.select_set(obj in (rig, *meshes))

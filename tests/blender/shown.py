@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic volumes as Blender shows them at a time, instances too, by exact formulas of its own."""
+"""Haptic volumes as shown by Blender at a time, with instances, by separate exact formulas."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import oracle
 
 
 def inside(graph: Any, modality: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points, (V, 3), inside spheres and meshes of a modality; and those clear of them."""
+    """Points, (V, 3), inside spheres and meshes of a modality; and points clear of all volumes."""
     inside, clear = np.zeros(len(points), bool), np.ones(len(points), bool)
     for instance in graph.object_instances:
         shown = instance.object
@@ -44,7 +44,7 @@ def _in_mesh(mesh: Any, matrix: np.ndarray, points: np.ndarray) -> tuple[np.ndar
 def assert_felt(
     scene: Any, rate_hz: int, *, every: int = 3, tolerance: Any = None, least: int = 100
 ) -> Any:
-    """Vibrations are felt exactly where Blender shows volumes; returns what was evaluated."""
+    """Assert vibrations exactly at Blender's shown volumes; return the evaluated objects."""
     actual = oracle.evaluate(scene, rate_hz=rate_hz, tolerance=tolerance or oracle.PAPER)
     body = next(obj for obj in scene.objects if obj.hfx.role == "BODY")
     model = oracle.model_object(scene, body, "vibration")

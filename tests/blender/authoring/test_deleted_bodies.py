@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects whose body was deleted are felt on no other, until somebody moves them there."""
+"""Effects of a deleted body act on no body until the user assigns a new body."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def anna(registered: Any) -> Any:
 
 
 def _bodies_felt(tmp_path: Path) -> tuple[set[tuple[str, str]], list[str]]:
-    """Effect and body of what an export of the open scene feels; its warnings."""
+    """Effect and body of each line in the report of an export; the export's warnings."""
     path, out = hfx_scenes.save(tmp_path / "scene.blend"), tmp_path / "out"
     assert cli.run(["export", str(path), "-o", str(out)]) == 0
     report = json.loads((out / "scene.report.json").read_text())
@@ -69,7 +69,7 @@ def test_the_only_effect_of_a_deleted_body_is_an_error(
 def test_several_effects_of_one_deleted_body_are_one_warning(anna: Any, tmp_path: Path) -> None:
     for k in range(8):
         effects.duplicate(bpy.data.objects["Touch"]).name = f"Copy {k}"
-    bpy.data.objects["Copy 7"].hfx.is_muted = True  # nobody expects to feel it
+    bpy.data.objects["Copy 7"].hfx.is_muted = True  # a muted effect needs no warning
     bpy.data.objects.remove(anna)
     samples, (warning,) = _bodies_felt(tmp_path)
     assert samples == {("Ball", "Ben")}
@@ -82,7 +82,7 @@ def test_an_effect_that_has_no_body_is_felt_on_the_only_one(
     anna: Any, tmp_path: Path, change: str
 ) -> None:
     bpy.data.objects["Touch"].hfx.body = None
-    if change == "never had one":  # as old files have it
+    if change == "never had one":  # state in old files
         for name in ("body", "body_name"):
             bpy.data.objects["Touch"].hfx.property_unset(name)
     bpy.data.objects.remove(anna)

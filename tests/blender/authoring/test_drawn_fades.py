@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fades that were drawn as a curve stay with their clip, whatever becomes of it."""
+"""Fades drawn as a curve stay with their clip through every edit of the clip."""
 
 from __future__ import annotations
 

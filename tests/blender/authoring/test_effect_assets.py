@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The asset library of the shipped sensations, and what becomes of an asset that is dropped."""
+"""The asset library of shipped sensations, and the effects of a dropped asset."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_the_library_is_there_while_the_add_on_is_and_gone_afterwards(registered
     asset_library.unregister()
     assert ours() == [] and len(libraries) == others
     asset_library.register()
-    asset_library.register()  # as after a Blender that ended badly
+    asset_library.register()  # state after a crash of Blender
     (library,) = ours()
     assert Path(library.path).samefile(resources.effect_library())
     assert library.import_method == "APPEND"

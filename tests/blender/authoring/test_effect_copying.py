@@ -55,7 +55,7 @@ def test_pasted_effects_are_on_the_active_body_from_now_on(body: Any) -> None:
     assert effects.area(pasted["PAINTED"]) == effects.area(touch)
     ((_, strip),) = clips.strips_of(pasted["PAINTED"])
     assert strip.frame_start == 101
-    # As far from the second body as the first one is from the first.
+    # Equal distance: copy to second body, and original to first body.
     assert tuple(pasted["VOLUME"].location) == pytest.approx((6, 0, 1))
 
 

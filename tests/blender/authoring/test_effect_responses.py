@@ -23,7 +23,7 @@ FPS = 25
 
 @pytest.fixture
 def ball(scene: Any) -> Any:
-    """A ball with a filter of each kind, every property another than its default."""
+    """A ball with a filter of each kind; every property differs from the default."""
     scene.render.fps = FPS
     scene.unit_settings.scale_length = 0.5  # Blender's units are half a metre
     ball = effects.add_volume(scene, "vibration", "SPHERE", "Ball")
@@ -62,7 +62,7 @@ def test_every_filter_comes_back_with_all_that_it_is(ball: Any, tmp_path: Path) 
         assert responses.described(second) == responses.described(one)
         assert second.is_muted == one.is_muted
         for name in responses.properties_of(one):
-            if (one.kind, name) != ("distance", "near"):  # that one is animated
+            if (one.kind, name) != ("distance", "near"):  # "near" is animated, not constant
                 assert getattr(second, name) == pytest.approx(getattr(one, name)), name
 
 
@@ -87,7 +87,7 @@ def test_a_file_has_metres_and_the_engines_names(ball: Any, tmp_path: Path) -> N
 
 @pytest.fixture
 def nest(ball: Any, scene: Any) -> Any:
-    """An emitter of balls, which are in a collection of their own."""
+    """An emitter instancing balls from a collection."""
     scene.unit_settings.scale_length = 1.0
     source = bpy.data.collections.new("Source")
     for collection in list(ball.users_collection):

@@ -23,7 +23,7 @@ def exported(scene: bpy.types.Scene, folder: Path, stem: str) -> dict[str, Any]:
 def test_what_was_exported_is_felt_again(
     registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_keys: int
 ) -> None:
-    """Also with more keyframes than an effect should have: then these are fewer."""
+    """Also with more keyframes than an effect should have: import reduces the keyframes."""
     monkeypatch.setattr(hjif_import, "MOST_KEYS", most_keys)
     scene = small_scene()
     before = exported(scene, tmp_path, "first")

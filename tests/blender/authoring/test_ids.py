@@ -90,7 +90,7 @@ def test_saving_settles_the_ids_of_copies(small: Any, tmp_path: Path) -> None:
     bpy.context.scene.collection.objects.link(copy)
     original, second = ids()["Touch"], ids()[copy.name]
     hfx_scenes.save(tmp_path / "x.blend")
-    touch.name = "Zebra"  # now behind its copy
+    touch.name = "Zebra"  # now sorted after the copy
     assert (ids()["Zebra"], ids()[copy.name]) == (original, second)
 
 

@@ -17,7 +17,7 @@ from hfx_blender.reading.live.live_scene import LiveScene
 
 
 def felt() -> set[str]:
-    """Names of the effects that are felt now."""
+    """Names of the effects with contacts at the current frame."""
     scene = bpy.context.scene
     bpy.context.view_layer.update()
     live = LiveScene(scene, bpy.context.view_layer, PREVIEW)
@@ -70,7 +70,7 @@ def test_an_excluded_collection_is_not_felt_and_the_eye_makes_no_difference(body
 
 @pytest.fixture
 def library(scene: Any, tmp_path: Path) -> Path:
-    """A file with a ball that has a clip from frame 5 to 10."""
+    """A file with a ball and a clip of the ball from frame 5 to 10."""
     clips.add_clip(ball("Ball"), 5, 10)
     path = tmp_path / "props.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sound that plays in step, flat and 360 degree pictures: Blender's own things, set up at once."""
+"""Sound in step, flat and 360 degree pictures: Blender's own data, set up with one operator."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of earlier versions are read and exported by this one.
+"""Read and export files of earlier versions with the present version.
 
-``old_files/first_version.blend`` was saved by the first version that had a command line: a
-heartbeat painted on the left palm, a capsule of fire with a clip, a box that vibrates.
+``old_files/first_version.blend`` was saved by the first version with a command line: a
+heartbeat painted on the left palm, a capsule of fire with a clip, a vibrating box.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses in Blender: the stack, its animation, exports of it, and baking."""
+"""Contact responses in Blender: stack, animation, export, and baking."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DECAY_S = 0.1
 
 @pytest.fixture
 def ball(scene: Any) -> Any:
-    """A ball that flies at the belly within half a second, and away again."""
+    """A ball flying to the belly within half a second, and away again."""
     scene.render.fps = FPS
     scene.frame_start, scene.frame_end = 0, 24
     bpy.ops.hfx.add_avatar()
@@ -109,7 +109,7 @@ def test_an_impact_rings_alike_at_every_rate(ball: Any, is_stepped: bool) -> Non
     bpy.ops.hfx.add_response_filter(kind="impact")
     ball.hfx.response[0].decay, ball.hfx.response[0].full_speed = DECAY_S, 1.0
     ball.animation_data_clear()
-    # 1 m/s, 4 mm deep at 0.5 s, which at 99 Hz is halfway between two samples.
+    # 1 m/s, 4 mm deep at 0.5 s: a time halfway between two samples at 99 Hz.
     deepest = _skin_y() - 0.05 + 0.004
     for frame, y in ((0.0, deepest - 0.5), (12.5, deepest), (25.0, deepest - 0.5)):
         ball.location = (0.0, y, 1.08)
@@ -135,7 +135,7 @@ def test_an_export_that_begins_later_has_what_rings_from_before(ball: Any, tmp_p
     bpy.ops.hfx.add_response_filter(kind="impact")
     ball.hfx.response[0].decay = 0.3
     samples = []
-    for frames in (None, (15, 24)):  # it is hit at frame 11 and left at 13
+    for frames in (None, (15, 24)):  # contact begins at frame 11 and ends at frame 13
         settings = ExportSettings(("track",), frames=frames, full_precision=True)
         export_scene(bpy.context.scene, tmp_path, "ringing", settings)
         with TrackReader(tmp_path / "ringing.hfxtrack") as track:
@@ -178,7 +178,7 @@ def test_a_sine_whose_frequency_is_keyed_turns_on_evenly(ball: Any) -> None:
         assert controls is not None
         times = reader.time.times_s(block.indices)
         turns = controls[:, 0, 1] * times + controls[:, 0, 3]
-        # The frequency is 5 t, its integral 2.5 t^2.
+        # The frequency is 5 t, with the integral 2.5 t^2.
         np.testing.assert_allclose(turns, 2.5 * times**2, atol=1e-4)
 
 

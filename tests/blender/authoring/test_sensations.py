@@ -43,7 +43,7 @@ def test_every_sensation_is_read_and_written_without_loss(name: str, tmp_path: P
 
 
 def test_every_sensation_can_be_added_and_most_are_felt(body: Any) -> None:
-    """Hot and cold objects stand in front of the body until they are touched."""
+    """Hot and cold objects stay in front of the body, without contact."""
     scene, layer = bpy.context.scene, bpy.context.view_layer
     silent = set()
     for name in NAMES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the skin: operators, paths, motion, files, export, what the viewport shows."""
+"""Points on the skin: operators, paths, motion, files, export, viewport drawing."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def test_points_are_saved_with_effects(spot: Any, tmp_path: Path) -> None:
     )
     assert created.hfx.kind == "SPOT" and created.hfx.radius == pytest.approx(0.05)
     assert (created.hfx.falloff, created.hfx.falloff_share) == ("linear", 1.0)
-    # Traced anew: on a flat back a way a little beside is as short.
+    # A new path across a flat back: a route slightly to the side is equally short.
     assert paths.path_of(created) == pytest.approx(paths.path_of(spot), abs=2e-3)
     assert paths.length_m(created) == pytest.approx(paths.length_m(spot), rel=1e-3)
     assert [k.co[:] for k in paths.motion_of(created).keyframe_points] == [(50, 0), (75, 1)]
@@ -239,7 +239,7 @@ def test_the_export_is_continuous_and_the_preview_shows_the_same(spot: Any, tmp_
         runs = list(track.runs())
     focus = np.concatenate([run.focus for run in runs])
     assert len(focus) == 100
-    # Even speed along the path: equal steps, and no jump from one to the next.
+    # Even speed along the path: equal steps, without a jump between neighbouring samples.
     steps = np.linalg.norm(np.diff(focus[:, :3], axis=0), axis=1)
     assert steps == pytest.approx(paths.length_m(spot) / 100, rel=0.05)
     live = LiveScene(bpy.context.scene, bpy.context.view_layer, STANDARD)
@@ -313,7 +313,7 @@ def test_a_ray_finds_the_place_on_a_moved_body(body: Any) -> None:
 
 
 class _Drawing:
-    """The operator without a window: what it holds, and what Blender would do for it."""
+    """The operator without a window: stored state, and stand-ins for Blender's calls."""
 
     def __init__(self, mode: str, body: Any) -> None:
         from hfx_blender.operators.paths.path_drawing import HFX_OT_draw_path
@@ -360,7 +360,7 @@ def _mouse(
     window = SimpleNamespace(type="WINDOW", x=10, y=10, width=100, height=100, data=None)
     panel = SimpleNamespace(type="UI", x=80, y=10, width=30, height=100)  # lies on the view
     context = SimpleNamespace(
-        region=panel,  # it was started from a button
+        region=panel,  # started from a button in a panel
         area=SimpleNamespace(tag_redraw=lambda: None, regions=[panel, window]),
         object=bpy.context.object,
     )
@@ -390,7 +390,7 @@ def test_places_are_clicked_taken_back_and_finished(
     spot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawing = _Drawing("STRAIGHT", spot.hfx.body)
-    for x in (-0.05, 2.0, 0.0, 0.05):  # one beside the body
+    for x in (-0.05, 2.0, 0.0, 0.05):  # the first click misses the body
         assert _mouse(monkeypatch, drawing, "LEFTMOUSE", x, "PRESS") == {"RUNNING_MODAL"}
     assert len(drawing.stroke) == 3
     _mouse(monkeypatch, drawing, "BACK_SPACE", 0.0, "PRESS")
@@ -398,7 +398,7 @@ def test_places_are_clicked_taken_back_and_finished(
     assert _mouse(monkeypatch, drawing, "RET", 0.0, "PRESS") == {"FINISHED"}
     assert [item.place[0] for item in drawing.stroke] == pytest.approx([-0.05, 0.0], abs=1e-5)
     _, clicked, path = path_overlay.pending_clicks
-    assert len(clicked) == 2 and len(path) > 10  # what is shown meanwhile lies on the skin
+    assert len(clicked) == 2 and len(path) > 10  # the path drawn so far lies on the skin
     path_overlay.show_pending(None, np.zeros((0, 3)))
     assert _mouse(monkeypatch, _Drawing("CURVE", spot.hfx.body), "ESC", 0.0) == {"CANCELLED"}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A point on the skin is slid by hand: its path, its keyframes, Auto Keying, its handles."""
+"""Sliding a skin point by hand: path, keyframes, Auto Keying, handles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.ui import gizmos
 
 LEFT, RIGHT, LOW = (0.09, 0.076, 1.35), (-0.09, 0.076, 1.35), (0.0, 0.04, 1.15)
-ON_SKIN_M = 0.012  # how far from these places the skin is
+ON_SKIN_M = 0.012  # largest distance of the positions below from the skin
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_a_key_between_keys_and_on_a_key_moves_only_the_ways_beside_it(spot: Any
 
 
 def test_a_drawn_curve_stays_a_curve_where_no_key_is_moved(spot: Any) -> None:
-    """To and fro over a drawn path: what is keyed anew at the end changes the last way only."""
+    """To and fro over a drawn path: a new key at the end changes only the last segment."""
     bpy.ops.hfx.path_from_library(name="circle_chest")
     bpy.context.scene.frame_set(0)
     bpy.ops.hfx.move_along_path(seconds=0.4, repeats=3, to_and_fro=True, interpolation="BEZIER")
@@ -293,7 +293,7 @@ def test_a_part_of_a_path_is_as_long_as_its_shares_say(points: Any, a: float, b:
 
 
 class _Slide:
-    """An operator's methods on a plain object, as no modal one runs without a window."""
+    """The operator's methods on a plain object, because a modal operator needs a window."""
 
     def __init__(self, operator: type, effect: Any) -> None:
         self.release_confirm, self.along_path = True, False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Modifiers and shape keys of an avatar's mesh: what they do to its skin is measured."""
+"""Modifiers and shape keys of an avatar's mesh: the change of the skin is measured."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def normals_of_another(skin: Any) -> Any:
 
 
 def around(kind: str, target: str, bind: str = "") -> Callable[[Any], Any]:
-    """A deforming modifier with a box around the skin, bound to it or not."""
+    """A deforming modifier with a box around the skin, bound to the skin or unbound."""
 
     def add(skin: Any) -> Any:
         box = in_scene(bpy.data.objects.new("Box", bpy.data.meshes.new("Box")))
@@ -71,7 +71,7 @@ def around(kind: str, target: str, bind: str = "") -> Callable[[Any], Any]:
 
 
 def cage(skin: Any) -> Any:
-    """A lattice that deforms nothing yet."""
+    """A lattice without deformation."""
     lattice = in_scene(bpy.data.objects.new("Cage", bpy.data.lattices.new("Cage")))
     lattice.location, lattice.scale = (0.0, 0.0, 0.9), (2.0, 2.0, 2.0)
     return modifier("LATTICE", object=lattice)(skin)
@@ -109,7 +109,7 @@ def lifting(skin: Any) -> Any:
 
 
 def stubble(skin: Any) -> Any:
-    """Little cubes on the skin, which stays as it is."""
+    """Little cubes on the unchanged skin."""
     group = node_group()
     make = {
         name: group.nodes.new(f"GeometryNode{name}")
@@ -265,7 +265,7 @@ def test_shape_keys_count_where_they_move_skin(avatar: tuple[Any, Any]) -> None:
     assert body_binding.surface_reason(body) is None
     fat.mute, fat.value = False, 0.0
     fat.driver_add("value")
-    assert body_binding.surface_reason(body) == "shape keys deform it"  # it may be on
+    assert body_binding.surface_reason(body) == "shape keys deform it"  # the shape key may be on
 
 
 def _bent(scene: Any, body: Any) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bone table: what was found is seen, corrected, saved, loaded and used by the next fit."""
+"""The bone table: detected bones are shown, corrected, saved, loaded and used by the next fit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rename(rig: Any, prefix: str) -> None:
 
 
 def unrecognisable(rig: Any) -> dict[str, str]:
-    """Bones without telling names or hierarchy; what each is called now."""
+    """Remove hierarchy and meaning from bone names; return the new name of each bone."""
     names = {bone.name: f"b{number}" for number, bone in enumerate(rig.data.bones)}
     rename(rig, "b")
     bpy.context.view_layer.objects.active = rig
@@ -92,7 +92,7 @@ def test_a_correction_is_used_by_the_next_fit_and_stays(
     warnings = stored_fits.messages_of(rig, "warnings")
     assert any("arm" in warning for warning in warnings), warnings
     assert table(rig)["upperarm01.L"][:2] == ("mixamorig:RightArm", "mixamorig:LeftArm")
-    mark(rig, skin)  # "Add Haptic Body" keeps it as well
+    mark(rig, skin)  # "Add Haptic Body" keeps the table as well
     assert bone_table.is_corrected(rig)
     bpy.ops.hfx.reset_bones()
     bpy.ops.hfx.fit_body()
@@ -125,7 +125,7 @@ def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, 
     with pytest.raises(RuntimeError, match="Assign the bones by hand"):
         mark(rig, skin)
     assert not rig.hfx.bone_map
-    bpy.ops.hfx.find_bones()  # tells it as a warning, and gives an empty table
+    bpy.ops.hfx.find_bones()  # reports a warning, and gives an empty table
     assert len(rig.hfx.bone_map) == 163 and not any(row.bone for row in rig.hfx.bone_map)
     for name, bone in actual.items():
         rig.hfx.bone_map[name].bone = now[bone]

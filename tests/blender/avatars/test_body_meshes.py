@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars of several meshes: chosen, fitted to and followed as one surface."""
+"""Avatars of several meshes: chosen, fitted and followed as a single surface."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def cut_out(
     wanted: Callable[[str], bool],
     place: Callable[[Any], bool] = lambda _: True,
 ) -> Any:
-    """A copy of a mesh object with the faces that wanted bones move and that lie at a place."""
+    """Copy a mesh object with only the faces moved by given bones at a given location."""
     bones = strongest_bones(skin)
     mesh = skin.data
     faces = [
@@ -84,7 +84,7 @@ def is_head(bone: str) -> bool:
 
 
 def behind_the_face(place: Any) -> bool:
-    """Where hair grows on the avatar of the tests, which is 1.8 m tall and looks towards -Y."""
+    """Locations of hair on the tests' avatar, 1.8 m tall and looking towards -Y."""
     return place.z > 1.58 and (place.y > -0.06 or place.z > 1.74)
 
 
@@ -96,7 +96,7 @@ _EXTRA: dict[str, set[str]] = {"hand": set(), "head": set(), "trunk": set()}
 
 
 def _sort_extras(rig: Any) -> None:
-    """Bones without a Mixamo name belong to the named bone above them."""
+    """Extra bones without a Mixamo name belong to their nearest named parent."""
     for actual in _EXTRA.values():
         actual.clear()
     for bone in rig.data.bones:
@@ -139,7 +139,7 @@ def swell(part: Any, distance: float) -> Any:
 
 
 def eyes_of(rig: Any) -> Any:
-    """Two small balls that follow the head."""
+    """Two small balls moved by the head."""
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.012, location=(0.03, -0.09, 1.7))
     eyes = bpy.context.object
     eyes.name = "Eyes"
@@ -151,7 +151,7 @@ def eyes_of(rig: Any) -> Any:
 
 
 def chosen(rig: Any, *selected: Any) -> list[str]:
-    """The meshes that "Add Haptic Body" takes with this selection."""
+    """Meshes taken by "Add Haptic Body" with the present selection."""
     for obj in bpy.context.scene.objects:
         obj.select_set(obj in (rig, *selected))
     return [mesh.name for mesh in finish(bodies.choosing_meshes(bpy.context, rig))]
@@ -173,7 +173,7 @@ def test_the_selected_meshes_are_fitted_to_as_one_body(scene: Any) -> None:
     model = load_model("hfx-pressure-1")
     for part in np.unique(model.part):
         assert np.median(error_m[model.part == part]) < 0.005
-    # Each vertex hangs on the mesh that has its place.
+    # Each vertex is bound to the mesh at the same location.
     counts = np.cumsum([len(mesh.data.vertices) for mesh in avatar_meshes.meshes_of(rig)])
     assert fitted.anchors.corners.max() < counts[-1]
     on_mesh = np.searchsorted(counts, fitted.anchors.corners[:, 0], side="right")
@@ -203,7 +203,7 @@ def test_what_is_seen_is_taken_and_the_rest_is_named(
     assert len(searched) == 1  # for the choice of meshes, the fit and the table
     output = capfd.readouterr().out
     assert "left out, as they show no skin: 'Eyes' and 'Hair' and 'Hair.001' and 'Jacket'" in output
-    # Another layer chosen since: the same button takes other meshes.
+    # With a new active layer, the same button takes different meshes.
     rig.hfx.felt_layer = "VISIBLE"
     assert sorted(chosen(rig)) == ["Body", "Hands", "Head", "Jacket"]
 
@@ -274,7 +274,7 @@ def test_meshes_with_transforms_of_their_own_are_followed_by_their_surface(
 
 
 def _tree(mesh: Any, graph: Any) -> BVHTree:
-    """A posed mesh, its quads cut as they are at rest."""
+    """Tree of a posed mesh, with quads cut as in the rest pose."""
     evaluated = mesh.evaluated_get(graph)
     mesh.data.calc_loop_triangles()
     return BVHTree.FromPolygons(
@@ -338,7 +338,7 @@ def test_the_built_in_avatar_can_follow_the_surface_of_several_meshes(scene: Any
 
 
 def test_a_volume_that_comes_and_goes_is_felt_on_a_surface_as_with_positions(scene: Any) -> None:
-    """It comes twice; with positions, the surface is read at all times."""
+    """A volume present twice; with positions, the surface is read at all times."""
     rig, skin = bodies.add_avatar(bpy.context)
     mark(rig, skin)
     rig.hfx.follow = "SURFACE"

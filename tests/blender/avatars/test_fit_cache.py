@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An avatar is fitted once for all files that have it; a fit that is cancelled changes nothing."""
+"""Fit an avatar once for all files containing the avatar; a cancelled fit changes nothing."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs that nobody here made: Rigify's human metarig, and the rig that is generated from it."""
+"""Rigs of another project: Rigify's human metarig, and the rig generated from the metarig."""
 
 from __future__ import annotations
 
@@ -69,6 +69,6 @@ def test_a_generated_rig_is_followed_by_its_deforming_bones(rigify: None) -> Non
     error_m = np.linalg.norm(fitted.vertices - truth, axis=1)
     for number, part in enumerate(PARTS):
         assert np.median(error_m[model.part == number]) < 0.005, part
-    # The skin hangs on the bones that Rigify's controls move.
+    # The skin is bound to the bones moved by Rigify's controls.
     assert all(name.startswith("DEF-") for name in fitted.bone_names)
     assert canonical_parents().keys() == mapping.bones.keys() | mapping.fallbacks.keys()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Geometry that modifiers hide is no skin: helpers, as MakeHuman's humans have them."""
+"""Geometry hidden by modifiers is no skin: helper geometry of MakeHuman's humans."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_shape_keys_that_are_always_on_make_the_shape_that_is_fitted_to(
     assert body_binding.surface_reason(rig) == "shape keys deform it"  # blinks
     skin.data.shape_keys.animation_data_clear()
     assert body_binding.surface_reason(rig) is None
-    fat.value = 1.0  # 5 mm beside what was fitted to
+    fat.value = 1.0  # 5 mm away from the fitted skin
     assert body_binding.surface_reason(rig) == "shape keys deform it"
     fat.value = 0.0
     assert "not those that the body was fitted to" in str(body_binding.surface_reason(rig))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VRM's table of human bones is believed, where an armature holds one in any of its forms."""
+"""VRM's table of human bones has priority, in each form of storage on an armature."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ VRM_0 = {"Metacarpal": "Proximal", "Proximal": "Intermediate"}
 
 
 def of_vrm_0(human: str) -> str:
-    """The name in VRM 0.x, whose thumb has other words for the same joints."""
+    """The name in VRM 0.x, with different words for the joints of the thumb."""
     for new, old in VRM_0.items():
         if "Thumb" in human and human.endswith(new):
             return human.removesuffix(new) + old
@@ -58,7 +58,7 @@ def snake(human: str) -> str:
 
 @pytest.fixture
 def rig(scene: Any) -> tuple[Any, dict[str, str]]:
-    """An armature whose bones have names that say nothing, or something wrong."""
+    """An armature with meaningless or misleading bone names."""
     names = {bone: f"node{k}" for k, bone in enumerate(HUMAN)}
     names["lowerleg01.L"], names["lowerleg01.R"] = "right hand", "left hand"
     armature = bpy.data.objects.new("Model", bpy.data.armatures.new("Model"))
@@ -135,7 +135,7 @@ def test_the_table_is_believed_before_names(
 
 @pytest.fixture
 def add_on() -> Iterator[None]:
-    """A stand-in with the properties that the add-on registers."""
+    """A stand-in with the properties registered by the add-on."""
     node = type("Node", (bpy.types.PropertyGroup,), {})
     node.__annotations__ = {"bone_name": bpy.props.StringProperty()}
     row = type("Row", (bpy.types.PropertyGroup,), {})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A linked and overridden character is felt like one of the file's own."""
+"""A linked and overridden character gives the same contacts as a local character."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def character(
     parts: int = 1,
     with_point: bool = False,
 ) -> None:
-    """A file with a collection 'Anna': an armature and its meshes."""
+    """A file with a collection 'Anna': an armature with meshes."""
     bpy.ops.hfx.add_avatar()
     rig = bpy.context.object
     rig.name = "Anna"
@@ -143,7 +143,7 @@ def test_all_meshes_of_an_overridden_avatar_stay_its_own(scene: Any, tmp_path: P
 
 
 def test_an_overridden_character_becomes_a_body_and_stays_one(scene: Any, tmp_path: Path) -> None:
-    """With a fit of its own, as it is taller than the canonical avatar."""
+    """With a separate fit, because the character is taller than the canonical avatar."""
     character(tmp_path / "anna.blend", is_body=False, scale=1.1)
     body = overridden(tmp_path / "anna.blend")
     bpy.ops.hfx.mark_body()

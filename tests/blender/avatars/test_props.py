@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Props that an avatar holds or carries are no skin; hands, gloves and clothes are."""
+"""Props held or carried by an avatar are no skin; hands, gloves and clothes are skin."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def joint(rig: Any, bone: str) -> Any:
 
 
 def add_bone(rig: Any, name: str, parent: str) -> str:
-    """A bone of the rig that is no part of the body, where another one is."""
+    """Add a bone outside of the body to the rig, at the location of an existing bone."""
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
     bone = rig.data.edit_bones.new(name)
@@ -143,7 +143,7 @@ def test_the_fit_is_that_without_the_sword_and_the_report_names_it(
 
 
 def cut(skin: Any, name: str, is_wanted: Any) -> Any:
-    """Faces of the skin whose strongest bones are wanted, as a mesh of their own."""
+    """Separate the faces with given strongest bones into a new mesh."""
     names = {group.index: group.name for group in skin.vertex_groups}
     expected = [
         is_wanted(names[max(vertex.groups, key=lambda each: each.weight).group], vertex.co)

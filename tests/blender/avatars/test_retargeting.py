@@ -278,7 +278,7 @@ def test_a_linked_armature_is_refused(scene: Any, tmp_path: Path) -> None:
 
 
 def everything(rig: Any) -> dict[str, Any]:
-    """State that a refused body must leave unchanged."""
+    """State left unchanged by a refused body."""
     hfx = rig.hfx
     return {
         "data": {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The canonical skeleton against the bones that Blender itself makes."""
+"""The canonical skeleton equals the bones made by Blender."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_rest_matrices_are_blenders_for_any_direction_and_roll(registered: Any) 
     random = np.random.default_rng(20260)
     directions = list(random.normal(size=(60, 3)))
     directions += [np.eye(3)[axis] * sign for axis in range(3) for sign in (1.0, -1.0)]
-    # Around straight down -Y, where Blender changes its formula twice.
+    # Around straight down -Y, the two places with a change of Blender's formula.
     directions += [np.array([tilt, -1.0, 0.7 * tilt]) for tilt in (1e-1, 3e-2, 1e-2, 1e-3, 1e-5)]
     cases = {}
     for number, direction in enumerate(directions):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars that are no single skin: felt by their bones, read turned round, or refused."""
+"""Avatars without a single skin: read by bones, read in another orientation, or refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def anna(scene: Any) -> tuple[Any, Any]:
 
 
 def in_shards(skin: Any) -> None:
-    """Each face a piece of its own, apart from its neighbours."""
+    """Split a mesh into one piece for each face, with gaps between neighbouring faces."""
     mesh = bmesh.new()
     mesh.from_mesh(skin.data)
     bmesh.ops.split_edges(mesh, edges=mesh.edges[:])
@@ -59,7 +59,7 @@ def fitted(rig: Any) -> np.ndarray:
 
 
 def off_the_joints(rig: Any) -> list[float]:
-    """Distance of each limb part's middle from the middle of its two joints, metres."""
+    """Distance of each limb part's middle from the middle of the part's two joints, metres."""
     model, actual = load_model(MODEL_ID), []
     points = fitted(rig)
     for part, bone, end in (
@@ -91,7 +91,7 @@ def test_a_mesh_that_is_no_surface_is_felt_by_its_bones_and_says_so(
 
 
 def piece(rig: Any, bone_name: str, size: float, offset: float = 0.5) -> Any:
-    """A box that hangs rigidly on a bone, around a place of it."""
+    """A box around a location, rigidly bound to a bone."""
     bone = rig.data.bones[bone_name]
     mesh = bpy.data.meshes.new(bone_name)
     shape = bmesh.new()
@@ -151,7 +151,7 @@ def test_a_rigid_piece_is_read_where_it_is_at_rest(anna: tuple[Any, Any]) -> Non
 )
 @pytest.mark.parametrize("along", [0.0, 0.4])
 def test_a_rigid_piece_hangs_anywhere_along_its_bone(anna: tuple[Any, Any], along: float) -> None:
-    """Blender's own place while all bones rest is the truth; also of a piece on another one."""
+    """Blender's placement with all bones at rest is the truth; also for nested pieces."""
     rig, _ = anna
     box, beyond = (piece(rig, "mixamorig:LeftForeArm", size) for size in (0.1, 0.05))
     box.parent_bone_head_tail_factor = along
@@ -195,7 +195,7 @@ def test_half_a_mesh_with_a_mirror_modifier_is_a_whole_body(anna: tuple[Any, Any
     half.free()
     skin.modifiers.new("Mirror", "MIRROR")
     skin.modifiers.move(len(skin.modifiers) - 1, 0)
-    for word in ("Left", "Right"):  # names that Blender flips
+    for word in ("Left", "Right"):  # names flipped by Blender
         rig.data.bones[f"mixamorig:{word}Hand"].name = f"Hand.{word[0]}"
     objects, meshes = len(bpy.data.objects), len(bpy.data.meshes)
     target = avatar_meshes.read_mesh(rig, skin)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command line: what a shell script and a person on a terminal see, often as a process."""
+"""The command line, for a shell script and a person on a terminal; often as a process."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def blend(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def done(
     blend: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[subprocess.CompletedProcess[str], Path]:
-    """A plain export and its folder."""
+    """Folder with the results of a plain export."""
     folder = tmp_path_factory.mktemp("plain")
     litter = tmp_path_factory.mktemp("litter") / "temporary"
     actual = process_without_litter(litter, "export", blend, "-o", folder)
@@ -72,7 +72,7 @@ def here(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Here:
-    """``hfx`` in this process, which is quicker, in ``tmp_path``: exit code, output, errors."""
+    """Run ``hfx`` in this process (quicker) in ``tmp_path``; return exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> tuple[int, str, str]:
@@ -86,7 +86,7 @@ def here(
 def test_what_a_named_format_cannot_hold_of_a_named_device_is_no_success(
     blend: Path, tmp_path: Path, here: Here
 ) -> None:
-    """A sleeve of temperature actuators cannot be had as AHAP; the other device is written."""
+    """A sleeve of temperature actuators has no AHAP; the second device is written."""
     requests = ("--frames", "1:2", "-f", "track,ahap", "--device", "phone_lra")
     code, _, err = here("export", blend, "-o", "alone", *requests)
     assert code == 0, err
@@ -206,7 +206,7 @@ def test_a_report_beside_the_results_may_have_the_name_of_the_scene(
     assert "small.summary.json" in names_in(tmp_path)
 
 
-# What it says
+# Output
 
 
 def test_export_says_what_was_felt_and_written(
@@ -260,7 +260,7 @@ def test_progress_with_the_time_left_on_a_terminal_only(blend: Path, tmp_path: P
     lines = shown.split("\r")
     assert re.search(r"small\.blend \[#+\.*\] +\d+%  \d+ s left", shown), shown
     assert any("100%" in line for line in lines)
-    assert max(map(len, lines)) < 60  # a line that wraps is never overwritten
+    assert max(map(len, lines)) < 60  # a wrapped line is never overwritten
     assert lines[-1] == "" and lines[-2].strip() == ""  # taken away at the end
     assert "\r" not in out and "left" not in out
 
@@ -270,18 +270,18 @@ def _everything(descriptor: int) -> str:
     while True:
         try:
             part = os.read(descriptor, 4096)
-        except OSError:  # Linux: the other side was closed
+        except OSError:  # Linux: the reading end was closed
             part = b""
         if not part:
             return b"".join(parts).decode()
         parts.append(part)
 
 
-# What it does
+# Results
 
 
 def test_frames_and_rate_choose_the_samples(blend: Path, tmp_path: Path, here: Here) -> None:
-    # 25 fps: frames -2 to 7 are 10 frames or 0.4 s, which begin 0.08 s before the scene does.
+    # 25 fps: frames -2 to 7 are 10 frames or 0.4 s, beginning 0.08 s before the scene.
     code, _, err = here("export", blend, "-o", tmp_path, "--frames", "-2:7", "--rate", "250/3")
     assert code == 0, err
     with TrackReader(tmp_path / "small.hfxtrack") as track:
@@ -320,7 +320,7 @@ def test_devices_are_rendered_and_what_none_plays_is_told(
         f"small.{CSV_DEVICE}.wav.channels.json",
         "small.report.json",
     ]
-    # A band on the forearm plays nothing of what the palms feel.
+    # A band on the forearm plays no contact of the palms.
     assert "Touch: 0.40 s of it (100%) felt by Avatar but played by no device" in out
 
 
@@ -334,7 +334,7 @@ def test_a_device_may_be_a_file_or_none_at_all(
     assert "small.my_pad.csv" in names_in(tmp_path / "a")
     assert here("export", blend, "-o", tmp_path / "b", "--device", "none")[0] == 0
     track = (tmp_path / "b" / "small.hfxtrack").read_bytes()
-    assert track == (exported / "small.hfxtrack").read_bytes()  # the report tells the options
+    assert track == (exported / "small.hfxtrack").read_bytes()  # the report states the options
     assert len(names_in(tmp_path / "b")) == 2
 
 
@@ -380,7 +380,7 @@ def test_one_bad_scene_costs_the_others_nothing(
 def test_scenes_whose_results_may_be_the_same_files_are_refused(
     blend: Path, tmp_path: Path, here: Here, names: tuple[str, str]
 ) -> None:
-    """As Windows or macOS take these names for one, whatever this system does."""
+    """Windows and macOS treat these two names as equal, so every system refuses."""
     for k, name in enumerate(names):
         (tmp_path / str(k)).mkdir()
         (tmp_path / str(k) / f"{name}.blend").write_bytes(blend.read_bytes())
@@ -390,17 +390,17 @@ def test_scenes_whose_results_may_be_the_same_files_are_refused(
     assert not (tmp_path / "out").exists()
 
 
-# Stopping it
+# Ending an export
 
 
 def _ends_at_hang_up() -> None:
-    """Undo what ``nohup`` asks for, under which these tests may run."""
+    """Restore default signal handlers, in case the tests run under ``nohup``."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture
 def long_export(blend: Path, tmp_path: Path) -> Any:
-    """An export of minutes that has begun to write; ended with the test."""
+    """A running export of several minutes with written output; ended with the test."""
     scenes = [blend]
     arguments = ["export", "-o", "out", "--frames", "0:100000"]
     running: list[subprocess.Popen[str]] = []
@@ -511,7 +511,7 @@ def test_what_a_killed_export_left_is_removed_by_the_next(
     ]
 
 
-# Its surroundings
+# Environment
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a POSIX shell")
@@ -613,7 +613,7 @@ def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path, here: H
         assert re.search(r"hfx: (in/|file)", err.replace(os.sep, "/")), err
 
 
-# The other commands
+# Further commands
 
 
 def test_info_tells_about_each_kind_of_file(blend: Path, exported: Path, here: Here) -> None:

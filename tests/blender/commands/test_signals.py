@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ctrl-C, SIGTERM and SIGHUP at any moment: the code, one sentence, nothing left."""
+"""Ctrl-C, SIGTERM and SIGHUP at any moment: exit code, one sentence, no left-over files."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_signal_is_never_lost(when: str, number: str, scene: Path, tmp_path: P
 
 
 def _heeds_signals() -> None:
-    """Undo what ``nohup`` and a background job ask for, under which these tests may run."""
+    """Restore default signal handlers: the tests may run under ``nohup`` or in the background."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

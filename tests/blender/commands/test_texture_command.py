@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx texture``: what it writes, what it says, how it ends."""
+"""``hfx texture``: written files, output, exit codes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hfx_blender.formats.pictures import png, texture_map
 
 def texture(capsys: Any, *arguments: object) -> tuple[int, Any, str]:
     """Exit code, JSON and messages of a command."""
-    capsys.readouterr()  # what Blender said before
+    capsys.readouterr()  # output of Blender
     code = run(["texture", *map(str, arguments), "--json"])
     captured = capsys.readouterr()
     return code, json.loads(captured.out) if captured.out else None, captured.err
@@ -86,7 +86,7 @@ def test_roughness_of_a_grating_is_known(capsys: Any, grating: Path) -> None:
         capsys, "roughness", grating, "--size", "50,5", "--height", 0.05, "--tiles",
         "--cutoff", 8,
     )  # fmt: skip
-    # A sine of amplitude 25 um: Ra is 2 / pi of it, the depth twice it.
+    # A sine of amplitude 25 um: Ra is 2 / pi of the amplitude, the depth twice the amplitude.
     assert code == 0 and facts["ra_x"] == pytest.approx(25.0 * 2 / np.pi, rel=0.05)
     assert facts["rz_x"] == pytest.approx(50.0, rel=0.05)
     assert facts["ra_y"] < 0.1
@@ -182,7 +182,7 @@ def test_a_stroke_is_as_strong_as_the_device_was_calibrated(
 
 
 def test_a_stroke_is_played_within_the_facts_of_its_device(capsys: Any, tmp_path: Path) -> None:
-    """A phone of one frequency and 10 m/s2, and one of 80 to 260 Hz and 1.3 g."""
+    """A phone with one frequency and 10 m/s2, and a phone with 80 to 260 Hz and 1.3 g."""
     way = ("stroke", "gravel-fine", "--resolution", 256, "--from", "0,0", "--to", "50,0")
     _, plain, _ = texture(capsys, *way)
     _, lra, _ = texture(capsys, *way, "--device", "phone_lra", "-o", tmp_path / "s.csv")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faults of the disk while commands write: one message, exit code 3, and nothing is lost."""
+"""Disk faults while commands write: one message, exit code 3, and nothing is lost."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_each_step_of_writing_may_fail(
             words = [item.replace(word, position) for item in words]
         return cli.run(words)
 
-    if name == "merge":  # which removes the pieces: another time for the steps
+    if name == "merge":  # merging removes the pieces, so measure the steps in a further run
         assert run("piece") == 0
     with faulty_disk() as disk:
         assert run(name) == 0, capsys.readouterr().err

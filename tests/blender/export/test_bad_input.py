@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Input that cannot be exported: one clear line each, exit code 3, and nothing is written."""
+"""Invalid input of an export: one clear line each, exit code 3, and no written file."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def export(path: Path, folder: Path, *more: str) -> int:
 
 @pytest.fixture
 def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Export a file that is refused; the one line that tells why."""
+    """Export an invalid file; return the single line of the message."""
 
     def tell(path: Path, *more: str) -> str:
-        capsys.readouterr()  # what making the file said
+        capsys.readouterr()  # output of the file's creation
         assert export(path, tmp_path / "out", *more) == 3
         out, err = capsys.readouterr()
         assert out == ""
@@ -231,7 +231,7 @@ def test_a_fault_costs_its_effect_alone(
     bpy.ops.wm.open_mainfile(filepath=str(good_blend))
     change()
     path = hfx_scenes.save(tmp_path / "bad.blend")
-    capsys.readouterr()  # what making the file said
+    capsys.readouterr()  # output of the file's creation
     assert export(path, tmp_path / "out") == 0
     out, _ = capsys.readouterr()
     [line] = [line for line in out.splitlines() if "was left out" in line]
@@ -283,7 +283,7 @@ def test_strict_makes_a_warning_an_error(
     assert export(path, tmp_path / "lenient") == 0
 
 
-# A volume without extent is a thin thing, not a fault: nothing is inside it.
+# A volume without extent is valid: no vertex is inside.
 
 
 @pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1e-20, 1.0, 1.0), (1.0, 1.0, 0.0)])
@@ -295,7 +295,8 @@ def test_a_flat_volume_is_felt_by_nobody(
 ) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(good_blend))
     _objects()["Ball"].scale = scale
-    _objects()["Ball"].location.x = 0.0123  # off the midline, on which vertices lie exactly
+    # Off the midline, because vertices lie exactly on the midline.
+    _objects()["Ball"].location.x = 0.0123
     assert export(hfx_scenes.save(tmp_path / "flat.blend"), tmp_path / "out") == 0
     reason = "touches no body" if all(scale) else "is flattened, infinite or not a number"
     assert f"Ball (vibration) was not felt: it {reason}" in capsys.readouterr().out
@@ -346,7 +347,7 @@ def test_formats_that_need_a_device_say_so(
         assert not (tmp_path / "out").exists()
 
 
-# Places that cannot be written to
+# Unwritable destinations
 
 
 @pytest.mark.parametrize("below", ["", "deeper/still"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Batches of real scenes: parts, clips, what was done before, and workers that are killed."""
+"""Batches of real scenes: parts, clips, skipped finished work, and killed workers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FRAMES = 80  # at 25 frames and 100 samples a second: two whole chunks of a trac
 
 
 def _moving_scene() -> Any:
-    """A ball that goes through the avatar, a clip and a painted effect."""
+    """A ball moving through the avatar, a clip and a painted effect."""
     scene = hfx_scenes.small_scene(FRAMES - 1)
     ball, touch = bpy.data.objects["Ball"], bpy.data.objects["Touch"]
     ball.hfx.radius = 0.1
@@ -57,7 +57,7 @@ def _export(unit: Unit, workers: Any = None) -> dict[str, Any]:
 
 
 def _last_json(text: str) -> Any:
-    """Parse the JSON that a command printed after Blender's own output."""
+    """Parse the JSON printed by a command after Blender's own output."""
     return json.loads(text[text.index("\n{") :] if "\n{" in text else text)
 
 
@@ -102,7 +102,7 @@ def test_what_rings_on_rings_over_the_end_of_a_part(registered: Any, tmp_path: P
         ball.keyframe_insert("location", frame=frame)
     blend = hfx_scenes.save(tmp_path / "ringing.blend")
     whole = _export(_unit(blend, tmp_path / "whole", tmp_path / "s"))
-    assert whole["report"]["felt"][0]["last_s"] > 1.28  # it is felt in the second part, too
+    assert whole["report"]["felt"][0]["last_s"] > 1.28  # contacts in the second part, too
     _export(_unit(blend, tmp_path / "parts", tmp_path / "s", part_frames=20))
     assert contents_of(tmp_path / "whole") == contents_of(tmp_path / "parts")
 
@@ -155,7 +155,7 @@ def test_a_scene_without_clips_has_none_to_write(registered: Any, tmp_path: Path
     assert names_in(tmp_path / "o") == []
 
 
-# What was done before
+# Skipping finished work
 
 
 def test_only_what_changed_is_done_again(

@@ -27,7 +27,7 @@ RATE_HZ = 20
 
 
 def _child(python: str, *arguments: str, limit_s: int = 300) -> str:
-    """Run ``cross_version.py`` in a Blender of its own; what it printed."""
+    """Run ``cross_version.py`` in a separate Blender process; return the printed output."""
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), str(HERE)]),
@@ -92,7 +92,7 @@ def test_the_size_of_blocks_does_not_matter(
 
 
 def test_a_range_is_part_of_the_whole(demo: Path) -> None:
-    """Frames 60 to 119 alone are felt as they are within the whole."""
+    """Frames 60 to 119 alone give the same samples as within the whole range."""
     blender_session.open_blend(demo)
     whole = oracle.evaluate(bpy.context.scene, rate_hz=RATE_HZ)
     part = oracle.evaluate(bpy.context.scene, rate_hz=RATE_HZ, frames=(60, 119))
@@ -116,7 +116,7 @@ def _contacts(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
 
 @pytest.mark.skipif(OTHER_PYTHON not in os.environ, reason=f"{OTHER_PYTHON} names no other Blender")
 def test_both_blenders_find_the_same_contacts(demo: Path, tmp_path: Path) -> None:
-    """The demo's .blend, made by the older one, in both, outside 1e-5 m of a boundary."""
+    """The demo's .blend of the older Blender, in both, outside 1e-5 m of a boundary."""
     import cross_version  # starts Blender
 
     second = os.environ[OTHER_PYTHON]
@@ -166,7 +166,7 @@ def test_both_blenders_find_the_same_contacts(demo: Path, tmp_path: Path) -> Non
     not Path("/proc/self/status").exists(), reason="tells peak memory on Linux only"
 )
 def test_a_long_export_is_bounded_in_memory(registered: Any, tmp_path: Path) -> None:
-    """10,000 samples, in a process of its own: peak memory over that of the loaded scene."""
+    """10,000 samples in a separate process: peak memory above the memory of the loaded scene."""
     printed = _child(sys.executable, "memory", str(tmp_path), "10000")
     start, short, long = map(int, printed.rpartition("PEAKS")[2].split())
     sys.stdout.write(f"\npeaks: {start / 2**20:.0f}, {short / 2**20:.0f}, {long / 2**20:.0f} MiB\n")

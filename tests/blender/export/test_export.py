@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One export, called as a function: its files, its report, and the scene afterwards."""
+"""Export called as a function: files, report, and the scene afterwards."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_each_body_has_files_of_its_own(small: Any, tmp_path: Path) -> None:
     assert cli.run(["validate", str(tmp_path / "x.report.json")]) == 3
     samples = {(item["effect"], item["body"]): item["seconds"] for item in report.felt}
     assert samples["Ball", "Avatar"] == 0.4 and samples["Ball", "../no folder"] == 0.0
-    assert ("Touch", "../no folder") not in samples  # painted on the other one
+    assert ("Touch", "../no folder") not in samples  # painted on the second body
 
 
 def test_wav_leaves_out_devices_that_do_not_vibrate(small: Any, tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of a scene, each a command of its own as a farm sends them, and putting them together."""
+"""Pieces of a scene, each exported by a separate command as on a render farm, and merging."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def moving(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(moving: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Files of one plain export."""
+    """Files of a plain export."""
     folder = tmp_path_factory.mktemp("whole")
     assert cli.run(["export", str(moving), "-o", str(folder), *OPTIONS]) == 0
     return contents_of(folder)
@@ -44,8 +44,8 @@ def _run(blend: Path, out: Path, *arguments: str) -> int:
     return cli.run(["export", str(blend), "-o", str(out), *OPTIONS, *arguments])
 
 
-# It kills itself at a certain place. Killed from outside, it may be before its folder has a lock,
-# and what has none is taken for one in the making for a minute; or it may be done already.
+# The process kills itself at a fixed place of the code. A kill from outside may come before the
+# lock exists, and a folder without lock counts as new for a minute; or may come after the end.
 KILLED = """
 import os, signal
 from hfx_blender.engine.track.writer import TrackWriter
@@ -62,7 +62,7 @@ def test_pieces_in_any_order_one_of_them_killed_make_the_same_bytes(
     out = tmp_path / "out"
     words = ["export", moving, "-o", out, *OPTIONS, "--piece", "2/3"]
     subprocess.run([sys.executable, "-c", KILLED, *words], env=environment(), check=False)
-    assert [*(out / "moving.pieces").glob(".*/*.tmp")]  # it had begun to write
+    assert [*(out / "moving.pieces").glob(".*/*.tmp")]  # writing had begun
     assert _run(moving, out, "--piece", "3/3") == 0
     assert _run(moving, out, "--piece", "1/3") == 0
     capsys.readouterr()
@@ -70,7 +70,7 @@ def test_pieces_in_any_order_one_of_them_killed_make_the_same_bytes(
     assert "of 3 pieces, 2 is not there" in capsys.readouterr().err
     assert _run(moving, out, "--piece", "2/3") == 0
     assert _run(moving, out, "--merge") == 0
-    assert contents_of(out) == whole  # and nothing of the one that was killed
+    assert contents_of(out) == whole  # without left-overs of the killed export
 
 
 def test_a_piece_is_done_again_only_if_something_changed(

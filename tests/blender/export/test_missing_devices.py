@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device that a scene names and that is none costs this device, not the scene."""
+"""A named device without a valid file costs only the device's output, not the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hfx_blender.files import resources
 
 @pytest.fixture
 def scene(registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Names an unknown device, a damaged one and a good one."""
+    """Name an unknown device, a damaged device file and a valid device."""
     folder = tmp_path / "devices"
     folder.mkdir()
     (folder / "torn.json").write_text('{"id": ')

@@ -24,7 +24,7 @@ SCHEMA = Path(__file__).resolve().parents[3] / "docs" / "formats" / "scene-volum
 
 
 def _scene(scene: Any) -> dict[str, dict[int, np.ndarray]]:
-    """A body that bends and walks, painted, beside a moving ball; Blender's skin at some frames."""
+    """A walking, bending, painted body and a moving ball; Blender's skin at some frames."""
     scene.frame_start, scene.frame_end = 1, 9
     body = oracle.add_avatar()
     for bone in body.pose.bones:
@@ -63,7 +63,7 @@ def test_a_body_that_follows_its_mesh_is_where_its_mesh_is(scene: Any, tmp_path:
     oracle.add_walk(body, [(0, 0, 0), (0.3, -0.4, 0.1)], 1, 9)
     oracle.add_painted("Felt", "pressure", body)
     body.hfx.follow = "SURFACE"
-    # The mesh moves as the bones say, which Blender tells of the model itself.
+    # The mesh moves with the bones of the model, as evaluated by Blender.
     reference = oracle.model_object(scene, body, "pressure")
     skin = {}
     for frame in (1, 6, 9):
@@ -90,14 +90,14 @@ def test_blenders_importer_poses_the_skin_as_blender_did(
 def _imported(
     folder: Path, skin: dict[str, dict[int, np.ndarray]]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """World places of the skin as Blender's importer poses it, and those that are expected."""
+    """World positions of the skin posed by Blender's importer, and expected positions."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     bpy.ops.import_scene.gltf(filepath=str(folder / "x.scene.glb"))
     for modality, frames in skin.items():
         (mesh,) = [item for item in bpy.data.objects if item.name.endswith(f"hfx-{modality}-1")]
         for frame, expected in frames.items():
-            scene.frame_set(frame - 1)  # it begins at 0
+            scene.frame_set(frame - 1)  # the imported animation begins at 0
             posed = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
             vertices = np.array([v.co for v in posed.data.vertices])
             world = np.array(posed.matrix_world)

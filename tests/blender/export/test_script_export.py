@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports of scenes whose device has a script: however they are made, and what they tell."""
+"""Exports of scenes with a device script: each way of export, and the reported facts."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ def test_the_same_bytes_in_one_go_and_in_parts(folder: Path, tmp_path: Path) -> 
     ]
     SceneExport(scene, requests).merge_parts(parts, tmp_path / "merged", "x")
     expected = contents_of(tmp_path / "once")
-    assert len(expected) == 8  # track; csv, npz, wav with its JSON of the band; csv, npz; report
-    del expected["x.report.json"]  # counts what was looked at twice
+    assert len(expected) == 8  # track; csv, npz, wav with JSON of the band; csv, npz; report
+    del expected["x.report.json"]  # counts samples looked at twice
     for second in ("again", "merged"):
         contents = contents_of(tmp_path / second)
         assert {name: contents[name] for name in expected} == expected, second
@@ -114,8 +114,9 @@ def test_the_operator_runs_scripts_of_the_devices_that_a_scene_names(
 
 
 def earlier_files(out: Path) -> tuple[list[str], list[str]]:
-    """Files of an earlier export for the band, and files that stay, though its report lists them,
-    too.
+    """Files of an earlier export for the band, and unrelated files.
+
+    Unrelated files stay, though the earlier report lists them too.
     """
     mine = [f"x.{NAME}.csv", f"x.Early.{NAME}.raster.npz"]
     theirs = [f"x.{NAME}.wav", "x.insoles.he", f"y.{NAME}.csv", f"../x.{NAME}.he"]
@@ -189,7 +190,7 @@ def test_the_command_ends_with_5_and_resumes_when_the_script_has_changed(
     errors = capfd.readouterr().err
     assert "my_band.py is not approved" in errors
     assert "x.insoles.csv" in names_in(out) and f"x.{NAME}.csv" not in names_in(out)
-    assert export(out, "--resume") == 5  # nothing has changed: it is still not there
+    assert export(out, "--resume") == 5  # unchanged: the file is still missing
     assert "my_band.py is not approved" in capfd.readouterr().err
     advice = re.search(r"'hfx (device approve .*?)'", errors)
     assert advice is not None and cli.run(shlex.split(advice[1])) == 0

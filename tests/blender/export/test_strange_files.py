@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that a .blend or a command names and that are not what they should be.
+"""Unsuitable files named by a .blend or a command.
 
-Pipes would be waited for without an end; secrets and other machines are nobody's sound or picture;
-results must not replace what they are made from.
+Reading a pipe would never end; secrets and files of remote machines are no sound or picture;
+results must not replace their sources.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes 
 
 
 def _make_pipe(path: Path) -> None:
-    """A pipe that ends for whoever reads it, so that a defect fails and does not hang."""
+    """A pipe closed after reading, so that a defect fails without hanging."""
     os.mkfifo(path)
     threading.Thread(target=lambda: path.open("wb").close(), daemon=True).start()
 
@@ -58,7 +58,7 @@ def _picture(path: Path) -> Any:
 
 
 def _displaced(folder: Path) -> Path:
-    """A picture that Blender reads while it opens the file."""
+    """A picture read by Blender on opening the file."""
     texture = bpy.data.textures.new("T", "IMAGE")
     texture.image = _picture(folder / "skin.png")
     _plane().modifiers.new("D", "DISPLACE").texture = texture
@@ -89,7 +89,7 @@ def _volume(folder: Path) -> Path:
 
 
 def _mesh_cache(folder: Path, is_shown: bool = True) -> Path:
-    """A path of a modifier, which Blender reads while it opens the file, if it is shown."""
+    """A path of a modifier, read by Blender on opening the file if the modifier is shown."""
     modifier = _plane().modifiers.new("Cache", "MESH_CACHE")
     modifier.filepath, modifier.show_viewport = str(folder / "motion.mdd"), is_shown
     (folder / "motion.mdd").write_bytes(b"none")
@@ -101,7 +101,7 @@ def _hidden_mesh_cache(folder: Path) -> Path:
 
 
 def _import_node(folder: Path) -> Path:
-    """A path in a node, whose name tells nothing."""
+    """A path in a node with a neutral name."""
     tree = bpy.data.node_groups.new("Tree", "GeometryNodeTree")
     tree.use_fake_user = True
     length = tree.nodes.new("FunctionNodeStringLength")
@@ -111,7 +111,7 @@ def _import_node(folder: Path) -> Path:
 
 
 def _linked(source: Path) -> None:
-    """Link a plane from another file into an empty one."""
+    """Link a plane from a .blend into an empty file."""
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(str(source), link=True) as (there, linked):
         linked.objects = [name for name in there.objects if name.startswith("Plane")]
@@ -127,7 +127,7 @@ def _library(folder: Path) -> Path:
 
 
 def _file_of_a_library(folder: Path) -> Path:
-    """A path that only the library's own file holds, beside that file."""
+    """A path stored only in the library, relative to the library's folder."""
     (folder / "shared").mkdir()
     victim = _displaced(folder / "shared")
     props = folder / "shared" / "props.blend"
@@ -162,7 +162,7 @@ def test_a_pipe_that_a_scene_names_is_refused(
 
 
 def test_a_damaged_blend_is_left_to_blender(base: Path, tmp_path: Path) -> None:
-    """Bytes changed in the compressed file and in the plain one; cut anywhere."""
+    """Bytes changed in the compressed and in the plain file; cut at any length."""
     bpy.ops.wm.open_mainfile(filepath=str(base))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "plain.blend"), compress=False)
     rng = np.random.default_rng(5)
@@ -179,7 +179,7 @@ def test_a_damaged_blend_is_left_to_blender(base: Path, tmp_path: Path) -> None:
 def test_a_blender_without_zstandard_still_refuses_pipes(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A compressed file is left to Blender then; a plain one is read."""
+    """A compressed file is left to Blender in this case; a plain file is read."""
     bpy.ops.wm.open_mainfile(filepath=str(base))
     victim = _unused(tmp_path)
     for is_compressed in (True, False):
@@ -240,7 +240,7 @@ def test_only_files_of_known_kinds_are_hashed(
     warnings = " ".join(result["warnings"])
     assert "id_rsa' of image 'Key' has an unknown file type" in warnings
     assert "'Far' is on another machine" in warnings
-    assert cli.run([*arguments, "--resume"]) == 0  # what is not read may have changed
+    assert cli.run([*arguments, "--resume"]) == 0  # unread files may have changed
     out = capsys.readouterr().out
     assert "unchanged" not in json.loads(out[out.index("{") :])
 
@@ -280,9 +280,9 @@ def test_a_track_of_another_machine_or_kind_is_not_opened(registered: Any, tmp_p
         ("\\\\server\\share\\a.hfxtrack", "another machine"),
     ):
         scene.hfx.live_track = path
-        with pytest.raises(InputError, match=messages):  # as after opening a file that names it
+        with pytest.raises(InputError, match=messages):  # state after opening a file with the path
             TrackSource().open(bpy.context)
-    scene.hfx.live_track = "\\\\server\\share\\b.hfxtrack"  # the user chooses it
+    scene.hfx.live_track = "\\\\server\\share\\b.hfxtrack"  # the user chooses the path
     with pytest.raises(InputError, match="no such file"):
         live.tracks.open(bpy.context)
     scene.hfx.live_track = ""
@@ -307,7 +307,7 @@ def test_a_report_replaces_neither_a_scene_nor_a_result(
 def test_an_export_never_replaces_what_it_is_made_from(
     base: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A scene's own sound has the name of its result, as a link or on a disk without case has."""
+    """A scene's own sound has the result's name, by a link or on a case-insensitive disk."""
     bpy.ops.wm.open_mainfile(filepath=str(base))
     sound = _sound(tmp_path)
     blend = hfx_scenes.save(tmp_path / "scene.blend")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Editing painted areas with operators: what a creator does beside brushing."""
+"""Operators for painted areas, without the brush."""
 
 from __future__ import annotations
 
@@ -134,14 +134,14 @@ def picture(values: np.ndarray, name: str = "Map") -> Any:
 
 
 def test_an_image_paints_through_the_uv_map(effect: Any) -> None:
-    """U as grey: every vertex gets the U of the place of skin that it lies over."""
+    """U as grey: every vertex gets the U of the nearest skin location."""
     ramp = np.tile((np.arange(512) + 0.5) / 512, (4, 1))
     picture(ramp)
     bpy.ops.hfx.area_from_image(image="Map")
     model, avatar = model_of(effect), load_avatar()
     weights = painting.weights_of(effect)
-    # By hand for vertices whose triangle of the avatar is half of one quad, so that all of its
-    # corners have one place on the map.
+    # By hand for vertices on an avatar triangle within a single half quad, so that all corners have
+    # one location on the map.
     uv_of: dict[int, set[float]] = {}
     for face, uv in zip(avatar.faces.tolist(), avatar.uv.tolist(), strict=True):
         for corner, (u, _) in zip(face, uv, strict=True):
@@ -184,7 +184,7 @@ def test_images_that_cannot_be_used_are_refused_and_nothing_is_lost(effect: Any)
 
 
 def select_vertices(obj: Any, flags: np.ndarray) -> None:
-    """Select vertices as Edit Mode leaves them: no edge or face that is not wholly selected."""
+    """Select vertices as in Edit Mode: edges and faces are selected only with all their vertices."""
     for kind in ("edges", "polygons"):
         elements = getattr(obj.data, kind)
         elements.foreach_set("select", np.zeros(len(elements), np.bool_))
@@ -251,9 +251,9 @@ def test_an_area_is_saved_for_every_file_and_modality(
     model = model_of(second)
     inside, _ = effects.area(second)
     near = model.part[np.array(inside)]
-    assert np.mean(near == PALM) > 0.8  # of the other model, and hardly more
+    assert np.mean(near == PALM) > 0.8  # vertices of the second model, and few more
     bpy.ops.hfx.area_filter(action="clear")
-    bpy.ops.hfx.save_area(name="My palm")  # an empty one is taken away
+    bpy.ops.hfx.save_area(name="My palm")  # an empty area is removed
     with pytest.raises(TypeError):
         bpy.ops.hfx.fill_part(part="saved:My palm")
 

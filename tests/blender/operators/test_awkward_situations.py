@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every operator in awkward situations: it says what it needs, or it works; it never traces back.
+"""Every operator in awkward situations: a message or success, never a traceback.
 
-A situation is set up once; after each operator that could do something its scene may be another
-one, so what matters of it (what is active, in which mode) is set up again.
+Each situation is set up once. After an operator with an effect the scene may be different, so the
+important state (active object, mode) is set up again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NOT_HERE = {
     "live_import",
     "stroke_pad",  # modal
     "paint_status",
-    "export",  # has tests of its own; takes its time
+    "export",  # slow, with separate tests
     "bake_response",
     "place_dropped",
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips as a creator handles them: remove, copy, fades as curves; muting and solo."""
+"""Clip operators of a creator: remove, copy, fades as curves; muting and solo."""
 
 from __future__ import annotations
 

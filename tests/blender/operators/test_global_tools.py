@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gain, frequency and modulation over many effects; rain that makes its drops."""
+"""Gain, frequency and modulation over many effects; rain with generated drops."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_modulation_swings_below_the_intensity_and_can_be_taken_away(
     assert min(values) == pytest.approx(0.4, abs=1e-3)
     middle = np.array(values) > 0.6
     falls = np.count_nonzero(~middle[1:] & middle[:-1])
-    assert falls == 2  # 2 Hz over one second at 50 frames a second
+    assert falls == 2  # 2 Hz over 1 s at 50 frames a second
     bpy.ops.hfx.modulate(rate=2.0, depth=0.0, scope="ALL")
     assert intensity(effect, 13.0) == pytest.approx(0.8)
 
@@ -112,7 +112,7 @@ def test_rain_is_one_effect_with_the_drops_that_were_asked_for(three: dict[str, 
         nearest = np.linalg.norm(model.vertices - position, axis=1).argmin()
         assert model.normals[nearest, 2] > 0.0, "rain falls from above"
     (track,) = effect.animation_data.nla_tracks
-    bpy.context.scene.frame_set(int(starts[3]) + 1)  # it lasts for three frames
+    bpy.context.scene.frame_set(int(starts[3]) + 1)  # a drop lasts for three frames
     evaluated = effect.evaluated_get(bpy.context.evaluated_depsgraph_get())
     assert evaluated.hfx.activation > 0.1
     assert evaluated.hfx.path_position == pytest.approx(drops[3][1], abs=1e-5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""New > Haptics: Blender asks about unsaved work, and no other new file gets the avatar.
+"""New > Haptics: Blender asks about unsaved work, and only this file gets the avatar.
 
 The question itself is in the journey ``tests/manual/gui/journeys/new_file.py``.
 """
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("scene")
 
 
 class Layout:
-    """Stand-in for a menu's layout, as Blender's own entries of *New* leave it."""
+    """Stand-in for a menu's layout after Blender's own entries of *New*."""
 
     operator_context = "EXEC_DEFAULT"
 
@@ -32,7 +32,7 @@ class Layout:
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
-    """Calls of ``read_homefile``, which asks in a window, and here does nothing."""
+    """Record calls of ``read_homefile``; without a window Blender asks no question."""
     calls: list[tuple[Any, ...]] = []
     fake = SimpleNamespace(read_homefile=lambda *how, **settings: calls.append((*how, settings)))
     monkeypatch.setattr(workspace.bpy.ops, "wm", fake)

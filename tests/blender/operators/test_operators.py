@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: their effect on the scene, and that one undo step reverts it."""
+"""Operators: effect on the scene, and full reversal by a single undo step."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def volume(name: str = "Ball", **settings: object) -> Any:
 
 
 def activation_at(effect: Any, *frames: float) -> list[float]:
-    """The activation that Blender's animation system comes to."""
+    """Activation evaluated by Blender's animation system."""
     values = []
     for frame in frames:
         bpy.context.scene.frame_set(int(frame // 1), subframe=frame % 1)
@@ -100,7 +100,7 @@ def test_a_walk_goes_the_way_at_an_even_speed(body: Any) -> None:
         places.append(tuple(body.matrix_world.translation))
     expected = [(0, 0, 0), (0, -1, 0), (0, -2, 0), (1, -2, 0), (2, -2, 0)]
     assert np.allclose(places, expected, atol=1e-5)
-    # The rest pose faces -Y; after the corner it faces +X.
+    # The rest pose faces -Y; after the corner the body faces +X.
     front = body.matrix_world.to_3x3() @ bpy.data.objects[body.name].location.__class__((0, -1, 0))
     assert np.allclose(front, (1, 0, 0), atol=1e-5)
 
@@ -220,7 +220,7 @@ def test_overlapping_clips_go_to_tracks_of_their_own(empty: Any) -> None:
     bpy.ops.hfx.add_clip(start=100.0, duration=1.0)
     tracks = effect.animation_data.nla_tracks
     assert [len(track.strips) for track in tracks] == [2, 1]
-    # The later one fades in over the earlier one, which is on: no dip.
+    # The later strip fades in over the earlier active strip: no dip.
     at = {0: 1, 29: 1, 31: 1, 37.5: 1, 59: 1, 61: 1, 89: 1, 91: 0, 99: 0, 101: 1, 159: 1, 161: 0}
     assert activation_at(effect, *at) == pytest.approx(list(at.values()), abs=1e-4)
 
@@ -230,7 +230,7 @@ def test_a_clip_leaves_other_animation_alone(empty: Any) -> None:
     for frame, value in ((0, 0.0), (100, 1.0)):
         effect.hfx.intensity = value
         effect.hfx.keyframe_insert("intensity", frame=frame)
-    effect.name = "New Name"  # its action still has a slot of the old name
+    effect.name = "New Name"  # the action still has a slot with the old name
     curve = effect.animation_data.action
     bpy.ops.hfx.add_clip(start=0.0, duration=1.0)
     assert effect.animation_data.action == curve
@@ -253,8 +253,8 @@ def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
     bpy.ops.hfx.add_heartbeat(
         start=60.0, duration=2.0, beats_per_minute=120.0, fade_in=0.5, fade_out=0.5
     )
-    # Four beats of 30 frames from frame 60 on; in each, pulses of 1 at 0.08 and 0.6 at 0.38 of
-    # the beat, nothing from half of it on. The fades are 30 frames at both ends of the whole.
+    # Four beats of 30 frames from frame 60 on; in each, pulses of 1 at 0.08 and 0.6 at 0.38 of the
+    # beat, and silence in the second half. The fades are 30 frames at both ends of the whole.
     envelope = {
         0: lambda t: t / 30,
         1: lambda t: 1.0,
@@ -429,7 +429,7 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
 
 
 def test_an_avatar_stands_beside_what_is_there_in_the_active_collection(empty: Any) -> None:
-    bpy.ops.mesh.primitive_cube_add(size=2.0)  # as in the scene that Blender starts with
+    bpy.ops.mesh.primitive_cube_add(size=2.0)  # as in Blender's start-up scene
     mine = bpy.data.collections.new("Mine")
     bpy.context.scene.collection.children.link(mine)
     layer = bpy.context.view_layer
@@ -444,7 +444,7 @@ def test_an_avatar_stands_beside_what_is_there_in_the_active_collection(empty: A
 
 
 def delete(body: Any) -> None:
-    """As *X* does: the effects on a body keep it in the file, but not in the scene."""
+    """As *X*: effects on a body keep the body in the file, but not in the scene."""
     with bpy.context.temp_override(selected_objects=[body]):
         bpy.ops.object.delete()
 
@@ -509,7 +509,7 @@ def test_export_needs_a_file_name(body: Any, tmp_path: Path, name: str) -> None:
         bpy.ops.hfx.export(filepath=str(tmp_path / name) if name else "")
 
 
-# When they can be used, and taking them back
+# Poll conditions, and undoing
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators of haptic surfaces: their effect, their messages, and what a .blend keeps."""
+"""Operators of haptic surfaces: effect, messages, and data saved in a .blend."""
 
 from __future__ import annotations
 

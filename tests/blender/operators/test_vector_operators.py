@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations in Blender: sliders, keyframes, export to the one device, files, formats."""
+"""Vector sensations in Blender: sliders, keyframes, export to a single device, files, formats."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_curves_reach_their_actuators_and_no_other_device(vector: Any, tmp_path:
     others = [k for k, item in enumerate(ids) if item not in ("r1c2", "r3c3")]
     assert not pad[:, others].any() and not _strengths(tmp_path, "waist_belt").any()
     assert report.engine["stepping"] == "sampled F-curves, stepped no scene"
-    assert not report.unrendered  # the pad plays all of it
+    assert not report.unrendered  # the pad plays every channel
     alone = export_scene(
         bpy.context.scene, tmp_path, "b", ExportSettings(formats=("npz",), devices=devices[1:])
     )

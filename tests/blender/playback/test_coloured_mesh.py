@@ -53,7 +53,7 @@ def drawn_at(layer: Layer) -> np.ndarray:
 
 def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> None:
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=0.05)
-    ball = bpy.context.object  # edges of 6 cm, once it is scaled
+    ball = bpy.context.object  # edges of 6 cm after scaling
     ball.modifiers.new("Subdivision", "SUBSURF").levels = 3
     ball.scale, ball.location = (2.0, 2.0, 2.0), (0.3, 0.0, 1.0)
     bpy.context.view_layer.update()
@@ -77,7 +77,7 @@ def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> N
         np.tile([*COLOURS["pressure"], 1.0], (count, 1)), abs=BYTE
     )
     layer = coloured.layer(skin, shown, 1.0)
-    surface = BVHTree.FromObject(ball, graph)  # its own space
+    surface = BVHTree.FromObject(ball, graph)  # in object space
     to_own = np.linalg.inv(np.array(ball.matrix_world))
     at = drawn_at(layer) @ to_own[:3, :3].T + to_own[:3, 3]
     middles = at[shown.triangles].mean(axis=1)
@@ -212,7 +212,7 @@ def test_an_avatar_that_was_edited_is_coloured_as_it_is_now(touch: Any) -> None:
     preview = Preview()
     now(preview)
     mesh = touch.hfx.body.hfx.avatar
-    import bmesh  # which bpy brings
+    import bmesh  # included in bpy
 
     edited = bmesh.new()
     edited.from_mesh(mesh.data)

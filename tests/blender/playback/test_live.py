@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connected devices follow the open scene, and everything that ends it silences them."""
+"""Connected devices follow the open scene; every end of playback silences the devices."""
 
 from __future__ import annotations
 
@@ -51,11 +51,12 @@ PATIENCE_S = 120.0
 
 @pytest.fixture
 def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A vibrating back in the scene, and the file of a simulated pad that is connected."""
+    """A vibrating back in the scene, and the log file of a connected simulated pad."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
-    # On a busy machine what renders may take seconds to start; a scene that rests must wait for it.
+    # On a busy machine rendering may take seconds to start; tests of a scene at rest wait for the
+    # start.
     monkeypatch.setattr(live_module, "HOLD_S", 600.0)
-    live.close()  # whatever a test before has connected, it was less patient
+    live.close()  # a connection of an earlier test was less patient
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
     bpy.ops.hfx.fill_part(part="torso", side="both")
@@ -299,7 +300,7 @@ def test_a_frame_is_evaluated_once_for_devices_and_preview(
         return runs(self)
 
     monkeypatch.setattr(LiveScene, "runs", counted)
-    preview.invalidate()  # its handler comes first
+    preview.invalidate()  # the preview's handler runs first
     go(16)
     assert preview.layers("PAPER")
     assert calls == [16]
@@ -336,8 +337,9 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
 
 @pytest.fixture
 def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Beside the pad, which answers after half a frame, a device that answers after 100 ms: two
-    frames and a half. All changes of the scene are noticed, as with a window.
+    """Pad answering after half a frame, and a second device answering after 100 ms.
+
+    100 ms are two and a half frames. All changes of the scene are noticed, as with a window.
     """
     folder = tmp_path / "devices"
     folder.mkdir()
@@ -395,7 +397,7 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
     bpy.data.objects["Rumble"].hfx.is_muted = True
     bpy.ops.hfx.add_volume(modality="vibration", shape="CUBOID", name="Box", location=(9, 0, 1.2))
     box = bpy.context.object
-    for frame, x in ((1, 9.0), (12, 0.0)):  # it comes at once, at frame 12
+    for frame, x in ((1, 9.0), (12, 0.0)):  # in contact at frame 12, without approach
         box.location.x = x
         box.keyframe_insert("location", frame=frame)
     for curve in compat.fcurves(box):
@@ -413,8 +415,8 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
         until(is_so)
 
     def until_on_time() -> None:
-        until_at(9, False, False)  # 100 ms later it is frame 11.5
-        until_at(10, False, True)  # 100 ms later it is frame 12.5
+        until_at(9, False, False)  # 100 ms later the frame is 11.5
+        until_at(10, False, True)  # 100 ms later the frame is 12.5
         until_at(12, True, True)
 
     assert recorder.valid is None
@@ -424,7 +426,7 @@ def test_a_volume_is_felt_on_time_and_only_while_the_record_is_valid(
     recorder.update_now(scene)
     assert uncompensated(scene) == ""
     until_on_time()
-    bpy.data.objects["Box"].hfx.amplitude = 3.0  # an edit while it plays
+    bpy.data.objects["Box"].hfx.amplitude = 3.0  # an edit during playback
     viewport_preview.check_scene()
     bpy.context.view_layer.update()
     assert recorder.valid is None
@@ -439,7 +441,7 @@ def test_the_offset_of_a_device_is_set_while_it_plays_and_remembered(log: Path) 
     assert bpy.ops.hfx.live_offset(name=PAD, offset_ms=40.0) == {"FINISHED"}
     assert live.offset_ms(PAD) == 40.0
     assert live_settings.load()[PAD].offset_ms == 40.0
-    assert live_settings.load()[PAD].path == str(log)  # the rest is as it was
+    assert live_settings.load()[PAD].path == str(log)  # all remaining settings unchanged
     with pytest.raises(RuntimeError, match="not connected"):
         bpy.ops.hfx.live_offset(name="other", offset_ms=40.0)
 
@@ -451,7 +453,7 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     brand = load_device(board).brand
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
-    monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # for no other test
+    monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # only for this test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
     assert live_setup.search.run() == [port.name]
@@ -565,7 +567,7 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
             assert time.monotonic() < end
             time.sleep(0.02)
     finally:
-        process.kill()  # bpy may hang at its end
+        process.kill()  # bpy may hang at exit
         process.wait()
     assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))
 

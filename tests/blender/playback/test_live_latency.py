@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuators that answer late begin what the record of values over time has of that moment."""
+"""Slow actuators start early, by their latency, with the recorded values of a later moment."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hfx_blender.reading.live.live_scene import LiveScene
 
 @pytest.fixture
 def recorded_scene(scene: Any) -> Iterator[Any]:
-    """A scene with an avatar, at frames 1 to 24, 24 of them a second; nothing is recorded yet."""
+    """A scene with an avatar, frames 1 to 24 at 24 frames a second; nothing is recorded yet."""
     recorder.forget()
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 24, 24
     scene.hfx.rate = 48.0
@@ -34,7 +34,7 @@ def recorded_scene(scene: Any) -> Iterator[Any]:
 
 @pytest.fixture
 def ball(recorded_scene: Any) -> Any:
-    """A volume that goes through the avatar."""
+    """A volume moving through the avatar."""
     bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", name="Ball", radius=0.3)
     actual = bpy.context.object
     for frame, x in ((1, -1.0), (24, 1.0)):
@@ -172,7 +172,7 @@ def test_frames_ahead_are_those_that_playback_shows(recorded_scene: Any) -> None
     assert after(22) == pytest.approx(24.4)  # the last frame lasts a whole frame
     assert [after(k) for k in (23, 24, 1)] == pytest.approx([1.4, 2.4, 3.4])
     assert after(20) == pytest.approx(22.4)
-    assert after(5) == pytest.approx(7.4)  # a jump back is no other direction
+    assert after(5) == pytest.approx(7.4)  # a jump back does not reverse the direction
     assert after(6) == pytest.approx(8.4)
     # In reverse, known from the second frame on; before 1 comes 24.
     assert [after(k) for k in (5, 4, 3)] == pytest.approx([7.4, 1.6, 0.6])

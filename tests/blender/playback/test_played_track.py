@@ -27,7 +27,7 @@ def test_a_track_plays_in_place_of_the_scene(
     bpy.ops.hfx.record_track()
     hfx = bpy.context.scene.hfx
     assert hfx.live_source == "TRACK"
-    until(lambda: not live.is_armed)  # recording has stopped it; only Play plays
+    until(lambda: not live.is_armed)  # recording stopped playback; only Play starts again
     bpy.context.object.hfx.is_muted = True  # the scene itself is silent from now on
 
     def evaluated(*_: object) -> None:
@@ -40,7 +40,7 @@ def test_a_track_plays_in_place_of_the_scene(
         assert not is_loud(log)
         play(log)
         until(lambda: rows(log)[-1]["values"][0] == 5.0)
-        go(5)  # before its clip
+        go(5)  # before the clip
         until(lambda: not is_loud(log))
         go(15)
         until(lambda: is_loud(log))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The colours that the viewport shows: those of the engine's own samples, at this moment."""
+"""Colours in the viewport equal the colours of the engine's samples at the same moment."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def shown(scene: Any) -> Preview:
 
 @dataclass(frozen=True)
 class Whole:
-    """A layer with a row for every vertex of its mesh."""
+    """A layer with a row for every vertex of the mesh."""
 
-    positions: np.ndarray  # in the world, where it is drawn
+    positions: np.ndarray  # as drawn, in world space
     normals: np.ndarray
     triangles: np.ndarray
     colours: np.ndarray  # 0..1

@@ -118,7 +118,7 @@ def test_skin_that_is_felt_is_coloured_and_darker_where_it_is_seen_from_the_side
 
 
 def profile(picture: np.ndarray, pictures: Any) -> np.ndarray:
-    """Profile from the middle of the first actuator to the right, two and a half of its radii."""
+    """Profile from the first actuator's middle to the right, over two and a half radii."""
     x, _, z = pictures["first"]
     row, column = pixel(x, z)
     return picture[row, column : column + round(2.5 * float(pictures["radius"]) * SIZE)]
@@ -147,7 +147,7 @@ def test_discs_are_fans_of_their_rings_each_seen_from_outside() -> None:
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     area = (ux * vy - uy * vx) / 2.0
     polygon = 0.5 * card_shaders.CORNERS * np.sin(2.0 * np.pi / card_shaders.CORNERS)
-    # Rings 2 and 3 are one edge: together they cover the outermost.
+    # Rings 2 and 3 share an edge: together both cover the outermost ring.
     assert np.abs(area).sum() == pytest.approx(3 * polygon * 4.0)
     assert (corners[triangles[:, 0], 3] == corners[triangles[:, 2], 3]).all()
     assert sorted(set(corners[:, 3])) == [0.0, 1.0, 2.0]

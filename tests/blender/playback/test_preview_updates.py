@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whatever changes what is felt is shown at the next redraw, by whatever way it was changed."""
+"""Every change of haptic results, by every way of editing, is shown at the next redraw."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ELSEWHERE = (
 
 @pytest.fixture
 def following(scene: Any) -> Iterator[Any]:
-    """The preview's handlers, which a Blender without a window does not have."""
+    """The preview's handlers, missing in a Blender without a window."""
     preview.listen()
     preview.forget()
     yield scene
@@ -40,7 +40,7 @@ def following(scene: Any) -> Iterator[Any]:
 
 
 def redraw() -> None:
-    """What Blender does at a redraw and after it: timers, evaluation of what is tagged, drawing."""
+    """Redraw as Blender does: timers, evaluation of tagged data, drawing."""
     preview.schedule_check()
     idle()
 
@@ -54,7 +54,7 @@ def idle() -> None:
 
 
 def rows(runs: list[Any]) -> dict[tuple[str, str], np.ndarray]:
-    """Strength of each vertex that feels an effect, with the effect's parameters."""
+    """Strength of each vertex in contact with an effect, with the effect's parameters."""
     actual = {}
     for run in runs:
         for sample in run:
@@ -82,7 +82,7 @@ def afresh() -> dict[tuple[str, str], np.ndarray]:
 
 
 def other_value(prop: Any, value: Any) -> Any:
-    """A value that a property may have, other than the present one."""
+    """Allowed value of a property, different from the present value."""
     if prop.type == "BOOLEAN":
         return not value
     if prop.type == "ENUM":
@@ -104,7 +104,7 @@ def other_number(prop: Any, value: float) -> float:
 
 @pytest.fixture
 def only_told(following: Any) -> Iterator[None]:
-    """Nothing is shown, so that only what is noticed costs time."""
+    """Show nothing, so that only noticed changes cost time."""
     manager = bpy.context.window_manager
     manager.hfx_preview = manager.hfx_show_actuators = False
     yield
@@ -123,7 +123,7 @@ def test_every_property_of_effects_and_bodies_is_told(only_told: None) -> None:
             is_object = prop.type != "POINTER" or prop.fixed_type.identifier == "Object"
             if prop.is_readonly or prop.type == "COLLECTION" or not is_object:
                 continue
-            if prop.identifier == "role":  # it is no effect any more: the list of them is compared
+            if prop.identifier == "role":  # no effect any more: the list of effects is compared
                 continue
             preview.is_drawn = True
             setattr(owner, prop.identifier, other_value(prop, getattr(owner, prop.identifier)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stroke pad without its window: what is felt at each moment is what the stroke is."""
+"""The stroke pad without a window: the rendered strength at each moment equals the stroke's."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def texture() -> SurfaceTexture:
 
 
 def stroked(pad: StrokePad, speed: float, seconds: float = 0.5) -> list[Any]:
-    """Stroke along x, told 120 times a second; the steps that came meanwhile."""
+    """Stroke along x with 120 moves a second; return the steps computed in between."""
     pad.press(10.0, (0.0, 0.001))
     steps = []
     for k in range(1, round(seconds * 120) + 1):
@@ -143,7 +143,7 @@ def test_the_calibration_slider_is_kept(
     chosen = bpy.context.window_manager.hfx_surface_calibration
     chosen.drive = 42.0
     chosen.device = "phone"
-    assert chosen.drive == pytest.approx(42.0)  # the one of any device
+    assert chosen.drive == pytest.approx(42.0)  # the highest drive of any device
     chosen.drive = 7.0
     chosen.device = ""
     assert chosen.drive == pytest.approx(42.0)

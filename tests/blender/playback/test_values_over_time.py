@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values over time, and actuators that glow: what an export would give, kept while it holds."""
+"""Values over time, and glowing actuators: equal to an export, cached while valid."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, 
     assert hug.values.max() == 2.0 * squeeze.hfx.pressure, "the stronger of both"
     small = value_chart.chart(actual, PAPER, 600.0, 60.0)
     assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
-    # The curve's box: from frame 10 to frame 20, as high as its share of full scale.
+    # Box of the curve: from frame 10 to frame 20, as high as the curve's share of full scale.
     green = np.isclose(wide.colours[:, 1], PAPER["pressure"][1], atol=0.01)
     curve = wide.positions[green & (wide.positions[:, 1] > wide.height - 30)]
     assert curve[:, 0].min() == pytest.approx(wide.x_of(10), abs=wide.width / 48)

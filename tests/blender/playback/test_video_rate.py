@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A video runs at its own rate with the timeline: flat, and 360 degrees as the world."""
+"""A video keeps its own frame rate in the timeline: flat, and 360 degrees as the world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RATE, PICTURES, START = 20, 40, 11
 
 @pytest.fixture
 def movie(tmp_path: Path) -> Path:
-    """Two seconds; each picture is of one grey, picture k of 5 + 6 k."""
+    """Two seconds of uniform grey pictures; picture k has the grey 5 + 6 k."""
     grey = (5 + 6 * np.arange(PICTURES)).astype(np.uint8)
     pictures = np.broadcast_to(grey[:, None, None, None], (PICTURES, 16, 32, 3))
     tone = (8000 * np.sin(np.arange(PICTURES * 400) * 0.17)).astype(np.int16)
@@ -27,12 +27,12 @@ def movie(tmp_path: Path) -> Path:
 
 
 def wanted(frame: int, fps: int) -> int:
-    """The picture that is due at a frame of the scene, from 1."""
+    """Number of the expected picture at a frame of the scene, from 1."""
     return int(np.floor((frame - START) * RATE / fps + 1e-6)) + 1
 
 
 def shown(screen: Any, frame: int) -> int:
-    """The picture that Blender takes, by its rule for image users that do not repeat."""
+    """Picture taken by Blender, by the rule for image users without repeat."""
     user = screen.evaluated_get(bpy.context.evaluated_depsgraph_get()).image_user
     counted = min(max(frame - user.frame_start + 1, 1), user.frame_duration)
     return int(counted + user.frame_offset)
@@ -62,7 +62,7 @@ def test_another_frame_rate_or_start_keeps_it_in_step(scene: Any, movie: Path) -
     scene.render.fps = 30
     screen[media.START] = 41
     screen.update_tag()
-    scene.frame_set(71)  # a second after it began
+    scene.frame_set(71)  # a second after the start
     assert shown(screen, 71) == RATE + 1
 
 
@@ -90,7 +90,7 @@ def test_a_silent_video_and_one_without_its_sound_add_no_strip(scene: Any, tmp_p
 def test_a_360_degree_video_is_rendered_in_step_as_the_world(
     scene: Any, movie: Path, tmp_path: Path
 ) -> None:
-    """Grey tells the picture; at 30 frames a second, 20 pictures a second."""
+    """The grey identifies the picture; at 30 frames a second, 20 pictures a second."""
     scene.render.fps = 30
     scene.frame_set(START)
     bpy.ops.hfx.add_video(filepath=str(movie), projection="SPHERE")

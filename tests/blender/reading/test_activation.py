@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Activation of effects: every way in which a timeline can state it, end to end."""
+"""Activation of effects: every way to state activation in a timeline, end to end."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def levels(effect: Any) -> np.ndarray:
 
 
 def trapezoid(start: float, end: float, fade_in: float = 0.0, fade_out: float = 0.0) -> np.ndarray:
-    """A clip's level at each frame, from what a fade means."""
+    """A clip's level at each frame, by the definition of a fade."""
     frames = np.array(FRAMES, float)
     rise = (frames - start) / fade_in if fade_in else np.ones(len(frames))
     fall = (end - frames) / fade_out if fade_out else np.ones(len(frames))
@@ -115,10 +115,10 @@ def _solo_another(data: Any) -> None:
 
 @pytest.mark.parametrize("silence", [_mute_the_strip, _mute_the_track, _nla_off, _solo_another])
 def test_silenced_while_on_it_is_off(effect: Any, silence: Any) -> None:
-    """Nothing writes the property then: it keeps a value that means nothing."""
+    """Nothing writes the property then: the stored value has no meaning."""
     oracle.add_clip(effect, 3, 20)
     silence(effect.animation_data)
-    effect.hfx.activation = 1.0  # as it is left behind in most of these cases, not in all
+    effect.hfx.activation = 1.0  # stale value, as left behind in most of the cases below
     assert activation.activation_of(effect).source is ActivationSource.OFF
     assert oracle.evaluate(bpy.context.scene).reader.sample_indices.tolist() == []
     assert not levels(effect).any()
@@ -226,7 +226,7 @@ def test_intensity_multiplies(effect: Any) -> None:
 
 
 def test_values_that_a_script_has_just_set(effect: Any) -> None:
-    """Blender does not bring them to its evaluated copies by itself."""
+    """Blender does not copy the values to the evaluated copies automatically."""
     levels(effect)
     effect.hfx.intensity = 0.25
     assert levels(effect).tolist() == [0.25] * 30

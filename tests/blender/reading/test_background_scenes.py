@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Background scenes are felt as Blender shows them, and those behind them."""
+"""Background scenes give contacts as shown by Blender, with nested background scenes."""
 
 from __future__ import annotations
 

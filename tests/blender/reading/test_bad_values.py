@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values that are not numbers: silent where they arise, all other times and effects are right."""
+"""Values outside of numbers: silent at their time, with correct results at all further times."""
 
 from __future__ import annotations
 
@@ -93,12 +93,12 @@ def test_a_flat_volume(scene: Any, ball: Any, scale: tuple[float, float, float])
     ball.rotation_euler = (0.3, 0.2, 0.1)
     evaluation = oracle.evaluate(scene, rate_hz=24)
     assert evaluation.samples == {}
-    if scale != (1e-20, 1, 1e20):  # that one is just very thin and very long
+    if scale != (1e-20, 1, 1e20):  # only very thin and very long
         assert list(evaluation.counters.warnings.values()) == [12]
 
 
 def test_parameters_are_kept_in_their_ranges(scene: Any, ball: Any) -> None:
-    """A driver may write past a property's limits; a device must never see that."""
+    """A driver may write past a property's limits; a device never gets such a value."""
     source = oracle.empty(scene)
     source["value"] = 1e9
     driver = ball.driver_add("hfx.temperature").driver
@@ -165,7 +165,7 @@ def test_a_key_that_is_not_a_number(scene: Any, ball: Any, path: str) -> None:
 
 
 def test_a_handle_that_is_not_a_number(scene: Any, ball: Any) -> None:
-    """As Blender's own curve goes: a handle counts between its key and the next one."""
+    """As in Blender's own curve: a handle counts between its own key and the next key."""
     oracle.key(ball, "hfx.intensity", [(1, 0.5), (6, 0.5), (9, 0.5), (12, 0.5)])
     curve = compat.fcurves(ball)[0]
     for point in curve.keyframe_points:
@@ -188,7 +188,7 @@ def test_a_clip_with_such_a_key(scene: Any, ball: Any) -> None:
 
 
 def test_a_body_with_such_a_key(scene: Any, ball: Any) -> None:
-    """It feels no volume then; what is painted on it goes on."""
+    """Then no volume touches the body; effects painted on the body go on."""
     body = bpy.data.objects["Avatar"]
     oracle.key(body, "location", [(1, (0, 0, 0)), (6, (0, 0, 0)), (12, (0, 0, 0))])
     _steps(compat.fcurves(body))

@@ -82,7 +82,7 @@ TRANSFORMS: dict[str, Callable[[Any, Any, Any], None]] = {
 
 
 def _mesh(scene: Any, shape: str, location: tuple[float, float, float]) -> Any:
-    """A closed mesh that is not convex: a torus with a hole, or a sphere with dents that move."""
+    """A closed mesh, not convex: a torus with a hole, or a sphere with moving dents."""
     if shape == "TORUS":
         bpy.ops.mesh.primitive_torus_add(
             major_radius=0.3, minor_radius=0.12, major_segments=24, minor_segments=9
@@ -172,7 +172,7 @@ def test_contacts_are_those_of_the_reference(evaluated: Any, shape: str, transfo
         assert not len(wrong), (index, wrong[:5], len(wrong))
         if verdict.weights is not None:
             expected = np.where(verdict.inside, verdict.weights, 0.0)
-            # A position that is 1e-5 m off, over the smallest half width of a volume here.
+            # A position error of 1e-5 m, over the smallest half width of a volume here.
             assert np.abs(weights - expected)[verdict.clear].max() < 1e-4
         touched += np.count_nonzero(verdict.inside & verdict.clear)
         uncertain += np.count_nonzero(~verdict.clear)
@@ -181,7 +181,7 @@ def test_contacts_are_those_of_the_reference(evaluated: Any, shape: str, transfo
 
 
 def test_the_reference_poses_skin_where_blender_does(evaluated: Any) -> None:
-    """The definition of a pose, of all vertices, within what float32 holds."""
+    """The definition of a pose, for all vertices, within the precision of float32."""
     _, evaluation, positions = evaluated
     (body,) = evaluation.reader.description.bodies
     for block in evaluation.blocks:
@@ -193,7 +193,7 @@ def test_the_reference_poses_skin_where_blender_does(evaluated: Any) -> None:
 
 
 def test_the_volumes_cut_the_body(evaluated: Any) -> None:
-    """Most samples have vertices inside and outside, so that the comparison means something."""
+    """Most samples have vertices inside and outside, so that the comparison is meaningful."""
     _, evaluation, positions = evaluated
     sizes = [
         len(sample.vertices) / len(next(iter(positions.values()))[sample.stream.model_id[4:-2]])
@@ -206,7 +206,7 @@ def test_the_volumes_cut_the_body(evaluated: Any) -> None:
 
 
 def test_cells_of_skin_feel_whatever_their_vertices_feel(evaluated: Any) -> None:
-    """Coverage adds skin around what the vertex test finds, and loses none of it."""
+    """Coverage adds skin around the vertices of the vertex test, and loses no vertex."""
     scene, paper, positions = evaluated
     chosen = {f"{shape} {name}" for shape, name in zip(SHAPES, TRANSFORMS, strict=False)}
     for name in paper.samples:
@@ -228,7 +228,7 @@ def test_cells_of_skin_feel_whatever_their_vertices_feel(evaluated: Any) -> None
             assert actual is not None
             weights[actual.vertices] = actual.weights
             assert (weights[actual.vertices] > 0.0).all() and weights.max() <= 1.0
-            # Temperature cells are sampled on other vertices; falloff may be weaker than 5 %.
+            # Temperature cells are sampled on different vertices; falloff may be weaker than 5 %.
             if modality != "temperature":
                 strong = sample.vertices[sample.weights > 0.05]
                 assert (weights[strong] > 0.0).all()

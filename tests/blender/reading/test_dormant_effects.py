@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nothing is read of effects that cannot be felt: no mesh, no matrix, no stepped scene."""
+"""Nothing is read of effects without a possible contact: no mesh, no matrix, no stepped scene."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ WAYS: dict[str, tuple[Callable[[Any], None], str]] = {
 
 @pytest.fixture
 def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the effects that are read from evaluated objects from now on."""
+    """Names of the effects read from evaluated objects from now on."""
     names: list[str] = []
     real = stepped_reading.SteppedReading.read_effect
 
@@ -68,14 +68,14 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.fixture
 def felt(scene: Any) -> Any:
-    """A scene of 12 frames with a body and a volume that it feels."""
+    """A scene of 12 frames with a body and a touching volume."""
     scene.frame_start, scene.frame_end = 1, 12
     oracle.add_avatar()
     return oracle.add_volume("Felt", "pressure", "SPHERE", (0.0, 0.0, 1.2), radius=0.2)
 
 
 def _restless(name: str) -> Any:
-    """A deforming mesh volume with a constraint, in reach: only Blender knows where it is."""
+    """A deforming mesh volume with a constraint, in reach: only Blender can place the volume."""
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3, radius=0.3)
     source = bpy.context.object
     effect = oracle.add_mesh_volume(name, "vibration", source)
@@ -106,17 +106,17 @@ def test_nothing_of_it_is_read(
     del made[:], read[:]
     evaluation = oracle.evaluate(scene)
     assert made == []
-    assert set(read) == {"Felt"}  # a few times are compared with what Blender evaluates
+    assert set(read) == {"Felt"}  # a few times are compared with Blender's evaluation
     assert evaluation.reader.stepping_note == CURVES
     assert evaluation.counters.as_dict() == alone.counters.as_dict()
     assert _entries(evaluation, "Felt") == _entries(alone, "Felt")
     described = {item.name: item for item in evaluation.reader.description.effects}
-    assert described["Restless"].kind == "volume"  # a track keeps its line
+    assert described["Restless"].kind == "volume"  # a track keeps the line of the effect
     assert evaluation.reader.unfelt["Restless"].reason == messages
 
 
 def test_what_may_be_felt_is_read(scene: Any, felt: Any, made: list[str], read: list[str]) -> None:
-    """The other way round, so that the tests above see what they say they see."""
+    """The reverse case, as a check of the tests above."""
     _restless("Restless")
     evaluation = oracle.evaluate(scene)
     assert "Restless" in made and "Restless" in read
@@ -153,7 +153,7 @@ def test_a_handler_may_turn_an_effect_on(scene: Any, felt: Any) -> None:
 
     def turn_on(scene: Any, _graph: Any) -> None:
         felt.hfx.intensity = 1.0
-        felt.update_tag()  # Blender does not notice it by itself
+        felt.update_tag()  # Blender does not notice the change automatically
 
     bpy.app.handlers.frame_change_pre.append(turn_on)
     try:
@@ -233,7 +233,7 @@ def test_what_nobody_feels_does_not_have_the_whole_scene_stepped(
 
 
 def test_felt_cloth_has_the_whole_scene_stepped(scene: Any, felt: Any) -> None:
-    """As it does where a volume only hangs on what physics moves."""
+    """Also with a volume parented to a physics object."""
     felt.parent = _curtain(scene)
     reader = SceneReader(scene)
     for _ in reader.blocks():
@@ -243,7 +243,7 @@ def test_felt_cloth_has_the_whole_scene_stepped(scene: Any, felt: Any) -> None:
 
 
 def test_the_range_that_is_read_does_not_change_what_is_felt(scene: Any, felt: Any) -> None:
-    """Effects that begin right after the range count when motion is read, as in a longer range."""
+    """Effects beginning right after the range count when motion is read, as in a longer range."""
     restless = _restless("Restless")
     oracle.add_clip(restless, 7.01, 12)
     scene_reader = SceneReader(scene, frames=(1, 6))

@@ -134,7 +134,7 @@ def test_modifiers_extrapolation_and_muted_curves(scene: Any) -> None:
 
 @pytest.fixture
 def rig(scene: Any) -> Any:
-    """A chain with a connected bone, a branch, and bones that move along other axes."""
+    """A chain with a connected bone, a branch, and bones moving along different axes."""
     data = bpy.data.armatures.new("Rig")
     obj = bpy.data.objects.new("Rig", data)
     scene.collection.objects.link(obj)
@@ -165,7 +165,7 @@ def _key_bones(rig: Any) -> None:
     for k, bone in enumerate(rig.pose.bones):
         stem = f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].'
         for name in ("location", ROTATIONS[bone.rotation_mode], "scale"):
-            if (k, name) != (2, "scale"):  # what is not keyed keeps its value
+            if (k, name) != (2, "scale"):  # properties without keys keep their values
                 key_at_random(rig, stem + name, k, 0.4)
     rig.pose.bones[2].scale = (1.0, 2.0, 0.5)
 
@@ -196,7 +196,7 @@ needs_factor = pytest.mark.skipif(
 @pytest.mark.parametrize("is_relative", [False, True])
 @pytest.mark.parametrize("along", [0.0, 0.35, 1.0])
 def test_children_along_bones(scene: Any, rig: Any, along: float, is_relative: bool) -> None:
-    """Also a child of a child, and an armature on a bone with a child on a bone of its own."""
+    """Also a child of a child, and an armature on a bone with a child on the armature's bone."""
     _key_bones(rig)
     held = oracle.empty(scene, "Held", rig)
     held.parent_type, held.parent_bone = "BONE", "branch"
@@ -243,7 +243,7 @@ def _strip(track: Any, owner: Any, path: str, start: int, seed: int, **settings:
 
 @pytest.mark.parametrize("extrapolation", ["HOLD", "HOLD_FORWARD", "NOTHING"])
 def test_strips(rig: Any, extrapolation: str) -> None:
-    """Repeated, scaled, blended, one track over another, an action on top."""
+    """Repeated, scaled, blended, with track over track, and an action on top."""
     tracks = rig.animation_data_create().nla_tracks
     path = 'pose.bones["branch"].rotation_euler'
     rig.pose.bones["branch"].rotation_mode = "XYZ"
@@ -262,7 +262,7 @@ def test_strips(rig: Any, extrapolation: str) -> None:
     assert_rig(rig)
 
 
-# What is refused
+# Refused animation
 
 
 def _constraint(rig: Any) -> None:

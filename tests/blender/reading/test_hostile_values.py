@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A .blend whose haptic properties hold what no one could set: it may come from anybody.
+"""A .blend of unknown origin with haptic properties outside of the user's limits.
 
-Every property of our groups is broken in turn, in the file, past its limits; what is felt of one
-sound effect stays as it was.
+Every property of our groups is broken in turn, in the file, past the property's limits; contacts
+of one sound effect stay equal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FLAGS = {"ENUM": (-5, 10**6), "BOOLEAN": ()}
 
 
 def stored(owner: Any) -> Any:
-    """Raw values that Blender stores behind ``owner.hfx``."""
+    """Raw values stored by Blender behind ``owner.hfx``."""
     if hasattr(owner, "bl_system_properties_get"):
         owner = owner.bl_system_properties_get(do_create=True)
     if "hfx" not in owner:
@@ -138,7 +138,7 @@ def sound_file(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 @pytest.fixture
 def sound_scene(sound_file: Path) -> Any:
-    """An avatar, and a ball round it that is felt."""
+    """An avatar, and a ball around the avatar with contacts."""
     bpy.ops.wm.open_mainfile(filepath=str(sound_file))
     return bpy.context.scene
 
@@ -159,7 +159,7 @@ def _exported(tmp_path: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", [*_kinds()])
 def test_every_property_of_an_effect(sound_scene: Any, tmp_path: Path, kind: str) -> None:
-    """One effect for each property and each value: none of them costs the others."""
+    """One effect for each property and each value: no broken effect harms the rest."""
     make = _kinds()[kind]
     model, broken = make(), {}
     groups: list[tuple[str, Any, Callable[[Any], Any]]] = [
@@ -184,7 +184,7 @@ def test_every_property_of_an_effect(sound_scene: Any, tmp_path: Path, kind: str
     report = _exported(tmp_path)
     for title, path, value in names:
         if path.split(".")[-1] in ("role", "name"):
-            continue  # an object without a role has no haptics; Blender keeps names as it likes
+            continue  # an object without a role has no haptics; Blender keeps names in its own way
         messages = [text for text in report["warnings"] if f"'{title}'" in text]
         assert any(f"hfx.{path} is" in text for text in messages), (title, value, messages)
 

@@ -2,7 +2,7 @@
 """Impacts of keyed volumes and bodies have equal strength at each rate, also between samples.
 
 The truth is computed here: Bezier segments in closed form at 20 kHz, vertices of the model at rest
-inside a sphere or a box, the speed of the first touch, its decay.
+inside a sphere or a box, the speed of the first touch, decay.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class Strike:
     """A volume comes along +Y to the chest, turns back there, and leaves."""
 
     shape: str = "SPHERE"  # or CUBOID, MESH: a box
-    ease: tuple[float, float] = (0.0, 1.0)  # of the way there, at the handles of its segment
+    ease: tuple[float, float] = (0.0, 1.0)  # share of the way at the handles of the segment
     leg_s: float = 0.06
     start_s: float = 0.1013
     way_m: float = 0.2
-    depth_m: float = 0.004  # of the volume's front behind the foremost vertex on its way
+    depth_m: float = 0.004  # depth of the volume's front behind the foremost vertex in the way
     x_m: float = 0.03
     z_m: float = 1.3
     decay_s: float = 0.07
@@ -59,7 +59,7 @@ EASED, LINEAR, OVERSHOT = (0.0, 1.0), (1.0 / 3.0, 2.0 / 3.0), (-0.3, 1.25)
 
 
 def inside(strike: Strike, vertices: np.ndarray, front: np.ndarray) -> np.ndarray:
-    """Vertices inside of the volume (T, V) while its front is at some Y (T,)."""
+    """Vertices inside of the volume (T, V) for the Y of the front (T,)."""
     offsets = vertices - np.array([strike.x_m, 0.0, strike.z_m])
     y = offsets[:, 1] - (front[:, None] - RADIUS_M)
     if strike.shape == "SPHERE":
@@ -69,13 +69,13 @@ def inside(strike: Strike, vertices: np.ndarray, front: np.ndarray) -> np.ndarra
 
 
 def is_near(strike: Strike, vertices: np.ndarray) -> np.ndarray:
-    """Vertices (V,) beside the volume's way by no more than its radius."""
+    """Vertices (V,) not farther from the volume's path than the volume's radius."""
     offsets = vertices - np.array([strike.x_m, 0.0, strike.z_m])
     return np.abs(offsets[:, [0, 2]]).max(axis=1) <= RADIUS_M
 
 
 def deepest_front(strike: Strike, vertices: np.ndarray) -> float:
-    """Y of the front that lies ``depth_m`` behind the first vertex that it meets."""
+    """Y of the front at ``depth_m`` behind the first vertex in the volume's way."""
     fronts = np.arange(-0.4, 0.2, 5e-5)
     meets = inside(strike, vertices, fronts).any(axis=1)
     return float(fronts[meets.argmax()]) + strike.depth_m
@@ -118,7 +118,7 @@ def set_keys(obj: Any, strike: Strike, begin: float, way: float) -> None:
 
 
 def place_volume(scene: Any, strike: Strike, begin: float) -> Any:
-    """The volume with an impact, keyed, or where the body is keyed to meet it."""
+    """The volume with an impact, keyed, or placed on the way of a keyed body."""
     volume = effects.add_volume(scene, "vibration", strike.shape, "Strike")
     volume.location = strike.x_m, begin - RADIUS_M, strike.z_m
     volume.hfx.radius, volume.hfx.size = RADIUS_M, (2.0 * RADIUS_M,) * 3
@@ -159,8 +159,8 @@ def compare_with_truth(scene: Any, strike: Strike) -> None:
     times, ring, lasts_s = truth(strike, vertices[near])
     is_felt = ring.any(axis=0)
     samples, ring, lasts_s = near[is_felt], ring[:, is_felt], lasts_s[is_felt]
-    # Between samples skin is looked for until an impact has decayed to a fiftieth; at a smooth turn
-    # a vertex may be missed that is covered for less than 2 ms, by some hundredths of a millimetre.
+    # Between samples, contacts are searched until an impact has decayed to a fiftieth; at a smooth
+    # turn a vertex covered for less than 2 ms may be missed, by some hundredths of a millimetre.
     strong = ring.max(axis=0) > 0.02 * ring.max()
     strong &= lasts_s > (1e-4 if strike.ease == LINEAR else 2e-3)
     turn_s = np.array([strike.start_s + strike.leg_s])
@@ -175,7 +175,7 @@ def compare_with_truth(scene: Any, strike: Strike) -> None:
             rtol=0.03,
             err_msg=f"{rate} Hz",
         )
-        # Between two samples the strongest moment counts: at most that of the sample before.
+        # Between two samples the strongest moment counts: at most the sample before.
         ends = np.arange(len(actual)) * DENSE // rate
         for k, end in enumerate(ends.tolist()):
             if k == 0 or end >= len(times):

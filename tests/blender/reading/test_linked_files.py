@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that a .blend reaches: a change is a change of the scene, a missing one is told."""
+"""Linked files of a .blend: a file change is a scene change, a missing file gives a message."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def base(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _user(base: Path, folder: Path, name: str) -> Any:
-    """A scene with an object that a test lets reach something, saved beside it."""
+    """A saved scene with an object, linked by each test to a file in the same folder."""
     bpy.ops.wm.open_mainfile(filepath=str(base))
     second = bpy.data.objects.new("Other", bpy.data.meshes.new("Other"))
     second.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
@@ -164,12 +164,12 @@ def test_what_a_scene_reaches_counts(
         (tmp_path / "away").rename(path)
         assert not is_left_out(blend) and is_left_out(blend), "back"
     shutil.move(folder, tmp_path / "there")
-    if reach not in (_alembic, _sound):  # those have absolute paths
+    if reach not in (_alembic, _sound):  # Alembic and sound have absolute paths
         assert is_left_out(tmp_path / "there" / "user.blend")
 
 
 def _library(path: Path, of: Path | None = None) -> None:
-    """A library with 'Carrier', whose parent is that of another library."""
+    """A library with 'Carrier', parented to an object of a second library."""
     bpy.ops.wm.read_homefile(use_empty=True)
     carrier = bpy.data.objects.new(f"Carrier {path.stem}", None)
     bpy.context.scene.collection.objects.link(carrier)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh volumes that change while the scene plays."""
+"""Mesh volumes changing during playback."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FLAT_FROM = 5
 
 
 def _box(scene: Any) -> Any:
-    """A box round the avatar as the only effect that is felt; it is pressed flat from a frame."""
+    """A box around the avatar as the only active effect, pressed flat from a frame on."""
     for obj in [item for item in scene.objects if item.hfx.role == "EFFECT"]:
         bpy.data.objects.remove(obj)
     bpy.ops.mesh.primitive_cube_add(size=3.0)
@@ -80,7 +80,7 @@ def test_a_mesh_in_edit_mode_is_felt_as_it_is_edited(small: Any, tmp_path: Path)
 
 
 def test_a_volume_of_a_curve_is_felt_as_it_is_evaluated(scene: Any) -> None:
-    """A square that is extruded more and more is a cuboid that grows."""
+    """An increasingly extruded square is a growing cuboid."""
     scene.frame_start, scene.frame_end = 0, 4
     oracle.add_avatar()
     cuboid = oracle.add_volume("Cuboid", "pressure", "CUBOID", (0.0, 0.0, 1.1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model is loaded, a body posed and a frame evaluated only where an active effect asks for it."""
+"""A model is loaded, a body posed and a frame evaluated only for an active effect."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def body(scene: Any) -> Any:
 
 @pytest.fixture
 def loaded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the perceptual models' files that are read from now on."""
+    """Names of the perceptual models' files read from now on."""
     names: list[str] = []
     real = body_model.load
 
@@ -42,7 +42,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.fixture
 def frames_set(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Frames that are evaluated from now on."""
+    """Frames evaluated from now on."""
     frames: list[float] = []
     real = stepping.Stepper.set_frame
 
@@ -94,7 +94,7 @@ def test_an_effect_whose_curve_is_zero_costs_nothing(
 
 
 def test_only_the_times_are_posed_at_which_a_curve_is_not_zero(body: Any) -> None:
-    """Also where nobody can tell from the keys alone: between them a sample is 0."""
+    """Also if unclear from the keys alone: between keys a sample is 0."""
     ball = oracle.add_volume("Ball", "pressure", "SPHERE", (0.0, 0.0, 1.0))
     oracle.key(ball, "hfx.activation", [(5, 0.0), (9, 1.0), (13, 0.0), (20, 0.0)])
     for point in compat.fcurves(ball)[0].keyframe_points:
@@ -160,7 +160,7 @@ def test_a_small_volume_poses_its_neighbourhood(body: Any) -> None:
 
 
 def test_a_volume_around_everything_poses_no_vertex(body: Any) -> None:
-    """Clusters that are wholly inside a convex volume need no look at their vertices."""
+    """Clusters wholly inside a convex volume need no vertex test."""
     oracle.add_volume("World", "vibration", "SPHERE", (0.0, 0.0, 0.9), radius=30.0)
     evaluation = oracle.evaluate(bpy.context.scene)
     model = oracle.load_model("hfx-vibration-1")

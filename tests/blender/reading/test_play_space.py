@@ -26,7 +26,7 @@ from hfx_blender.reading.live.live_scene import LiveScene
 
 @pytest.fixture
 def fan(scene: Any) -> DeviceConfig:
-    """A storm about an avatar at the origin, which stays; the play space jumps at frame 5."""
+    """A storm around a resting avatar at the origin; the play space jumps at frame 5."""
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 8, 10
     scene.hfx.rate = 10
     bpy.ops.hfx.add_avatar()

@@ -23,7 +23,7 @@ MODALITIES = ("vibration", "pressure", "temperature")
 
 @pytest.fixture
 def body(scene: Any) -> Any:
-    """The built-in avatar, with an effect painted on all of it."""
+    """The built-in avatar, with an effect painted on all of the skin."""
     scene.frame_start, scene.frame_end = 1, 12
     body = oracle.add_avatar()
     oracle.add_painted("Felt", "pressure", body)
@@ -97,9 +97,9 @@ def test_units_of_a_centimetre(scene: Any, body: Any) -> None:
 
 
 def test_far_from_the_origin(scene: Any, body: Any) -> None:
-    """Two kilometres away Blender's own mesh jitters; ours is the near body, moved in float64.
+    """Two kilometres away Blender's mesh jitters; positions equal the near body's, moved in float64.
 
-    What is left is the rounding of positions to float32, 0.06 mm there.
+    The remaining difference is the rounding of positions to float32, 0.06 mm there.
     """
     _bending(body)
     near = oracle.evaluate(scene, record=("positions",)).of("Felt", 4).positions
@@ -141,7 +141,7 @@ def test_rest_position_of_the_armature(scene: Any, body: Any) -> None:
 
 
 def test_a_control_bone_changes_nothing(scene: Any, body: Any) -> None:
-    """A bone that deforms nothing, as riggers add them, is no reason to follow the surface."""
+    """An added control bone without deformation is no reason to follow the surface."""
     bpy.context.view_layer.objects.active = body
     bpy.ops.object.mode_set(mode="EDIT")
     control = body.data.edit_bones.new("control")
@@ -160,7 +160,7 @@ def test_subdivision_does_not_matter(scene: Any, body: Any) -> None:
     assert not evaluation.reader.description.warnings
 
 
-# Bodies that bones alone cannot pose
+# Bodies not posable by bones alone
 
 
 def _preserve_volume(scene: Any, skin: Any) -> None:
@@ -243,10 +243,10 @@ def test_the_evaluated_surface_is_followed(scene: Any, body: Any, deformer: str)
 def _anchored(
     skin: Any, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, barycentric weights and heights over an undeformed mesh; where that is certain.
+    """Corners, barycentric weights and heights over an undeformed mesh; where unique.
 
-    It is not where the nearest point is on an edge, nor on the midline, from where triangles of
-    the left and the right are equally far: which of them counts is open then.
+    Not unique: a nearest point on an edge, and the midline, with triangles of left and right at
+    equal distance.
     """
     mesh = skin.data
     mesh.calc_loop_triangles()
@@ -277,7 +277,7 @@ def _world_surface(scene: Any, skin: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_an_unchanged_surface_is_the_rest_pose(scene: Any, body: Any) -> None:
-    """Anchoring loses nothing: a modifier that does nothing leaves every vertex in its place."""
+    """Anchoring is exact: a modifier without effect leaves every vertex in place."""
     body.hfx.avatar.modifiers.new("Cast", "CAST").factor = 0.0
     body.hfx.follow = "SURFACE"
     evaluation = oracle.evaluate(scene, record=("positions",))
@@ -287,7 +287,7 @@ def test_an_unchanged_surface_is_the_rest_pose(scene: Any, body: Any) -> None:
 
 
 def test_surface_contacts(scene: Any, body: Any) -> None:
-    """Contacts of a surface-bound body are those of its positions."""
+    """Contacts of a surface-bound body equal the contacts computed from positions."""
     _bending(body)
     _preserve_volume(scene, body.hfx.avatar)
     ball = oracle.add_volume("Ball", "pressure", "SPHERE", (0.1, -0.1, 1.2), radius=0.4)
@@ -308,7 +308,7 @@ def test_a_surface_whose_vertices_change_with_the_pose_is_refused(scene: Any, bo
     modifier = skin.modifiers.new("Fewer", "DECIMATE")
     modifier.ratio = 0.5
     _bending(body)
-    _assert_as_blender_deforms(scene, body)  # the skin is where the bones put it
+    _assert_as_blender_deforms(scene, body)  # the skin follows the bones
     _preserve_volume(scene, skin)
     with pytest.raises(InputError, match=rf"'{skin.name}'.*number of vertices from 12440 to \d+"):
         oracle.evaluate(scene, record=("positions",))
@@ -320,7 +320,7 @@ def test_a_surface_whose_vertices_change_with_the_pose_is_refused(scene: Any, bo
 
 @pytest.fixture
 def moving(scene: Any, body: Any) -> Any:
-    """A walking body inside a ball, and an effect painted on its head, on in two stretches."""
+    """A walking body inside a ball, and an effect painted on the head, on in two stretches."""
     scene.frame_end = 24
     oracle.add_walk(body, [(0, 0, 0), (0.2, -1.2, 0.1)], 1, 24)
     oracle.add_volume("Ball", "temperature", "SPHERE", (0.1, -0.4, 1.2), radius=0.6)
@@ -340,7 +340,7 @@ def test_velocities_are_differences_of_positions(moving: Any) -> None:
     for name in ("Ball", "Head"):
         for index, sample in evaluation.samples[name].items():
             places = []
-            for at in (index - 1, index + 1):  # clips may begin and end between them
+            for at in (index - 1, index + 1):  # clips may begin and end between the indices
                 oracle.set_time(moving, time.frame(at))
                 places.append(oracle.world_vertices(moving, reference)[sample.vertices])
             expected = (places[1] - places[0]) * 10

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Counters of reading: nothing that cannot be felt is made, indexed, evaluated or stepped for."""
+"""Counters of reading: effects without contact are not made, indexed, evaluated or stepped for."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEAR, FAR = (0.0, 0.0, 1.2), (30.0, 0.0, 1.2)
 
 @pytest.fixture
 def felt(scene: Any) -> Any:
-    """A scene of 12 frames with a body and a volume that it feels."""
+    """A scene of 12 frames with a body and a touching volume."""
     scene.frame_start, scene.frame_end = 1, 12
     oracle.add_avatar()
     return oracle.add_volume("Felt", "pressure", "SPHERE", NEAR, radius=0.2)
@@ -52,7 +52,7 @@ def deforming(place: Any) -> Any:
 
 
 def constrained(place: Any) -> Any:
-    """With a size that is keyed, at a strength that is driven."""
+    """With a keyed size, and a driven strength."""
     effect = oracle.add_volume("Constrained", "wind", "CAPSULE", place, radius=0.2, height=0.8)
     effect.constraints.new("LIMIT_LOCATION")
     oracle.key(effect, "hfx.radius", [(1, 0.1), (12, 0.3)])
@@ -74,7 +74,7 @@ KINDS = (formula, static, deforming, constrained, parented)
 
 
 def _collected(source: Any) -> None:
-    """The source as an instanced collection shows it, which alone is in the scene."""
+    """The source as an instanced collection; only the instance is in the scene."""
     collection = bpy.data.collections.new("Shown")
     for used in source.users_collection:
         used.objects.unlink(source)
@@ -84,7 +84,7 @@ def _collected(source: Any) -> None:
 
 
 def _by_nodes(source: Any) -> None:
-    """The source as a modifier of geometry nodes shows it."""
+    """The source, shown by a geometry nodes modifier."""
     group = bpy.data.node_groups.new("Shows", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     taken = group.nodes.new("GeometryNodeObjectInfo")
@@ -161,9 +161,9 @@ def test_of_what_is_far_only_places_are_read(scene: Any, felt: Any) -> None:
     stepped = {"Deforming", "Constrained", "Parented"}
     assert as_reported(read.as_dict())["far"] == dict.fromkeys(stepped, samples)
     assert read.places_read == len(stepped) * samples
-    probes = read.times_stepped - samples  # compared with what Blender evaluates
+    probes = read.times_stepped - samples  # comparisons with Blender's evaluation
     assert probes <= 10 and read.effects_read <= probes * (1 + len(KINDS))
-    assert read.meshes_made == 1  # the static one, once: it is told of at once if it has holes
+    assert read.meshes_made == 1  # the static mesh, once, for the early warning about holes
     assert evaluation.counters.meshes_searched == 0
     assert evaluation.counters.vertices_posed == alone.counters.vertices_posed
     assert _entries(evaluation) == _entries(alone)
@@ -178,7 +178,7 @@ def test_blocks_of_samples_outside_a_clip_are_not_stepped(
     oracle.add_clip(kind(NEAR), 40, 52)
     lazy = oracle.evaluate(scene, rate_hz=RATE_HZ)
     read = lazy.reader.counters
-    assert read.times_stepped <= 2 * 33 + 10  # a block, read again in full as it is near; probes
+    assert read.times_stepped <= 2 * 33 + 10  # a block, read again in full near the skin; probes
     assert read.meshes_made <= 33
     name = kind.__name__.capitalize()
     monkeypatch.setattr(FarVolumes, "may_be_on", always_on)
@@ -189,7 +189,7 @@ def test_blocks_of_samples_outside_a_clip_are_not_stepped(
 
 
 def test_what_comes_near_is_counted(scene: Any, felt: Any) -> None:
-    """The other way round, so that the tests above see what they say they see."""
+    """The reverse case, as a check of the tests above."""
     for kind in KINDS:
         kind(NEAR)
     evaluation = oracle.evaluate(scene, rate_hz=RATE_HZ)
@@ -213,7 +213,7 @@ def test_a_body_that_nothing_reaches_is_not_looked_at(scene: Any, felt: Any) -> 
 
 
 def test_a_mesh_is_read_where_it_is_near_in_the_users_own_scene(scene: Any, felt: Any) -> None:
-    """Where a driver has it stepped."""
+    """With a driver, so that the scene is stepped."""
     variable = felt.driver_add("location", 1).driver.variables.new()
     variable.targets[0].id_type, variable.targets[0].id = "SCENE", scene
     variable.targets[0].data_path = "frame_current"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""State of a reading pass from block to block: parts, what is near, and rows that are kept."""
+"""State of a reading pass between blocks: parts, near volumes, and cached rows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NEAR, FAR = (0.0, 0.0, 1.2), (20.0, 0.0, 1.2)
 
 
 def _follows(name: str, places: list[tuple[float, Any]]) -> Any:
-    """A ball that only Blender can place: it copies the location of an empty."""
+    """A ball placed only by Blender: with a constraint copying the location of an empty."""
     ball = oracle.add_volume(name, "pressure", "SPHERE", NEAR, radius=0.2)
     target = oracle.empty(bpy.context.scene, f"{name} Target")
     oracle.key(target, "location", places)
@@ -32,9 +32,9 @@ def _follows(name: str, places: list[tuple[float, Any]]) -> Any:
 
 @pytest.fixture
 def reading(scene: Any) -> Iterator[ReadingPass]:
-    """Of a standing body: a plain ball, one that stays away, one that comes, and a muted one.
+    """Of a standing body: a plain ball, a far ball, an approaching ball, and a muted ball.
 
-    The one that comes has a driver on its pressure, so that more than its place has to be read.
+    The approaching ball has a driver on the pressure, so the location alone is too little.
     """
     scene.render.fps = RATE_HZ
     scene.frame_start, scene.frame_end = 0, 127
@@ -70,7 +70,7 @@ def test_what_comes_near_is_read_in_full_until_it_is_far_again(reading: ReadingP
         block = reading.block(np.arange(first, first + 32))
         levels[first] = float(block.effects[number["Comes"]].levels.max())
         assert far.in_full == ({number["Comes"]} if first == 32 else set())
-    # Silent while it is far, but for the block that was read in full as it had been near.
+    # Silent while far, except for the block read in full after the near block.
     assert levels == {0: 0.0, 32: 1.0, 64: 1.0, 96: 0.0}
     assert reading.counters.far["Away"] == {"0": 32, "32": 32, "64": 32, "96": 32}
     assert reading.counters.far["Comes"] == {"0": 32, "64": 32, "96": 32}
@@ -83,6 +83,6 @@ def test_the_last_rows_begin_the_next_block(reading: ReadingPass) -> None:
     stepped = reading.counters.times_stepped
     assert [*reading.rows.last] == [27, 28, 29, 30, 31]
     reading.block(np.arange(31, 64), history=1)
-    again = 33  # the block comes near: all of it is read once more, in full
+    again = 33  # the block comes near: read once more, in full
     assert reading.counters.times_stepped - stepped == 32 + again
     assert [*reading.rows.last] == [59, 60, 61, 62, 63]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A finger that strokes a plane feels its material: exported, and live, through the one path."""
+"""A finger stroking a plane renders the plane's material: exported and live, by one code path."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SPEED = 0.3125  # 100 Hz: whole periods in the window of 50 ms
 
 @pytest.fixture
 def scene_of_a_stroke(scene: Any) -> Any:
-    """An avatar that stands, and a grating that goes by under its lowest fingertip."""
+    """A standing avatar, and a grating moving by under the lowest fingertip."""
     scene.render.fps, scene.hfx.rate = FPS, RATE
     scene.frame_start, scene.frame_end = 0, 5
     bpy.ops.hfx.add_avatar()
@@ -92,7 +92,7 @@ def test_a_plane_that_stands_still_is_silent(scene_of_a_stroke: Any) -> None:
 
 
 def test_what_is_stepped_feels_the_same(scene_of_a_stroke: Any) -> None:
-    """A driven modifier that does nothing: the scene has to be stepped, the stroke stays."""
+    """A driven modifier without effect: the scene has to be stepped, the stroke stays."""
     plane = bpy.data.objects["Grating"]
     before = frequencies(felt(scene_of_a_stroke)[1])
     plane.modifiers.new("Still", "SIMPLE_DEFORM").factor = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Time remapping: at a played frame is felt what Blender evaluates there."""
+"""Time remapping: contacts at a played frame equal Blender's evaluation there."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def ball(request: Any, scene: Any) -> Any:
 
 
 def _levels(scene: Any, ball: Any, time: TimeBase) -> dict[int, float]:
-    """The level that Blender evaluates at each sample."""
+    """Level evaluated by Blender at each sample."""
     actual = {}
     for index in range(time.sample_count):
         oracle.set_time(scene, time.frame(index))

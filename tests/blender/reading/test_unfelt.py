@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An export says of each effect when it is felt, or why not; what nobody expects is a warning."""
+"""An export reports the contact times of each effect, or the reason for none; with warnings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FPS, LAST = 25, 49
 
 @pytest.fixture
 def touch(registered: Any) -> Any:
-    """A painted effect, beside a volume 'Ball' that is felt all the time."""
+    """A painted effect, and a volume 'Ball' in contact all the time."""
     scene = hfx_scenes.small_scene(LAST)
     scene.hfx.rate = FPS
     return scene.objects["Touch"]
@@ -36,7 +36,7 @@ def touch(registered: Any) -> Any:
 
 @pytest.fixture
 def told(tmp_path: Path) -> Callable[..., dict[str, Any]]:
-    """Exports the open scene; gives its report, with ``strict`` the exit code of ``--strict``."""
+    """Export the open scene; return the report, with ``strict`` the exit code of ``--strict``."""
 
     def export(*words: str) -> dict[str, Any]:
         path, out = hfx_scenes.save(tmp_path / "scene.blend"), tmp_path / "out"
@@ -59,7 +59,7 @@ def _clip(effect: Any, start_s: float, end_s: float, name: str = "Clip") -> Any:
     return clips.add_clip(effect, start_s * FPS, end_s * FPS, name=name)
 
 
-# Clips: seconds of the clip, where it lies, what is felt of it
+# Clips: seconds of the clip, location of the clip, seconds with contact
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_some_frames_are_no_loss(touch: Any, told: Any) -> None:
     assert _line(report) == {"effect": "Touch", "modality": "pressure", **expected}
 
 
-# What the panel marks, and mends
+# Marks and fixes of the panel
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_an_effect_that_is_not_felt(
 
 @pytest.mark.parametrize(("reference", "neutral"), [("AMBIENT", 24.0), ("CONTACT", 33.0)])
 def test_a_neutral_temperature(touch: Any, told: Any, reference: str, neutral: float) -> None:
-    """24 °C of air and 33 °C of an object neither warm nor cool."""
+    """24 °C of air and 33 °C of an object are neutral: no warmth, no cooling."""
     effect = effects.add_volume(bpy.context.scene, "temperature", "SPHERE", "Warm")
     effect.location.z, effect.hfx.radius = 1.1, 0.3
     effect.hfx.temperature_reference, effect.hfx.temperature = reference, neutral
@@ -263,7 +263,8 @@ def test_a_volume_that_touches_nobody(
     assert report["warnings"] == ["effect 'Ball' touches no body: it is not felt"]
     assert report["strict"] == 3
     assert "  Ball (vibration) was not felt: it touches no body" in capsys.readouterr().out
-    assert told("--frames", "0:9")["warnings"] == []  # it may touch somebody at other frames
+    # Contact is possible at frames outside of the range.
+    assert told("--frames", "0:9")["warnings"] == []
 
 
 def test_felt_in_one_part_only_is_felt(touch: Any, tmp_path: Path) -> None:
@@ -279,11 +280,11 @@ def test_felt_in_one_part_only_is_felt(touch: Any, tmp_path: Path) -> None:
     assert one["effects"] == whole["effects"] and _line(one, "Ball")["felt"]
 
 
-# What the samples show
+# Facts of the samples
 
 
 def _volume(modality: str) -> Any:
-    """A volume 'Still', which stands in the body all the time."""
+    """A volume 'Still', inside the body all the time."""
     effect = effects.add_volume(bpy.context.scene, modality, "SPHERE", "Still")
     effect.location.z, effect.hfx.radius = 1.1, 0.3
     return effect
@@ -425,7 +426,7 @@ def test_a_volume_that_is_never_on(touch: Any, told: Any, change: Callable[[Any]
     [("0.5", "touches no body"), ("0*frame", "is never on"), ("frame>30", "touches no body")],
 )
 def test_a_stepped_volume_far_from_all_skin(touch: Any, told: Any, level: str, reason: str) -> None:
-    """Only its place is read, but also whether it is on; twice, as parts are merged."""
+    """Only location and activation are read; twice, as parts are merged."""
     effect = _volume("pressure")
     effect.hfx.shape, effect.location.x = "CUBOID", 5.0
     _drive(effect, "hfx.intensity", level)
@@ -443,7 +444,7 @@ def test_a_place_that_is_no_number(touch: Any, told: Any) -> None:
     reason = "has a place that is no number wherever it would be on"
     assert _line(told(), "Still")["reason"] == reason
     effect = bpy.data.objects["Still"]
-    effect.driver_add("scale", 1).driver.expression = "1"  # which Blender has to evaluate
+    effect.driver_add("scale", 1).driver.expression = "1"  # Blender has to evaluate the driver
     assert _line(told(), "Still")["reason"] == reason
 
 
@@ -457,7 +458,7 @@ def test_an_intensity_that_is_no_number(touch: Any, told: Any) -> None:
 
 
 def test_a_contact_response_that_gives_nothing(touch: Any, told: Any) -> None:
-    """Nothing strikes: ball and body stand still. Elsewhere, nobody is there to be struck."""
+    """No impact: ball and body stand still. Elsewhere, no body is in reach."""
     effect = _volume("vibration")
     bpy.context.view_layer.objects.active = effect
     bpy.ops.hfx.add_response_filter(kind="impact")
@@ -513,7 +514,7 @@ def test_two_thousand_effects_stay_readable() -> None:
     (line,) = unfelt_lines(_report(2000, False))
     assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
     assert line.endswith("E1999 (wind)") and felt_lines(_report(2000, False)) == ()
-    (line,) = unfelt_lines(_report(2000, False), 6)  # as a popup has it
+    (line,) = unfelt_lines(_report(2000, False), 6)  # as in a popup
     assert line.endswith("E5 (wind) and 1994 more")
 
 
@@ -557,7 +558,7 @@ def test_info_of_a_track_counts_what_has_a_strength(
 
 
 class _Layout:
-    """Layout that keeps what is drawn, in its order."""
+    """Layout recording drawn items in order."""
 
     def __init__(self) -> None:
         self.drawn: list[str] = []

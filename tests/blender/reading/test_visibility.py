@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects that are disabled at a time are not felt at that time, whichever frame is current."""
+"""Effects disabled at a time are silent at that time, for each current frame."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The belt's demo, small: what it holds, what is felt and heard of it, in step."""
+"""The belt's demo, small: contents, contacts, sound, and synchronous timing."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> No
 
 @pytest.fixture
 def standing(scene: Any) -> Any:
-    """A body that stands, and a ball that circles its waist at a hand's breadth in two seconds."""
+    """A standing body, and a ball circling the waist at a hand's breadth in two seconds."""
     scene.render.fps = 25
     scene.frame_start, scene.frame_end = 0, 49
     scene.hfx.rate = 50.0

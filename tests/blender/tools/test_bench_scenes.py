@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trade on a real scene: the exact setting has no errors, coarser ones have the stated."""
+"""The trade on a real scene: no error at the exact setting, stated errors at coarser settings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_errors_are_measured_against_the_exact_setting(scene: Any, tmp_path: Pat
     objects = [obj for obj in bpy.context.scene.objects if obj.hfx.role == "EFFECT"]
     for obj in sorted(objects, key=lambda obj: obj.name)[12:]:
         bpy.data.objects.remove(obj)
-    bpy.context.scene.hfx.rate = 24  # one sample
+    bpy.context.scene.hfx.rate = 24  # a single sample
     actual = trade.measure(
         bpy.context.scene,
         tolerances=(EXACT, STANDARD, PAPER),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo does what it promises: all four tasks of the study are felt and played, in time."""
+"""The demo's promises: all four tasks of the study give contacts and output, in time."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ SAMPLE_S = 0.01  # the demo's devices are rendered at 100 Hz
 class Played:
     """A CSV of the demo."""
 
-    times_s: np.ndarray  # at which values are given
+    times_s: np.ndarray  # times of the values
     values: Mapping[str, np.ndarray]  # by column, frequencies left out
-    latency_s: float  # of the slowest actuator: so much later it is felt
-    update_s: float  # between two values that it takes
+    latency_s: float  # latency of the slowest actuator, until the output is perceptible
+    update_s: float  # time between two accepted values
 
     @classmethod
     def read(cls, path: Path) -> Played:
@@ -55,7 +55,7 @@ class Played:
 
     @property
     def is_on(self) -> np.ndarray:
-        """Rows that differ from the last one, at which nothing is felt."""
+        """Rows different from the last, silent row."""
         return np.any([value != value[-1] for value in self.values.values()], axis=0)
 
 
@@ -111,8 +111,8 @@ def test_nothing_is_played_between_the_tasks(played: dict[str, Played]) -> None:
     for name, item in played.items():
         within = np.zeros(len(item.times_s), np.bool_)
         for task in TASKS:
-            # A clip includes its last frame, and that is one sample. An actuator that answers
-            # late gets its values early, at the update before.
+            # A clip includes the last frame: a single sample. A late actuator gets values early, at
+            # the update before.
             begin_s = task.start_s - item.latency_s - item.update_s
             end_s = task.end_s + SAMPLE_S / 2
             within |= (item.times_s >= begin_s) & (item.times_s <= end_s)
@@ -124,7 +124,7 @@ def test_the_fire_warms_and_the_wind_blows(played: dict[str, Played]) -> None:
     room = played["fan_heater"]
     [warmth] = [values for name, values in room.values.items() if "degC" in name]
     [wind] = [values for name, values in room.values.items() if "m/s" in name]
-    # The heater needs 3 s, and the scene begins by the fire: it cannot be given earlier.
+    # The heater needs 3 s, and the scene begins by the fire: no earlier command is possible.
     by_the_fire = room.times_s < 1.9
     assert warmth[-1] == 24.0 and (warmth[by_the_fire] > 24.5).all()
     assert warmth.max() == pytest.approx(30.0), "as warm as the paper's sphere"
@@ -144,7 +144,7 @@ def test_the_arrow_is_felt_on_the_back_only(demo: Any, folder: Path) -> None:
     arrow = felt_samples["T2 Arrow"].vertices
     assert set(model.part[arrow]) == {PARTS.index("torso")}
     assert (model.normals[arrow, 1] > 0).all()  # the body faces -Y
-    # It points to the wearer's right, -X: the tip is narrower than the head behind it.
+    # The arrow points to the wearer's right, -X: the tip is narrower than the head behind the tip.
     x, z = model.vertices[arrow, 0], model.vertices[arrow, 2]
     tip, wings = x < x.min() + 0.03, (x > -0.07) & (x < -0.04)
     assert np.ptp(z[tip]) < np.ptp(z[wings]) and len(arrow) > 50
@@ -284,7 +284,7 @@ def test_what_is_felt_colours_the_picture(
             shown[name] = _vertex_colours(body.hfx.avatar)
             scene.render.filepath = str(tmp_path / f"{name}.png")
             bpy.ops.render.render(write_still=True)
-    # The torso's middle turns green (pressure), the head keeps its colour.
+    # The torso's middle turns green (pressure), the head stays unchanged.
     rest = load_avatar().vertices
     chest = np.argmin(((rest - (0.0, -0.1, 1.25)) ** 2).sum(axis=1))
     top = np.argmax(rest[:, 2])
@@ -294,7 +294,7 @@ def test_what_is_felt_colours_the_picture(
     calm_picture, felt_picture = (_pixels(tmp_path / f"{n}.png") for n in ("calm", "felt"))
     assert calm_picture.shape == (40, 32, 3)
     greener = _greenness(felt_picture) - _greenness(calm_picture)
-    assert np.count_nonzero(greener > 0.05) >= 10  # the torso is that many pixels
+    assert np.count_nonzero(greener > 0.05) >= 10  # area of the torso in pixels
 
 
 def _faint(sample: Any) -> Any:

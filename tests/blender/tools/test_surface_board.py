@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map paper's board of 4 x 4 squares, from a fingertip's stroke to the phone that plays it."""
+"""The map paper's board of 4 x 4 squares, from a fingertip's stroke to the output on a phone."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ def test_every_square_is_played_by_both_phones_at_its_materials_frequency(square
         for device, table in tables.items():
             inside = (table[:, 0] >= square["begin_s"]) & (table[:, 0] < square["end_s"])
             assert table[inside, 1].max() == pytest.approx(square[device]["amplitude_m_s2"])
-            # Brushed metal is 3 micrometres deep; the others are several times as strong.
+            # Brushed metal is 3 micrometres deep; all further materials are several times as
+            # strong.
             least = 0.1 if name.startswith("Metal") else 1.0
             assert np.median(table[inside, 1]) > least, f"{name} on {device}"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sidebar panel of a haptic body, and the perceptual model shown on its avatar."""
+"""Sidebar panel of a haptic body, and the perceptual model shown on the avatar."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hfx_blender.ui.panels.body_panel import label_of, region_of  # noqa: E402
 
 
 class Layout:
-    """Stands in for Blender's layout: notes what it is given, and checks that it exists."""
+    """Stand-in for Blender's layout: records drawn items, and checks that each item exists."""
 
     ICONS = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
 
@@ -183,7 +183,7 @@ def test_the_quality_of_the_fit_is_kept_and_shown(anna: tuple[Any, Any]) -> None
     shown = drawn(body_panel.HFX_PT_fit)
     assert {"Head", "Torso", "Foot Sole"} <= set(shown)
     assert any(text.startswith("On its own side: ") for text in shown)
-    # What the fit warned of is there to be read later.
+    # Warnings of the fit stay readable later.
     text = " ".join(shown)
     assert "single toes of the left" in text
 
@@ -234,7 +234,7 @@ def test_a_model_is_shown_on_the_avatar_and_removed_without_a_trace(
         scale * (avatar.closest_point_on_mesh(to_skin @ position)[1] - to_skin @ position).length
         for position in map(Vector, world[:: max(len(world) // 200, 1)].tolist())
     ]
-    # 2 mm over the skin, plus what the coarse avatar lacks.
+    # 2 mm over the skin, plus the coarseness of the avatar.
     assert np.median(height) == pytest.approx(0.002, abs=0.001)
     bpy.ops.hfx.show_model(model=model)
     assert state() == before and bpy.context.object == rig
@@ -245,5 +245,5 @@ def test_another_model_takes_the_place_of_the_one_shown(anna: tuple[Any, Any]) -
     bpy.ops.hfx.show_model(model="pressure")
     bpy.ops.hfx.show_model(model="temperature")
     assert [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(rig)] == ["hfx-temperature-1"]
-    bpy.ops.hfx.fit_body()  # a shown model is shown as it is fitted anew
+    bpy.ops.hfx.fit_body()  # a shown model is updated by a new fit
     assert [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(rig)] == ["hfx-temperature-1"]

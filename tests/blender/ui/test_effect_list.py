@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of effects: a row for each, and one that opens for what belongs together."""
+"""The list of effects: a row for each effect, and an expandable row for each group."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
     strips = [strip for effect in effects.effects_of(scene) for _, strip in clips.strips_of(effect)]
     first = min(strip.frame_start for strip in strips)
     before = [(strip.frame_start, strip.frame_end) for strip in strips]
-    for start in (first + 30.0, first - 0.5):  # the group's clips are moved as one
+    for start in (first + 30.0, first - 0.5):  # the group's clips are moved together
         bpy.context.window_manager.hfx_group_start = start
         now = [(strip.frame_start, strip.frame_end) for strip in strips]
         assert np.allclose(now, np.array(before) + start - first, atol=1e-3)

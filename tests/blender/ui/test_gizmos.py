@@ -58,7 +58,7 @@ def test_auto_keying_keys_what_a_handle_changes(scene: Any) -> None:
     gizmos.set_offset(effect, 2, 2.0)
     bpy.context.tool_settings.use_keyframe_insert_auto = False
     gizmos.set_offset(effect, 0, 3.0)
-    for frame, size in ((1, (1, 1, 1)), (11, (1, 1, 4))):  # what was not keyed is as before
+    for frame, size in ((1, (1, 1, 1)), (11, (1, 1, 4))):  # axes without keys stay unchanged
         scene.frame_set(frame)
         assert tuple(effect.hfx.size) == pytest.approx(size)
 

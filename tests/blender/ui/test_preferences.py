@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preferences: colours and folders of one's own, and nothing of them left behind."""
+"""Preferences: the user's colours and folders, removed without a trace."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def test_scenes_keep_what_is_stored_while_it_is_off(scene: Any) -> None:
 
 
 def test_what_is_not_used_yet_is_not_imported() -> None:
-    """Blender waits for all that is imported when it starts."""
+    """Blender waits for all modules imported at the start."""
     heavy = (
         "hfx_blender.formats.hjif",
         "hfx_blender.formats.clip",
@@ -104,7 +104,7 @@ def test_what_is_not_used_yet_is_not_imported() -> None:
     )
     code = (
         "import bpy, os, sys; from hfx_blender.processes import blender_session; "
-        "sys.modules.pop('numpy', None); "  # the wheel imports it, Blender does not
+        "sys.modules.pop('numpy', None); "  # imported by the wheel, but not by Blender
         "blender_session.start(); "
         f"print('found:', *[name for name in {heavy} if name in sys.modules], flush=True); "
         "os._exit(0)"
@@ -121,11 +121,11 @@ def test_what_is_not_used_yet_is_not_imported() -> None:
     assert actual.split()[1:] == []
 
 
-# Drawing, with a layout that checks what it is given
+# Drawing, with a layout checking the drawn items
 
 
 class Layout:
-    """Stands in for Blender's layout, which exists in a window only."""
+    """Stand-in for Blender's layout, available only with a window."""
 
     ICONS = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
 
@@ -182,7 +182,7 @@ class Layout:
 
 
 class Properties:
-    """Takes only what the operator has."""
+    """Accept only existing properties of the operator."""
 
     def __init__(self, bl_rna: Any) -> None:
         self.__dict__["bl_rna"] = bl_rna

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tooltips teach: every operator and every property that a user meets says what it does."""
+"""Tooltips teach: every operator and every visible property has an explaining description."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated surfaces in Blender: their material, its relief as Cycles sees it, and their .blend."""
+"""Generated surfaces in Blender: material, relief as rendered by Cycles, and .blend file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plane(bpy: Any, size: float) -> Any:
 
 def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record: Path) -> None:
     bpy = registered
-    # The library's tile of 40 mm goes twice into the plane: its true size.
+    # The library's tile of 40 mm repeats twice across the plane, at true size.
     obj = plane(bpy, 0.08)
     material = generated_surfaces.apply_generated(obj, record)
     assert obj.active_material == material
@@ -43,7 +43,7 @@ def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record:
     np.testing.assert_allclose(samples.intensity, written.map.intensity, atol=2e-3)
     assert surfaces.texture_of(obj).height is not None  # the stroke pad has all renderers
 
-    # Cycles, which made nothing of it, bakes the same relief from the material's nodes.
+    # Cycles, independent of the generator, bakes the same relief from the material's nodes.
     second = plane(bpy, 0.08)
     second.data.materials.append(material)
     surfaces.add_surface(second, "MATERIAL")
@@ -69,7 +69,8 @@ def test_a_blend_and_pictures_come_from_words(
     assert surfaces.is_surface(swatch) and swatch.active_material.asset_data is not None
     created = surfaces.map_of(swatch)
     assert set(np.rint(created.intensity * 6.5).ravel() / 6.5) <= {k / 6.5 for k in range(7)}
-    # Blender's own reader finds the colours where they were written: red above green and blue.
+    # Blender's own image reader returns the written colours in their rows: red above green and
+    # blue.
     image = bpy.data.images.load(str(next(out.glob("*.colour.png"))))
     red, green, blue = np.array(image.pixels[:]).reshape(-1, 4)[:, :3].mean(axis=0)
     assert red > 3.0 * max(green, blue)
@@ -79,7 +80,7 @@ def test_a_blend_and_pictures_come_from_words(
 
 @pytest.fixture
 def wanted(registered: Any, scene: Any) -> Iterator[Any]:
-    """Settings of the panel, small ones; as they were afterwards."""
+    """Set the panel to quick settings; restore the previous settings at the end."""
     settings = registered.context.window_manager.hfx_generation
     settings.words, settings.variations, settings.resolution = "oak", 2, 64
     yield settings

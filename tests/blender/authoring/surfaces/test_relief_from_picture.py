@@ -33,7 +33,7 @@ def photograph(registered: Any, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def painted(scene: Any, photograph: Path) -> Any:
-    """A plane whose material shows the photograph."""
+    """A plane with a material that shows the photograph."""
     bpy.ops.mesh.primitive_plane_add(size=0.1)
     obj = bpy.context.object
     material = bpy.data.materials.new("Ribs")
@@ -98,7 +98,7 @@ def test_the_button_makes_a_surface_of_the_material_s_picture(painted: Any) -> N
     assert np.allclose(field.heights_m, truth.field.heights_m, atol=1e-9)
     created = surfaces.map_of(painted)
     assert created.size_m == pytest.approx((0.02, 0.01))
-    # A texel of 0.31 mm is larger than the blur: the slope is felt as it was estimated.
+    # A texel of 0.31 mm is larger than the blur, so the slope is rendered as estimated.
     assert np.allclose(created.intensity, np.minimum(truth.slope, 1.0), atol=1e-5)
     assert np.allclose(1.0 - created.sharpness, truth.roughness, atol=1e-5)
 
@@ -113,7 +113,7 @@ def test_without_a_picture_the_button_is_off(painted: Any) -> None:
 
 
 class Window:
-    """What the dialog's operator uses of a window: it counts timers and keeps reports."""
+    """Stand-in for a window: counts timers and stores reports of the dialog's operator."""
 
     def __init__(self) -> None:
         self.object, self.scene = bpy.context.object, bpy.context.scene
@@ -132,7 +132,7 @@ class Window:
 
 
 def dialog(window: Window) -> Any:
-    """The operator as its dialog has begun it, without Blender's own part of it."""
+    """The operator after the start of the dialog, without Blender's dialog itself."""
     bases = (HfxOperator, ModalTimer, HFX_OT_estimate_relief)
     methods = {name: member for base in bases for name, member in base.__dict__.items()}
     keep = ("begin", "_started", "_taken", "modal", "cancel", "reported", "estimation")
@@ -150,7 +150,8 @@ def test_blender_goes_on_while_the_relief_is_estimated(painted: Any) -> None:
     assert operator.estimation.is_running
     moved, tick = SimpleNamespace(type="MOUSEMOVE"), SimpleNamespace(type="TIMER")
     assert operator.modal(window, moved) == {"PASS_THROUGH"}
-    bpy.context.view_layer.objects.active = None  # it is made on the object that was active
+    # The dialog was opened for the object active before.
+    bpy.context.view_layer.objects.active = None
     until = time.monotonic() + 120.0
     while (state := operator.modal(window, tick)) == {"PASS_THROUGH"} and time.monotonic() < until:
         time.sleep(0.05)

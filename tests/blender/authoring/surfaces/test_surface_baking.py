@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Baking of surfaces: the relief that a material states is baked, and a bake leaves no trace."""
+"""Baking of surfaces: the material's stated relief is baked, and a bake leaves no trace."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def test_a_tiled_material_is_baked_as_one_tile(plane: Any) -> None:
 
 
 def test_the_rim_of_a_chart_is_no_step(plane: Any) -> None:
-    """UVs that cover a quarter of the map: what lies beside goes on from the rim."""
+    """UVs covering a quarter of the map: the rim's height continues outside of the chart."""
     material = plane.active_material
     bumpy(material)
     lifted = material.node_tree.nodes.new("ShaderNodeDisplacement")
@@ -175,7 +175,7 @@ def test_the_rim_of_a_chart_is_no_step(plane: Any) -> None:
     scale_uvs(plane, 0.5)
     baked = surface_baking.bake(plane, 128, 16)
     assert baked.covered.mean() == pytest.approx(0.25, abs=0.02)
-    # The relief lies 10 mm high: beside a map of zeros, that would be the step.
+    # The relief lies 10 mm high, so zeros outside of the chart would be a step of 10 mm.
     assert np.abs(np.diff(baked.heights_m, axis=1)).max() < 0.0002
     assert np.allclose(baked.heights_m, 0.01, atol=0.0006)
 
@@ -264,7 +264,7 @@ def test_a_bake_is_refused_that_would_not_fit_into_memory(plane: Any) -> None:
 
 
 def test_modifiers_count(plane: Any) -> None:
-    """The surface is the one that is seen: a subdivided plane has the same tile."""
+    """Modifiers shape the baked surface: a subdivided plane has the same tile."""
     plane.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
     bumpy(plane.active_material)
     bpy.context.view_layer.update()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map that is at full strength everywhere is told, with the material and what to set."""
+"""A map at full strength everywhere gets a warning with the material and the setting to change."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps follow what they are made of: edits of a material are noticed, and baked or told."""
+"""Maps follow their sources: an edit of a material is noticed, and baked or reported."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hfx_blender.authoring.surfaces import material_hash, surface_updates, surfa
 
 @pytest.fixture
 def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
-    """A plane of 10 cm whose material is bumpy noise, with its maps."""
+    """A plane of 10 cm with a bumpy noise material, and baked maps."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "user"))
     bpy.ops.mesh.primitive_plane_add(size=0.1)
     obj = bpy.context.object
@@ -119,7 +119,7 @@ def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: 
     surfaces.bake_s[plane.name] = 0.2
     _another_value(plane)
     surface_updates.bake_outdated()
-    assert plane.hfx.surface.is_outdated  # nobody looks
+    assert plane.hfx.surface.is_outdated  # no update check runs
     surface_updates.on_shown(plane)
     surface_updates.bake_outdated()
     assert not plane.hfx.surface.is_outdated
@@ -152,7 +152,7 @@ def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
     assert material_hash.images_of(plane) == {image}
     surface_updates.painted_images.add(image.name_full)
     assert surface_updates.check() == [plane]
-    assert surface_updates.check() == [plane]  # until it is baked again
+    assert surface_updates.check() == [plane]  # until the next bake
     surfaces.make_maps(plane)
     assert surface_updates.check() == []
 

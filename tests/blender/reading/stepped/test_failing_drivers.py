@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A driver that fails at some frames silences nothing at the others, and one warning names it."""
+"""A driver failing at some frames silences only these frames, and one warning names the driver."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_an_expression_that_never_runs(scene: Any, ball: Any) -> None:
 
 
 def test_a_place(scene: Any, ball: Any) -> None:
-    """Two metres away while the driver runs, where Blender leaves it (at 0) from frame 12 on."""
+    """Two metres away with a working driver; Blender leaves the value at 0 from frame 12 on."""
     _drive(ball, "location", "2 if frame < 12 else 1 / (frame - frame)", 0)
     evaluation = oracle.evaluate(scene, rate_hz=25)
     assert _felt(evaluation) == [*range(12, 25)]
@@ -86,7 +86,7 @@ def test_a_place(scene: Any, ball: Any) -> None:
 
 
 def test_a_bone(scene: Any, ball: Any) -> None:
-    """The hand is turned into the ball while the driver of its upper arm runs."""
+    """The hand is turned into the ball by a driver of the upper arm while the driver works."""
     body = next(obj for obj in scene.objects if obj.hfx.role == "BODY")
     bone = body.pose.bones["upperarm01.R"]
     bone.rotation_mode = "XYZ"
@@ -125,7 +125,7 @@ def test_a_shape_key_and_an_influence(scene: Any, ball: Any) -> None:
 
 
 def test_what_a_variable_cannot_tell(scene: Any, ball: Any) -> None:
-    """The variable is no number at first, and nothing but its own animation tells of a change."""
+    """The variable is no number at first, and only the variable's own animation shows a change."""
     lever = oracle.empty(scene)
     lever["pull"] = 0.0
     oracle.key(lever, '["pull"]', [(0, 0.0), (7, 0.0), (8, 2.0), (24, 2.0)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Of a mesh volume that deforms only the box is read while it is near no skin."""
+"""Of a deforming mesh volume far from all skin only the bounding box is read."""
 
 from __future__ import annotations
 
@@ -76,11 +76,12 @@ def test_the_box_is_around_the_evaluated_mesh(scene: Any, blob: Any) -> None:
     box, mesh = shapes.box_of(blob, evaluated), shapes.shape_of(blob, evaluated)
     assert box is not None
     assert np.abs(box.bounds - mesh.bounds).max() < 1e-6
-    assert np.ptp(mesh.bounds, axis=0) != pytest.approx([0.6, 0.6, 0.6], abs=0.01)  # it is bent
+    # The mesh is bent.
+    assert np.ptp(mesh.bounds, axis=0) != pytest.approx([0.6, 0.6, 0.6], abs=0.01)
 
 
 def test_shapes_that_are_asked_for_are_read(scene: Any, blob: Any, made: list[str]) -> None:
-    """A picture of the scene shows also what nobody feels."""
+    """A picture of the scene shows also volumes without contact."""
     reader = SceneReader(scene, with_far=True)
     shapes = [shape for block in reader.blocks() for shape in block.effects[0].shapes]
     assert shapes and made
@@ -88,7 +89,7 @@ def test_shapes_that_are_asked_for_are_read(scene: Any, blob: Any, made: list[st
 
 
 def test_a_mesh_without_an_inside_is_told_where_it_matters(scene: Any, blob: Any) -> None:
-    """Open at the end of the animation, when it is near."""
+    """Open at the end of the animation, near the skin."""
     build = blob.modifiers.new("Open", "MASK")
     group = blob.vertex_groups.new(name="Half")
     half = [vertex.index for vertex in blob.data.vertices if vertex.co.z > 0.0]
@@ -101,7 +102,7 @@ def test_a_mesh_without_an_inside_is_told_where_it_matters(scene: Any, blob: Any
 
 
 def test_turns_while_it_is_hidden_make_no_box_larger() -> None:
-    """A cube 5 m away of 2 m; seen to turn, it is in the sphere around its corners."""
+    """A cube of 2 m, 5 m away; with turning, the bounding sphere of the corners counts."""
     matrices = np.tile(np.eye(4), (3, 2, 1, 1))
     matrices[..., 0, 3] = 5.0
     matrices[1, :, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]

@@ -24,7 +24,7 @@ PLACES = (BELLY, (0.0, 0.06, 1.08), (5.0, 0.0, 0.0))
 
 @pytest.fixture
 def ball(scene: Any) -> Any:
-    """A ball of 4 cm in a collection that is in no scene; an avatar stands at the origin."""
+    """A ball of 4 cm in a collection outside of all scenes; an avatar stands at the origin."""
     scene.render.fps = FPS
     scene.frame_start, scene.frame_end = 0, 9
     scene.hfx.rate = FPS
@@ -213,7 +213,7 @@ def test_live_feels_instances_as_they_stand(ball: Any) -> None:
 
 
 def test_a_source_that_is_not_felt_is_told(ball: Any) -> None:
-    """It is in no scene: nobody else tells of it."""
+    """The source is in no scene, so only this warning mentions the ball."""
     _empty("Here", BELLY)
     effects.add_volume(bpy.context.scene, "pressure", "SPHERE", "Own")
     bpy.context.view_layer.update()

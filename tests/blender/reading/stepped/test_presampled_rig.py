@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rig that Blender need not animate: its copy comes out as the rig itself does."""
+"""A rig evaluated without Blender: the copy equals the rig itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ oracle = pytest.importorskip("oracle")
 
 @pytest.fixture
 def walker(scene: Any) -> Iterator[Any]:
-    """A body that walks, looks at a moving ball and reaches for something."""
+    """A body walking, looking at a moving ball and reaching for a target."""
     scene.frame_start, scene.frame_end = 1, 12
     oracle.add_avatar()
     body = bpy.data.objects["Avatar"]
@@ -39,7 +39,7 @@ def _read(scene: Any, rate_hz: int) -> tuple[SceneReader, list[Any]]:
 def _farthest(
     scene: Any, monkeypatch: pytest.MonkeyPatch, rate_hz: int = 24, *, is_presampled: bool = True
 ) -> float:
-    """Largest distance of the bones from those of the own scene; they do move."""
+    """Largest distance between bones of copy and own scene; asserts movement of the bones."""
     before = [len(item) for item in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     reader, blocks = _read(scene, rate_hz)
     assert reader.stepping_note.startswith("stepped a scratch scene")
@@ -66,7 +66,7 @@ def test_a_walk_in_the_nla_comes_out_bit_by_bit(
 def test_what_else_the_rig_has_is_left_to_blender(
     scene: Any, walker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Inverse kinematics towards a bone of its own, a driver, and influences with keys."""
+    """Inverse kinematics towards a bone of the same rig, a driver, and keyed influences."""
     reach = walker.pose.bones["lowerarm02.L"].constraints.new("IK")
     reach.target, reach.subtarget, reach.chain_count = walker, "head", 3
     oracle.key(
@@ -101,7 +101,7 @@ def test_one_action_for_bones_and_the_rest(
 def test_a_rig_that_others_follow_is_not_fed(
     scene: Any, walker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The target of its constraint is parented to its own hand."""
+    """The target of the rig's constraint is parented to the rig's own hand."""
     hand = oracle.empty(scene, "Hand", walker)
     hand.parent_type, hand.parent_bone = "BONE", "wrist.L"
     walker.pose.bones["neck01"].constraints.new("DAMPED_TRACK").target = hand

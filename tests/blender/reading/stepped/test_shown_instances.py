@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Instances are felt exactly where Blender shows them, as it shows them at each time."""
+"""Instances are volumes exactly where and when Blender shows the instances."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def stage(scene: Any) -> Any:
 
 
 def _put_away(*objects: Any, name: str = "Source") -> Any:
-    """A collection of objects that are in no scene any more."""
+    """A collection of objects removed from all scenes."""
     collection = bpy.data.collections.new(name)
     for obj in objects:
         for used in list(obj.users_collection):
@@ -111,7 +111,7 @@ def test_nested_instances_and_a_clip_come_and_go(stage: Any) -> None:
 
 
 def _points(realized: bool) -> Any:
-    """Nodes that make turned instances of cubes along a line."""
+    """Nodes making turned instances of cubes along a line."""
     tree = bpy.data.node_groups.new("Cubes", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
@@ -148,7 +148,7 @@ def test_geometry_that_nodes_make_instances_of(stage: Any, realized: bool) -> No
     if realized:
         shown.assert_felt(stage, 48, every=5)
         return
-    # The object itself has an empty mesh: only its instances are there.
+    # The object itself has an empty mesh: only the instances exist.
     actual = oracle.evaluate(stage, rate_hz=24)
     assert sum(name.startswith("own ") for name in actual.samples) == 3
     assert "own" not in actual.samples

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulations that nobody baked are felt as the same ones baked."""
+"""Simulations without a bake give the same contacts as with a bake."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_unbaked_is_felt_as_baked(scene: Any, make: Any) -> None:
 
 
 def test_a_simulation_of_nodes_goes_evenly_between_frames(scene: Any) -> None:
-    """It rises by 2 cm at each frame that is simulated, also at the first one."""
+    """The ball rises by 2 cm at each simulated frame, also at the first frame."""
     scene.frame_start, scene.frame_end = 1, 6
     oracle.add_avatar()
     volume = _cloth(scene)
@@ -128,7 +128,7 @@ def test_under_time_remapping_what_to_bake_is_told(scene: Any) -> None:
 
 
 def test_unbaked_paint_and_fluid_are_told_where_they_are_felt(scene: Any) -> None:
-    """Between frames Blender gives another shape of both, each time that they are evaluated."""
+    """Between frames Blender gives a different shape of both at each evaluation."""
     oracle.add_avatar()
     bpy.ops.mesh.primitive_cube_add(size=0.3, location=(0.0, 0.0, 1.1))
     canvas = bpy.context.object
@@ -150,7 +150,7 @@ def test_unbaked_paint_and_fluid_are_told_where_they_are_felt(scene: Any) -> Non
 
 
 def test_what_reading_leaves_is_no_fault_of_the_file(scene: Any) -> None:
-    """Asking for a pointer that was never set stores an empty group in 4.5."""
+    """Reading a pointer property never set stores an empty group in 4.5."""
     scene.frame_end = 2
     oracle.add_avatar()
     oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1.1), radius=0.2)

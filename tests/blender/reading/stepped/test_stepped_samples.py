@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples of scenes that are stepped: each is read as Blender evaluates it, in blocks with those
-beside them.
+"""Samples of stepped scenes: each is read as evaluated by Blender, in blocks with neighbouring
+samples.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BONE = "upperarm01.L"
 
 @pytest.fixture
 def constrained(scene: Any) -> Any:
-    """A body that swings an arm under a constraint, and a ball that it goes through."""
+    """A body swinging an arm under a constraint, and a ball in the arm's way."""
     scene.render.fps = 24
     scene.frame_start, scene.frame_end = 1, 24
     body = oracle.add_avatar()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every way of reading gives what stepping the own scene gives, or is not used; nothing stays."""
+"""Every way of reading equals stepping the own scene, or is not used; no data stays behind."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def step_own_scene(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def ball(scene: Any) -> Any:
-    """A body and a ball that touches it, in a scene of 24 frames."""
+    """A body and a ball touching the body, in a scene of 24 frames."""
     scene.frame_start, scene.frame_end = 1, 24
     scene.frame_set(5)
     oracle.add_avatar()
@@ -83,7 +83,7 @@ def test_curves_give_the_same_as_the_own_scene(
 ) -> None:
     from hfx_tools.demo import garage
 
-    monkeypatch.setattr(scene_reader, "BLOCK_SIZE", 32)  # as of a scene that is stepped
+    monkeypatch.setattr(scene_reader, "BLOCK_SIZE", 32)  # as of a stepped scene
     scene = garage.build()
     sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))
     blocks = list(sampled.blocks())
@@ -108,7 +108,7 @@ def test_curves_give_the_same_as_the_own_scene(
     assert posed > 80
 
 
-# What a scratch scene cannot reproduce
+# Scenes without an equal scratch scene
 
 
 def _driver(effect: Any, path: str, index: int = -1) -> tuple[Any, Any]:
@@ -139,7 +139,7 @@ def test_a_driver_that_reads_its_context(scene: Any, ball: Any) -> None:
 
 
 def test_a_camera_that_a_marker_switches(scene: Any, ball: Any) -> None:
-    """It counts at the very sample of its marker, and the user's own choice comes back."""
+    """The marker's camera counts at the marker's sample, and the user's own camera is restored."""
     for number, frame in enumerate((1, 13)):
         camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))
         scene.collection.objects.link(camera)
@@ -159,7 +159,7 @@ def test_a_camera_that_a_marker_switches(scene: Any, ball: Any) -> None:
 def test_metaballs_of_one_name_make_one_surface(
     scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only the first is an effect; the second, which belongs to no effect, widens it."""
+    """Only the first is an effect; the second, without an effect, widens the surface."""
     bpy.data.objects.remove(ball)
     for x in (0.0, 0.25):
         bpy.ops.object.metaball_add(type="BALL", radius=0.25, location=(x, 0.0, 1.2))
@@ -227,7 +227,7 @@ def test_a_driver_of_other_objects_is_no_reason(scene: Any, ball: Any) -> None:
 
 @pytest.fixture
 def lifting(ball: Any) -> Iterator[Any]:
-    """A frame-change handler that lifts the ball by hand."""
+    """Frame-change handler lifting the ball."""
 
     def lift(scene: Any, _graph: Any) -> None:
         bpy.data.objects["Ball"].location.z = 0.5 + 0.05 * scene.frame_current
@@ -248,7 +248,7 @@ def test_a_handler_on_frame_changes(scene: Any, lifting: Any, is_partial: bool) 
 
 
 def test_code_that_reads_the_scene(scene: Any, ball: Any) -> None:
-    """What code of a driver reads is not known: a few frames are compared, the own scene wins."""
+    """Data read by a driver's code is unknown: some frames are compared, the own scene wins."""
     bpy.app.driver_namespace["lift"] = lambda: 0.02 * bpy.context.scene.frame_current
     ball.driver_add("location", 2).driver.expression = "lift()"
     evaluation = oracle.evaluate(scene, rate_hz=24)
@@ -262,7 +262,7 @@ def test_code_that_reads_the_scene(scene: Any, ball: Any) -> None:
 def test_only_code_has_the_users_scene_evaluated(
     scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch, is_code: bool
 ) -> None:
-    """It evaluates all that nobody feels, too."""
+    """Evaluation of the user's scene includes objects without contact."""
     visits: list[Any] = []
     real = stepping.Stepper.set_frame
 
@@ -279,7 +279,7 @@ def test_only_code_has_the_users_scene_evaluated(
 
 
 def test_physics(scene: Any, ball: Any) -> None:
-    """A ball that hangs on a falling body falls as gravity says, also between frames."""
+    """A ball parented to a falling body falls by gravity, also between frames."""
     scene.frame_end = 12
     bpy.ops.rigidbody.world_add()
     bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.0, 1.5))
@@ -415,7 +415,7 @@ def test_nothing_is_left_behind(busy: Any, way: Any) -> None:
 
 
 def test_muted_volumes_are_not_evaluated_with_the_own_scene(scene: Any, ball: Any) -> None:
-    """Unless something needs them: a parent of what is felt, a collider of what is simulated."""
+    """Unless needed: a parent of an active effect, a collider of a simulated object."""
     test_a_driver_that_reads_the_scene(scene, ball)
     idle, parent, collider = (
         oracle.add_volume(name, "pressure", "SPHERE", (0.0, 0.0, 3.0), radius=0.1)
@@ -497,7 +497,7 @@ def _by_bone(scene: Any, ball: Any, prop: Any) -> None:
 
 
 def _by_displacing(scene: Any, ball: Any, prop: Any) -> None:
-    """The prop is where a texture of the parent's mesh has its place."""
+    """Place the prop by a texture of the parent's mesh."""
     cube = _moving_cube(scene, "Shaped")
     displace = cube.modifiers.new("Displace", "DISPLACE")
     displace.texture = bpy.data.textures.new("Clouds", "CLOUDS")
@@ -506,7 +506,7 @@ def _by_displacing(scene: Any, ball: Any, prop: Any) -> None:
 
 
 def _by_nodes(scene: Any, ball: Any, prop: Any) -> None:
-    """The prop is in a collection that nodes of the parent's mesh show."""
+    """Place the prop in a collection shown by nodes of the parent's mesh."""
     shown = bpy.data.collections.new("Shown")
     shown.objects.link(prop)
     cube = _moving_cube(scene, "Shows")
@@ -524,8 +524,10 @@ def _by_nodes(scene: Any, ball: Any, prop: Any) -> None:
 
 
 def _evaluated_beside(scene: Any, ball: Any) -> set[bool]:
-    """Whether a bystander is evaluated in the own scene, where the ball has to be as Blender, which
-    evaluates all, places it."""
+    """Test if a bystander is evaluated in the own scene.
+
+    The ball must be placed as by Blender with everything evaluated.
+    """
     bystander = _moving_cube(scene, "Bystander")
     graph, places, actual = bpy.context.view_layer.depsgraph, {}, set()
     for frame in range(1, 25):
@@ -578,7 +580,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
     actual = SceneReader(scene).found
 
     class Late:
-        """An object that is told to show itself just when Ctrl-C comes."""
+        """An object asked for its display name at the moment of Ctrl-C."""
 
         shown: ClassVar[list[bool]] = []
 
