@@ -184,7 +184,7 @@ def test_images_that_cannot_be_used_are_refused_and_nothing_is_lost(effect: Any)
 
 
 def select_vertices(obj: Any, flags: np.ndarray) -> None:
-    """Select vertices as in Edit Mode: edges and faces are selected only with all their vertices."""
+    """Select vertices as in Edit Mode: an edge needs both ends selected, a face every corner."""
     for kind in ("edges", "polygons"):
         elements = getattr(obj.data, kind)
         elements.foreach_set("select", np.zeros(len(elements), np.bool_))

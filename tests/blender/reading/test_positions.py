@@ -97,7 +97,7 @@ def test_units_of_a_centimetre(scene: Any, body: Any) -> None:
 
 
 def test_far_from_the_origin(scene: Any, body: Any) -> None:
-    """Two kilometres away Blender's mesh jitters; positions equal the near body's, moved in float64.
+    """Two kilometres away Blender's mesh jitters; positions are the near body's, moved in float64.
 
     The remaining difference is the rounding of positions to float32, 0.06 mm there.
     """
