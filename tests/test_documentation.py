@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -38,6 +39,21 @@ def test_a_name_that_does_not_exist_is_found() -> None:
     assert missing_names("see `engine/contact/no_such.py` and `engine/scene.py`") == [
         "engine/contact/no_such.py"
     ]
+
+
+def test_files_of_devices_on_pages_name_shipped_devices_and_their_actuators() -> None:
+    """Paths as ``out/scene/BODY/DEVICE/scene.BODY.DEVICE.ACTUATOR.ahap``."""
+    named_actuators = 0
+    for page in (ROOT / "docs").rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        for body, device, file in re.findall(r"out/scene/(\w+)/(\w+)/(\S+)", text):
+            scene, of_body, of_device, *actuator, _ = file.split(".")
+            assert (scene, of_body, of_device) == ("scene", body, device)
+            path = ROOT / "device_configs" / f"{device}.json"
+            known = [entry["id"] for entry in json.loads(path.read_text())["actuators"]]
+            assert set(actuator) <= set(known), f"{page.name}: {file}"
+            named_actuators += len(actuator)
+    assert named_actuators > 0
 
 
 def test_the_tables_of_body_models_are_those_of_the_manifest() -> None:
