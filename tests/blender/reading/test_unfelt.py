@@ -105,6 +105,24 @@ def test_a_short_clip_beside_a_long_one(touch: Any, told: Any) -> None:
     assert _line(report)["to_s"] == pytest.approx(0.48)
 
 
+@pytest.mark.parametrize(
+    ("first", "start", "end", "times"),
+    [
+        # Samples are at multiples of 0.04 s.
+        (10, 30.05, 30.1, "0.802 to 0.804"),  # frames 20.05 and 20.1 of 25 a second
+        (0, 20.0125, 20.5, "0.8005 to 0.8200"),  # after the sample at 0.80 s
+        (0, 25.25, 25.5, "1.01 to 1.02"),
+    ],
+)
+def test_a_short_clip_shows_both_times(
+    touch: Any, told: Any, first: int, start: float, end: float, times: str
+) -> None:
+    bpy.context.scene.frame_start = first
+    clips.add_clip(touch, start, end, name="Tick")
+    (warning,) = told()["warnings"]
+    assert warning.startswith(f"clip 'Tick' of 'Touch' ({times} s) lies between two samples")
+
+
 def test_many_clips_are_one_warning(touch: Any, told: Any) -> None:
     for k in range(20):
         _clip(touch, 10.0 + k, 10.5 + k, f"Late {k}")
