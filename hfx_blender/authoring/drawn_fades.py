@@ -22,7 +22,8 @@ _HANDLE_TYPES = ("handle_left_type", "handle_right_type")
 
 
 def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """Turn a clip's fades into an influence curve, if it has none; return the curve."""
+    """Turn a clip's linear fades into a Bezier curve of its influence and set the fades to 0;
+    return the curve. An existing curve stays as drawn."""
     if not strip.use_animated_influence:
         start, end = strip.frame_start, strip.frame_end
         rise, fall = strip.blend_in, strip.blend_out
@@ -63,7 +64,7 @@ def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.
 def set_keys(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, keys: Sequence[tuple[float, float]]
 ) -> None:
-    """Set a clip's drawn fades from (frame, strength) keyframes, linearly interpolated."""
+    """Replace a clip's drawn fades by ``keys`` (scene frame, strength), linearly interpolated."""
     strip.use_animated_influence = True
     compat.set_keys(curve_of(strip), keys)
     _store_spans(effect)
@@ -80,7 +81,8 @@ def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
 
 
 def has_drawn_fades(effect: bpy.types.Object) -> bool:
-    """Test for the ID property of drawn fades, also if its clips are gone."""
+    """Test for the ID property with the spans of clips with drawn fades; True also if these clips
+    were removed."""
     return _SPANS in effect
 
 

@@ -72,7 +72,11 @@ def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
 
 
 def add_filter(effect: bpy.types.Object, kind: str) -> bpy.types.PropertyGroup:
-    """Add a filter at the end of a volume's stack; InputError for another effect."""
+    """Add a filter at the end of a volume's stack and make it active; return the filter.
+
+    Named after its kind; "proximity" begins with the operation maximum at influence 0.3.
+    Raises InputError for an effect that is no volume.
+    """
     if effect.hfx.kind != "VOLUME":
         raise InputError(f"'{effect.name}' is not a volume: it has no contact response.")
     added = effect.hfx.response.add()
@@ -86,7 +90,8 @@ def add_filter(effect: bpy.types.Object, kind: str) -> bpy.types.PropertyGroup:
 
 
 def remove_filter(effect: bpy.types.Object, index: int) -> None:
-    """Remove a filter and the filter's animation; animation of later filters is renumbered."""
+    """Remove a filter with its F-curves and drivers; those of later filters are renumbered. The
+    next filter becomes active, else the last."""
     count = len(effect.hfx.response)
     effect.hfx.response.remove(index)
     renumber(effect, [None if k == index else k - (k > index) for k in range(count)])
@@ -95,7 +100,8 @@ def remove_filter(effect: bpy.types.Object, index: int) -> None:
 
 
 def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
-    """Move a filter with the animation to another index; an invalid index is ignored."""
+    """Move a filter with its F-curves and drivers to index ``to`` and make it active; nothing for
+    ``to`` outside of the stack."""
     count = len(effect.hfx.response)
     if not 0 <= to < count:
         return
@@ -185,7 +191,10 @@ def add_response(
     frame: float,
     fps: float,
 ) -> None:
-    """Add a recipe's filters and keyframes to a volume without any; ``frame`` is time 0."""
+    """Add a recipe's filters, with keyframes on the effect's action, to a volume without filters.
+
+    Time 0 s of the keyframes is ``frame``; lengths in metres are divided by ``unit_m``.
+    """
     for index, recipe in enumerate(response):
         kind = FilterKind(recipe.kind)
         item = add_filter(effect, recipe.kind)

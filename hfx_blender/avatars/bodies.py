@@ -142,7 +142,8 @@ def choosing_skin_meshes(
 
 
 def _importing() -> Generator[float, None, None]:
-    """Import the packages for a fit step by step, as all imports together take seconds."""
+    """Import the packages of scipy and trimesh for a fit, yielding 0.0 after each, as all imports
+    together take seconds."""
     for name in _PACKAGES:
         import_module(name)
         yield 0.0
@@ -207,7 +208,8 @@ def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector
 
 
 def _overlap(a: F64, b: F64) -> bool:
-    """Test that boxes (2, 3), lowest and highest corner, overlap by more than 0.02 on all axes."""
+    """Test that boxes (2, 3), lowest and highest corner, overlap by more than 0.02 units on all
+    axes."""
     return bool((a[0] < b[1] - _INSIDE_M).all() and (b[0] < a[1] - _INSIDE_M).all())
 
 

@@ -112,7 +112,8 @@ class FormatInfo:
     facts: str = ""
 
     def function(self, kind: str) -> Callable[..., Any]:
-        """Import the function of a field: ``info.function("check")(content, name)``."""
+        """Import and return the function named in field ``kind``, which must not be empty:
+        ``info.function("check")(content, name)``."""
         module, _, name = getattr(self, kind).partition(":")
         function: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), name)
         return function

@@ -210,7 +210,8 @@ class DeviceThread:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Discard queued frames and the test pulse; answers to earlier requests become void."""
+        """Discard queued frames and the test pulse; answers to earlier requests become void. For
+        callers that hold the lock."""
         self.generation += 1
         self.waiting.clear()
         self.test_pulse = None
@@ -271,7 +272,7 @@ class DeviceThread:
             self.stop(reason, "frozen")
 
     def fault(self, text: str) -> None:
-        """Stop and report a fault; ``text`` is the reason."""
+        """Stop the device and report the event "fault", even if not armed; ``text``: reason."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
@@ -298,7 +299,7 @@ class DeviceThread:
         self._thread.join(PATIENCE_S)
 
     def is_stuck(self, now_s: float) -> bool:
-        """Test for a send that exceeds :data:`PATIENCE_S`; for a watching thread."""
+        """Test for a send in progress for more than 0.1 s at ``now_s``; for a watching thread."""
         return now_s - self._sending_since > PATIENCE_S
 
     def silence(self) -> None:
@@ -423,7 +424,8 @@ class DeviceThread:
         return due
 
     def _holds_until_s(self) -> float:
-        """Time at which the validity of the last values ends without a further sign of life."""
+        """Time at which the last values become invalid: 0.26 s plus the delay after the last sign
+        of life from Blender."""
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:

@@ -183,7 +183,8 @@ class Renderer:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
 
     def _strength(self, run: SampleRun) -> F64:
-        """Strength parameter of each sample, (n,); for temperature the signed deviation."""
+        """First parameter of each sample, (n,); for temperature minus the effect's neutral, in
+        degrees, signed."""
         if run.stream.modality == "temperature":
             return run.parameters[:, 0] - self._neutral_c(run.stream)
         return run.parameters[:, 0]
@@ -248,7 +249,8 @@ class Renderer:
         return Mixed(mixed.strengths, frequencies)
 
     def _contribution(self, share: _GroupShare, row_count: int) -> Contribution:
-        """Contribution of a run over the rows of a block; 0 at rows without samples."""
+        """Contribution of a run at all ``row_count`` rows of a block: gains times levels, and
+        parameters; both 0 at rows without samples."""
         run = share.run
         strengths = np.zeros((row_count, share.gains.shape[1]))
         strengths[share.positions] = share.gains * run.levels[:, None]
@@ -416,7 +418,8 @@ class Renderer:
         return "place" if can else "modality"
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
-        """Yield the shortfalls of each stream, with at least one sample, by reason."""
+        """Yield, per stream and reason, the number of samples not rendered, off frequency, limited
+        or below threshold, if above 0; with the share of the stream's samples and seconds."""
         for rendered in felt:
             outcomes = self._outcomes[rendered.stream]
             losses: dict[Reason, list[Bool]] = {
@@ -440,7 +443,8 @@ class Renderer:
 
 
 def _felt(stream: Stream, outcomes: list[_Outcome]) -> FeltStream:
-    """All samples of a stream, from the outcomes of its runs."""
+    """Indices, strengths and rendered mask of a stream's samples, its runs joined in order; empty
+    arrays without runs."""
     return FeltStream(
         stream,
         np.concatenate([np.zeros(0, np.int64), *(outcome.indices for outcome in outcomes)]),
@@ -454,7 +458,8 @@ _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
 
 
 def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:
-    """Id of the body that wears the device; InputError if unknown or ambiguous."""
+    """``body_id``, or for None the only body of the track. Raises InputError for an id that is not
+    in the track, and for None with no or several bodies."""
     ids = [body.id for body in header.bodies]
     if body_id is None and len(ids) == 1:
         return ids[0]

@@ -59,9 +59,10 @@ def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F6
 
 
 class _Segments:
-    """Transforms of segments, computed on first use: (rotation (3, 3), matrix (4, 4)) per name.
+    """Transforms of body segments from canonical to target, computed on first use and cached.
 
-    ``_c`` and ``_t`` are the canonical and target joints.
+    A transform is a pair: rotation (3, 3) without scale, for the segments that follow, and matrix
+    (4, 4) with scale and shift. ``_c`` and ``_t`` are the canonical and target joints.
     """
 
     def __init__(self, avatar: Avatar, bodies: Skeletons, largest_head: float) -> None:
@@ -106,7 +107,7 @@ class _Segments:
         return self._made[name]
 
     def _turn(self, name: str) -> F64:
-        """Rotation (3, 3) of the segment ``name``."""
+        """Rotation (3, 3) of the segment ``name`` without scale, made with its matrix."""
         self._matrix(name)
         return self._turns[name]
 
@@ -201,7 +202,8 @@ class _Segments:
         return self._between(parent_name, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:
-        """Transform of a hand from wrist and two or more knuckles, as a mitten without knuckles."""
+        """Transform of a hand by wrist and two or more knuckles, each scale 0.4 to 2.5; by
+        :meth:`_mitten` with fewer knuckles, the forearm's transform without a wrist."""
         forearm, wrist = f"forearm.{side}", f"wrist.{side}"
         if wrist not in self._t:
             return self._turn(forearm), self._matrix(forearm)
@@ -222,8 +224,9 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """Matrix (4, 4) of a phalanx to the next known one, the last to the tip of the skin; of the
-        previous phalanx or the hand if the rig has none."""
+        """Matrix (4, 4) of a phalanx, along the line to the next phalanx of the target, the last
+        to the tip of the skin; without this phalanx on the target, the matrix of the previous
+        phalanx or the hand."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])

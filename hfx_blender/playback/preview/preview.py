@@ -89,7 +89,7 @@ class ViewportPreview:
         return bool(is_shown or recorder.is_wanted_by_devices)
 
     def listen(self) -> None:
-        """Add the handlers."""
+        """Add the handlers of frame changes, depsgraph updates, file loading, undo and redo."""
         add_handlers(self._handlers)
 
     def stop_listening(self) -> None:
@@ -118,7 +118,7 @@ class ViewportPreview:
             self._content.invalidate()
 
     def forget(self) -> None:
-        """Discard all cached data of the scene and allow drawing after an error."""
+        """Discard colours, record and chart of the scene, and allow drawing after an error."""
         self.cannot_draw = False
         if self._content is not None:
             self._content.forget()
@@ -167,7 +167,8 @@ class ViewportPreview:
             self.describe()
 
     def describe(self) -> None:
-        """Describe the scene if the signature changed; invalidate and redraw on a change."""
+        """Describe the scene for colours and record; after a change discard the colours. Redraws
+        unless the preview is up to date. Without a readable scene all data are discarded."""
         content = self.content
         self.is_describing = True
         try:
