@@ -390,7 +390,7 @@ def test_places_are_clicked_taken_back_and_finished(
     spot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawing = _Drawing("STRAIGHT", spot.hfx.body)
-    for x in (-0.05, 2.0, 0.0, 0.05):  # the first click misses the body
+    for x in (-0.05, 2.0, 0.0, 0.05):  # the click at 2.0 misses the body
         assert _mouse(monkeypatch, drawing, "LEFTMOUSE", x, "PRESS") == {"RUNNING_MODAL"}
     assert len(drawing.stroke) == 3
     _mouse(monkeypatch, drawing, "BACK_SPACE", 0.0, "PRESS")

@@ -91,7 +91,7 @@ def test_a_mesh_that_is_no_surface_is_felt_by_its_bones_and_says_so(
 
 
 def piece(rig: Any, bone_name: str, size: float, offset: float = 0.5) -> Any:
-    """A box around a location, rigidly bound to a bone."""
+    """A box rigidly bound to a bone, around a location on the bone."""
     bone = rig.data.bones[bone_name]
     mesh = bpy.data.meshes.new(bone_name)
     shape = bmesh.new()

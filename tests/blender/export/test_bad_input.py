@@ -33,7 +33,7 @@ def export(path: Path, folder: Path, *more: str) -> int:
 
 @pytest.fixture
 def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Export an invalid file; return the single line of the message."""
+    """Function exporting an invalid file: the single line of the message."""
 
     def tell(path: Path, *more: str) -> str:
         capsys.readouterr()  # output of the file's creation

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes 
 
 
 def _make_pipe(path: Path) -> None:
-    """A pipe closed after reading, so that a defect fails without hanging."""
+    """A pipe with a writer closing at once, so that a defect fails without hanging."""
     os.mkfifo(path)
     threading.Thread(target=lambda: path.open("wb").close(), daemon=True).start()
 

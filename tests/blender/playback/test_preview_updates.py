@@ -230,7 +230,7 @@ def test_after_every_operator_is_shown_what_is_felt(
         try:
             if not call.poll() or call() != {"FINISHED"}:
                 continue
-        except (RuntimeError, TypeError):  # it needs a file, a window, or another object
+        except (RuntimeError, TypeError):  # needs a file, a window, or another object
             continue
         ran.append(short)
         idle()

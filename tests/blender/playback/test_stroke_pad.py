@@ -143,7 +143,7 @@ def test_the_calibration_slider_is_kept(
     chosen = bpy.context.window_manager.hfx_surface_calibration
     chosen.drive = 42.0
     chosen.device = "phone"
-    assert chosen.drive == pytest.approx(42.0)  # the highest drive of any device
+    assert chosen.drive == pytest.approx(42.0)  # the general drive
     chosen.drive = 7.0
     chosen.device = ""
     assert chosen.drive == pytest.approx(42.0)

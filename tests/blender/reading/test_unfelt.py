@@ -36,7 +36,7 @@ def touch(registered: Any) -> Any:
 
 @pytest.fixture
 def told(tmp_path: Path) -> Callable[..., dict[str, Any]]:
-    """Export the open scene; return the report, with ``strict`` the exit code of ``--strict``."""
+    """Function exporting the open scene: the report, plus ``strict``: exit code of ``--strict``."""
 
     def export(*words: str) -> dict[str, Any]:
         path, out = hfx_scenes.save(tmp_path / "scene.blend"), tmp_path / "out"

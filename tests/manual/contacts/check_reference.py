@@ -2,9 +2,10 @@
 """Compare the engine with the reference on many random scenes of one volume and one body.
 
 ``python tests/manual/contacts/check_reference.py -o reference.csv`` writes a line for each of
-10,000 scenes, by how much weights and details differ, and goes on where the file ends. ``--first``
-begins at another seed, for several runs at once; ``--without-library`` judges what is felt where it
-is missing. Not part of the test suite, which looks at some such scenes in ``test_reference.py``.
+10,000 scenes, with the differences of weights and details, and continues at the end of an existing
+file. ``--first`` begins at another seed, for several runs at once; ``--without-library`` compares
+contacts without the native library. Not part of the test suite: ``test_reference.py`` covers a few
+such scenes.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def main() -> int:
 
 
 def _rows(path: Path) -> dict[int, float]:
-    """Differences by seed, of the lines that are whole."""
+    """Differences by seed, of complete lines."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8") as file:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Look at many random scenes with random settings: is what each states about its error so?
+"""Check the stated error of random settings on many random scenes.
 
 ``python tests/manual/contacts/check_tolerance.py -o tolerance.csv --scenes 5000`` writes a line for
-each scene, by how much the result is off beyond what its setting states, and goes on where the file
-ends. ``--first`` begins at another seed, for several runs at once. Not part of the test suite,
-which looks at some such scenes in ``test_trade_poses.py``.
+each scene, with the error of the result beyond the setting's stated error, and continues at the end
+of an existing file. ``--first`` begins at another seed, for several runs at once. Not part of the
+test suite: ``test_trade_poses.py`` covers a few such scenes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "engine"))
 from distorted_scenes import Case
 
 ACCEPTED = (
-    0.02  # share of full strength: what the exact reference, which samples skin, too, may err
+    0.02  # share of full strength: allowed error of the exact reference, because of sampled skin
 )
 _COLUMNS = ("seed", "model", "distorted", "strength", "tolerance", "excess")
 
@@ -51,7 +51,7 @@ def main() -> int:
 
 
 def _rows(path: Path) -> dict[int, float]:
-    """By seed, of the lines that are whole."""
+    """Errors by seed, of complete lines."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8") as file:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt in many scenes, written to a folder at one commit, and two such folders compared.
+"""Write contacts of many scenes at one commit into a folder, and compare two such folders.
 
 ``python tests/manual/contacts/freeze_contacts.py write DIR`` evaluates scenes made from seeds and
-of the benches, all that a sample holds, in full precision: one file for each. At another commit do
-the same into another folder; ``... compare DIR OTHER`` then names each scene whose weights or
-details differ by more than 1e-6. ``write --only random,bodies,moving`` leaves out what needs
-Blender. Not part of the test suite: it is for changes that should change nothing.
+of the benches, all data of each sample, in full precision: one file for each. At another commit do
+the same into another folder; ``... compare DIR OTHER`` then names each scene with weights or
+details differing by more than 1e-6. ``write --only random,bodies,moving`` leaves out scenes needing
+Blender. Not part of the test suite: for changes meant to change no result.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def of_bodies() -> Scenes:
 
 
 def of_moving() -> Scenes:
-    """The shipped models, and volumes that turn, fly and change shape; and bodies that turn."""
+    """The shipped models with turning, flying and deforming volumes; and turning bodies."""
     for modality in ("temperature", "pressure"):
         for seed, (strength, speed) in enumerate(((0.0, 1.0), (0.3, 0.1), (0.1, 0.4))):
             for tolerance in (STANDARD, EXACT):
@@ -79,7 +79,7 @@ def of_moving() -> Scenes:
 
 
 def of_blender() -> Scenes:
-    """The demo, the other scenes of ``hfx bench trade``, and those of ``hfx bench export``."""
+    """The demo, and the scenes of ``hfx bench trade`` and of ``hfx bench export``."""
     from hfx_blender.processes import blender_session
 
     blender_session.start()
@@ -119,7 +119,7 @@ def _of_scene(
     build()
     scene = bpy.context.scene
     frames = scene.frame_start, scene.frame_end
-    if record:  # which takes a while
+    if record:  # slow
         frames = frames[0], min(frames[1], frames[0] + 40)
     reader = SceneReader(
         scene,
@@ -135,7 +135,7 @@ def _of_scene(
 
 
 def _named(run: SampleRun, scene: SceneDescription) -> SampleRun:
-    """A run whose stream has names instead of ids, which are others each time a scene is built."""
+    """A run with names in place of the stream's ids: ids differ for each build of a scene."""
     names = {item.id: item.name for item in (*scene.bodies, *scene.effects)}
     own = run.stream
     named = replace(own, effect_id=names[own.effect_id], body_id=names[own.body_id])
@@ -146,7 +146,7 @@ GROUPS = {"random": of_seeds, "bodies": of_bodies, "moving": of_moving, "blender
 
 
 def write(folder: Path, groups: list[str]) -> int:
-    """Write a file for each scene; what is there already stays."""
+    """Write a file for each scene; existing files stay."""
     folder.mkdir(parents=True, exist_ok=True)
     for group in groups:
         for name, evaluated in GROUPS[group]():
@@ -163,9 +163,9 @@ def write(folder: Path, groups: list[str]) -> int:
 
 
 def _packed(runs: list[SampleRun]) -> dict[str, np.ndarray]:
-    """All runs: a row for each sample, a weight for each contact, and what else was recorded.
+    """All runs: a row for each sample, a weight for each contact, and further recorded arrays.
 
-    A key says which stream, time and vertex a row or contact is of.
+    A key gives the stream, time and vertex of a row or contact.
     """
     streams = sorted({str(run.stream) for run in runs})
     rows: list[tuple[int, np.ndarray]] = []
@@ -190,7 +190,7 @@ def _packed(runs: list[SampleRun]) -> dict[str, np.ndarray]:
 
 
 def _told(sample: Sample) -> np.ndarray:
-    """What was recorded of each contact, (n, D); NaN for what did not begin."""
+    """Recorded details of each contact, (n, D); NaN for a contact without beginning."""
     impact = sample.impact
     messages = [getattr(sample, name) for name in DETAILS]
     messages += [impact.times_s, impact.speeds_m_s, impact.normals] if impact else []
@@ -202,7 +202,7 @@ def _told(sample: Sample) -> np.ndarray:
 
 
 def compare(one: Path, other: Path) -> int:
-    """Tell each scene that differs, and what of it by how much; 1 if there is any."""
+    """Print each differing scene with the kind and size of the difference; 1 for any difference."""
     names = sorted({path.name for folder in (one, other) for path in folder.glob("*.npz")})
     off = 0
     for name in names:
@@ -224,7 +224,7 @@ def _difference(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str
         return "other effects or bodies are felt"
     messages = []
     _, mine, theirs = np.intersect1d(one["keys"], other["keys"], True, return_indices=True)
-    # A contact that one side lacks has weight 0 there.
+    # A contact missing in one folder has weight 0 there.
     lonely = [np.delete(one["weights"], mine), np.delete(other["weights"], theirs)]
     apart = np.abs(one["weights"][mine].astype(float) - other["weights"][theirs])
     most = np.concatenate([apart, *lonely]).max(initial=0.0)

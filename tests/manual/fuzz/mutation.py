@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Changed copies of files: of their bytes, or of what is in them so that they stay readable."""
+"""Changed copies of files: changed bytes, or changed contents in a still readable file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def mutated(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes:
 
 
 def _of_tree(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
-    """JSON, or one line of JSON Lines, changed as a tree."""
+    """JSON, or a line of JSON Lines, changed as a tree."""
     if data[:1] not in (b"{", b"["):
         return None
     lines = data.splitlines()
@@ -66,7 +66,7 @@ def _of_tree(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | 
 
 
 def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
-    """A ZIP with a member changed, and sums that are right."""
+    """A ZIP with a changed member, and correct checksums."""
     if data[:2] != b"PK":
         return None
     packed = io.BytesIO()
@@ -90,7 +90,7 @@ def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes
 
 
 def _of_glb(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
-    """A GLB with its JSON changed, and lengths that are right."""
+    """A GLB with changed JSON, and correct lengths."""
     if data[:4] != b"glTF" or len(data) < _GLB_HEAD.size:
         return None
     magic, version, _, length, kind = _GLB_HEAD.unpack_from(data)
@@ -104,7 +104,7 @@ def _of_glb(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | N
 
 
 def _of_png(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
-    """A PNG with a part changed, sums that are right, and rows that are packed again."""
+    """A PNG with a changed part, correct checksums, and repacked rows."""
     if data[:8] != _PNG:
         return None
     parts: list[tuple[bytes, bytes]] = []
@@ -130,13 +130,13 @@ def _of_png(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | N
 
 
 def png_part(name: bytes, content: bytes) -> bytes:
-    """A part of a PNG with its size and its sum."""
+    """A part of a PNG with size and checksum."""
     total = zlib.crc32(name + content)
     return struct.pack(">I", len(content)) + name + content + struct.pack(">I", total)
 
 
 def change_tree(tree: object, rng: random.Random) -> None:
-    """Change one place inside: replace, remove, double or swap a member."""
+    """Change a random node of a tree: replace, remove, double or swap a member."""
     at = tree
     for _ in range(rng.randrange(1, 14)):
         inner = (
@@ -157,7 +157,7 @@ def _value(rng: random.Random) -> object:
 
 
 def graft(tree: object, rng: random.Random) -> None:
-    """Put a member of one object into another, as it is or with another value."""
+    """Put a member of one object into a second object, unchanged or with another value."""
     objects: list[dict[str, object]] = []
     waiting = [tree]
     for _ in range(2000):  # a part may be within itself
@@ -223,7 +223,7 @@ def _change_list(at: list[object], rng: random.Random) -> None:
 
 
 def changed_bytes(data: bytes, other: bytes, rng: random.Random) -> bytes:
-    """Bits, tokens, cuts and copies: for when no fuzzing engine does it."""
+    """Bits, tokens, cuts and copies: changes without a fuzzing engine."""
     result = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 4, 16))):
         at = rng.randrange(len(result) + 1)

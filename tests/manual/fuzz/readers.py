@@ -82,7 +82,7 @@ _COMMAND_SUFFIXES = {
 COMMANDS = tuple(f"{command_suffix}-commands" for command_suffix in _COMMAND_SUFFIXES)
 """All commands that read a format; what one converts to is told by its bytes."""
 
-_DOCUMENTED = (0, 2, 3, 4, 5)  # exit codes that are no defect
+_DOCUMENTED = (0, 2, 3, 4, 5)  # allowed exit codes
 CONVERSIONS = tuple(f"{item}-to" for item in SUFFIXES)
 """Conversions of a format; which other one each input goes to is told by its bytes."""
 
@@ -160,7 +160,7 @@ def _node_map(content: bytes) -> None:
     configuration = imported_layouts.configuration_of(
         document, "x", load_model(imported_layouts.MODEL)
     )
-    device_from(json_shapes.Node(configuration, "made"))  # what is made of it can be used
+    device_from(json_shapes.Node(configuration, "made"))  # the created configuration is usable
 
 
 def _track(folder: Path, content: bytes) -> None:
@@ -237,7 +237,7 @@ def _conversion(source: str, folder: Path) -> Reader:
 
 
 def _commands(kind: str, folder: Path) -> Reader:
-    """``hfx`` in this process: a code that is not documented is a fault, and so is a warning."""
+    """``hfx`` in this process: an undocumented exit code is a fault, and so is a warning."""
     suffix = _COMMAND_SUFFIXES[kind]
     warnings.simplefilter("error", RuntimeWarning)
     cli.defect = _raise  # type: ignore[assignment]
@@ -283,11 +283,11 @@ def _commands(kind: str, folder: Path) -> Reader:
 
 
 def _raise(console: object) -> int:
-    raise  # the exception that cli.run() is handling
+    raise  # the exception handled by cli.run()
 
 
 def _targets(source: str) -> list[tuple[str, str | None]]:
-    """Formats that a format is converted to, and for which device."""
+    """Target formats of a format's conversions, and the devices."""
     if source == "track":
         return [("hjif", None), ("jsonl", None), *((item, DEVICE) for item in _OF_A_DEVICE)]
     if source in ("npz", "csv"):
@@ -296,7 +296,7 @@ def _targets(source: str) -> list[tuple[str, str | None]]:
 
 
 def report_of(folder: Path) -> bytes:
-    """A report that holds for an export of nothing."""
+    """A report valid for an export of nothing."""
     from hfx_blender.files.hashes import sha256_of
 
     source = folder / "x.blend"

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Throw damaged files at every reader; one may refuse them, nothing else.
+"""Throw damaged files at every reader; a refusal is the only allowed result besides success.
 
 ``python tests/manual/fuzz/run.py --inputs 10_000_000 --jobs 2 --folder fuzz`` changes small valid
-files of every format, keeps what reaches new code of the readers, and reports faults: an exception
-that is no ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory. ``--work
-conversions`` does the same for conversions of each format to each other, ``--work commands`` for
-every command that reads a file, run in one process: its exit code is a documented one. Each format
-gets the same number of inputs, in slices of a process each; what was kept stays in the folder for
-the next run. Uses libFuzzer where the package atheris is installed. Not part of the test suite.
+files of every format, stores inputs reaching new code of the readers, and reports faults: an
+exception other than ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory.
+``--work conversions`` does the same for conversions between all formats, ``--work commands`` for
+every command reading a file, all in one process: the exit code must be documented. Each format gets
+the same number of inputs, in slices of a process each; stored inputs stay in the folder for the
+next run. Uses libFuzzer where the package atheris is installed. Not part of the test suite.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _WORK = {
     "conversions": tuple(f"{source}-to" for source in _SOURCES),
     "commands": tuple(f"{item}-commands" for item in (*_PARSERS, "channels")),
 }
-_MOST_MIB = 1024  # that a process may ever have
-_SMALL_BYTES = 3 << 10  # of an input, in all slices but one in eight
+_MOST_MIB = 1024  # memory limit of a process, at any time
+_SMALL_BYTES = 3 << 10  # of an input, in seven of eight slices
 _LARGE_BYTES = 32 << 10
 
 
 class Campaign:
-    """Counts of all formats, kept in ``totals.json`` so that a run can go on later."""
+    """Counts of all formats, stored in ``totals.json`` so that a later run can continue."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
@@ -59,7 +59,7 @@ class Campaign:
         self._running: dict[str, tuple[subprocess.Popen[bytes], Path]] = {}
 
     def run(self) -> None:
-        """Until every format had its share; what is done when it is interrupted counts, too."""
+        """Run until every format had its share; finished work of an interrupted run counts, too."""
         try:
             self._run()
         finally:
@@ -82,7 +82,7 @@ class Campaign:
                     self._take(name, report, process.returncode)
 
     def _next(self) -> list[str]:
-        """The formats that have had the fewest inputs and wait for a process."""
+        """Waiting formats with the fewest inputs so far."""
         waiting = [
             name
             for name in self._names

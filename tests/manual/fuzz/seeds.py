@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small valid files of each format, that the fuzzing starts from."""
+"""Small valid files of each format, as the start of fuzzing."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from hfx_blender.formats.registry import FORMATS  # noqa: E402
 from hfx_blender.formats.signals.signals import Transient  # noqa: E402
 from hfx_tools.body_building import model_file  # noqa: E402
 
-MOST_BYTES = 8 << 10  # of one file: small ones are changed and read quickly
-_LONG_LIST = 2  # items that a list of a shortened document keeps
+MOST_BYTES = 8 << 10  # limit of a file: small files are changed and read quickly
+_LONG_LIST = 2  # items kept in a list of a shortened document
 
 
 def seeds(folder: Path, name: str) -> list[bytes]:
-    """Seeds of one reader or conversion; ``folder`` is for the writers' output."""
+    """Seeds of a reader or conversion; ``folder`` is for the writers' output."""
     kind = name.removesuffix("-to").removesuffix("-commands")
     if kind in _OTHERS:
         return _smallest(_OTHERS[kind](folder))
@@ -131,7 +131,7 @@ def _pngs(folder: Path) -> list[bytes]:
 
 
 def _models(folder: Path) -> list[bytes]:
-    """A model of few vertices: the shipped ones are large."""
+    """A model of few vertices: the shipped models are large."""
     path = folder / "x.npz"
     kinds = {
         "vertices": ("f4", (4, 3)), "triangles": ("i4", (2, 3)), "normals": ("f4", (4, 3)),
@@ -254,7 +254,7 @@ def _channels() -> bytes:
 
 
 def _smallest(contents: list[bytes]) -> list[bytes]:
-    """Contents as they are and, for JSON, with shortened lists."""
+    """Unchanged contents and, for JSON, contents with shortened lists."""
     every = {*contents, *filter(None, map(_shortened, contents))}
     fitting = [item for item in every if len(item) <= MOST_BYTES] or [min(every, key=len)]
     return sorted(fitting, key=lambda each: (len(each), each))[:8]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One process of a fuzzing run: changed files for one reader, guided by coverage.
+"""A process of a fuzzing run: changed files for a single reader, guided by coverage.
 
-Started by ``run.py``. With the package atheris the engine is libFuzzer; without it, inputs that
-reach new lines are kept, seen with ``sys.settrace``.
+Started by ``run.py``. With the package atheris the engine is libFuzzer; without atheris, inputs
+reaching new lines are stored, by ``sys.settrace``.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from hfx_blender.errors import InputError  # noqa: E402
 from hfx_blender.files import findings  # noqa: E402
 from hfx_blender.formats import files  # noqa: E402
 
-SLOW_S = 5.0  # of work for one input
+SLOW_S = 5.0  # limit of work for an input
 HANG_S = 10.0  # of this process's own work: a busy machine is no hang
-MOST_MIB = 1024  # that libFuzzer allows
-MOST_BYTES = 64 << 10  # of one input
+MOST_MIB = 1024  # limit of libFuzzer
+MOST_BYTES = 64 << 10  # limit of an input
 _REPORT_EVERY = 2000
 _MOST_KEPT = 400
-_MOST_FINDINGS = 20  # of one input: telling of all would take most of the time
+_MOST_FINDINGS = 20  # limit for an input: reporting all findings would take most of the time
 
 
 class Hang(BaseException):
@@ -68,7 +68,7 @@ class SlowError(Exception):
 
 
 class Watched:
-    """A reader whose inputs are counted, timed and guarded; faults are kept, not raised."""
+    """A reader with counted, timed and guarded inputs; faults are recorded, not raised."""
 
     def __init__(self, name: str, reader: Reader, options: argparse.Namespace) -> None:
         self._name, self._reader, self._options = name, reader, options
@@ -105,11 +105,11 @@ class Watched:
             (self._options.folder / f"slowest-{self._name}").write_bytes(content)
         if self.count % _REPORT_EVERY == 0 or self.count == self._options.inputs:
             self.report()
-            # What an instrumented comparison gives is never freed by atheris 3.0: where arrays
-            # are compared, a slice ends by what it has taken, and the next one goes on.
+            # atheris 3.0 never frees the results of instrumented comparisons: with compared arrays,
+            # a slice ends by memory, and the next slice goes on.
             is_full = atheris is not None and _memory_mib() > MOST_MIB / 2
             if is_full or self.count >= self._options.inputs or ended_s > self._end_s:
-                os._exit(0)  # libFuzzer has no other end that leaves the report as it is
+                os._exit(0)  # libFuzzer has no second way to exit without changing the report
 
     def _keep(self, error: BaseException, content: bytes) -> None:
         trace = traceback.extract_tb(error.__traceback__)
@@ -144,7 +144,7 @@ class Watched:
 
 
 def _memory_mib() -> float:
-    """Present memory of this process; where the system does not report it, the peak."""
+    """Present memory of this process; on a system without this figure, the peak."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
@@ -153,7 +153,7 @@ def _memory_mib() -> float:
 
 
 def fuzz_with_atheris(watched: Watched, options: argparse.Namespace, corpus: Path) -> None:
-    """libFuzzer's own changes, and half of the time ours; never returns."""
+    """Fuzz with changes of libFuzzer and, half of the time, of ``mutation``. Never returns."""
 
     def mutator(data: bytes, most: int, seed: int) -> bytes:
         rng = random.Random(seed)
@@ -169,7 +169,7 @@ def fuzz_with_atheris(watched: Watched, options: argparse.Namespace, corpus: Pat
             f"-seed={options.seed % 2**31 + 1}",
             f"-max_len={options.longest}",
             f"-rss_limit_mb={MOST_MIB}",
-            "-timeout=3600",  # of the clock; the guard on work done is ours
+            "-timeout=3600",  # limit by the clock; the guard above limits the work
             f"-artifact_prefix={options.folder}/libfuzzer-",
             "-print_final_stats=0",
             "-verbosity=0",
@@ -182,7 +182,7 @@ def fuzz_with_atheris(watched: Watched, options: argparse.Namespace, corpus: Pat
 
 
 class Coverage:
-    """Lines of the readers that an input reaches."""
+    """Lines of the readers reached by an input."""
 
     def __init__(self) -> None:
         self._folder = str(Path(files.__file__).parents[2])
@@ -211,9 +211,7 @@ class Coverage:
 
 
 def fuzz_plainly(watched: Watched, options: argparse.Namespace, corpus: Path) -> None:
-    """Fuzz without libFuzzer: one input in eight measures coverage. Never returns. Never
-    returns.
-    """
+    """Fuzz without libFuzzer: one input in eight measures coverage. Never returns."""
     rng = random.Random(options.seed)
     stored = [path.read_bytes() for path in sorted(corpus.iterdir())]
     coverage = Coverage()
@@ -245,7 +243,7 @@ def main() -> None:
     options = parser.parse_args()
     corpus = options.folder / "corpus" / options.format
     if not corpus.is_dir():
-        from seeds import seeds  # it brings the tests' modules along
+        from seeds import seeds  # imports the tests' modules as well
 
         with tempfile.TemporaryDirectory() as folder:
             created = seeds(Path(folder), options.format)

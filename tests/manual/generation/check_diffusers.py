@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks of the back end ``diffusers`` and of ``train-decoder``, apart from pytest.
+"""Check the back end ``diffusers`` and ``train-decoder``, apart from pytest.
 
 ``pip install -e ".[generate]"``, then ``python tests/manual/generation/check_diffusers.py``. There
 are no weights: models of the same classes as Stable Diffusion 1.5, XL and 3 are made here from
-small configurations, tokenizer included, so that everything is run but nothing looks like anything.
-``--steps`` sets how long the decoder is trained (600, some minutes of a processor).
+small configurations, tokenizer included, so everything is run but pictures show nothing real.
+``--steps`` sets the length of the decoder's training (600, some minutes of a processor).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from hfx_tools.diffusion.model_folder import CancelledError, Latents, ModelFolde
 
 TEXELS = 64
 PAIRS = decoder_pairs.LibraryPairs(TEXELS, count=4000)
-HELD_OUT = range(100_000, 100_032)  # numbers that training never asks for
+HELD_OUT = range(100_000, 100_032)  # numbers never used in training
 
 
 def tokenizer(folder: Path) -> CLIPTokenizer:
@@ -139,13 +139,13 @@ def check_a_model(folder: Path, out: Path) -> None:
     assert not np.array_equal(first.colour, second.colour)
     assert first.colour.shape == (TEXELS, TEXELS, 3) and first.map.intensity.shape == (TEXELS,) * 2
     assert shares[:3] == [1 / 3, 2 / 3, 1.0]
-    # The new decoder is the mean of the colour decoder's channels, before it is trained.
+    # Before training, the new decoder is the mean of the colour decoder's channels.
     latents = Latents(torch.randn(1, model.vae.config.latent_channels, 32, 32))
     with torch.no_grad():
         colours = model.vae.decode(model.unscaled(latents)).sample
         touch = decoder(model.unscaled(latents))
         torch.testing.assert_close(touch, colours.mean(1, keepdim=True), rtol=1e-4, atol=1e-5)
-        # Decoding wraps: what is moved round before it is moved round after it.
+        # Decoding wraps: a shift of the latents is the same shift of the picture.
         rolled = model.vae.decode(torch.roll(model.unscaled(latents), (5, 9), (2, 3))).sample
         unit = model.texels_per_latent
         torch.testing.assert_close(
@@ -169,7 +169,7 @@ def check_a_model(folder: Path, out: Path) -> None:
 
 
 def check_tiling_of_a_unet(folder: Path) -> None:
-    """Noise that is moved round gives the picture moved round: there is no edge anywhere."""
+    """Shifted noise gives the shifted picture: there is no edge anywhere."""
     model = ModelFolder(folder, "cpu")
     noise = torch.randn(1, 4, 32, 32, generator=torch.Generator().manual_seed(0))
 
@@ -187,7 +187,7 @@ def check_tiling_of_a_unet(folder: Path) -> None:
 
 
 def check_what_is_refused(folder: Path, out: Path) -> None:
-    """Pickles, code of a model, missing parts, sizes that do not fit."""
+    """Refused: pickles, code of a model, missing parts, mismatched sizes."""
 
     def refused(change: Callable[[Path], Any], told: str) -> None:
         import shutil
@@ -231,7 +231,7 @@ def check_what_is_refused(folder: Path, out: Path) -> None:
 
 
 def check_going_on(out: Path) -> None:
-    """Training that was interrupted gives the weights of one that was not."""
+    """Interrupted and continued training gives the weights of uninterrupted training."""
     created = vae()
     settings = TrainingSettings(steps=4, warm_up=2, saved_every=100)
     whole = DecoderTraining(created, PAIRS, out / "whole", settings)
@@ -249,7 +249,7 @@ def check_going_on(out: Path) -> None:
 
 
 def trained_vae(steps: int) -> AutoencoderKL:
-    """A VAE that knows the library's pictures a little, so that what it decodes means something."""
+    """A VAE trained briefly on the library's pictures, so that decoded pictures have a meaning."""
     torch.manual_seed(0)
     created = vae()
     adam = torch.optim.Adam(created.parameters(), 1e-3)

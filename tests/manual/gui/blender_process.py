@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Any Blender executable with settings of nobody: its command line, and a window of its own."""
+"""Any Blender executable without user settings: command line, and a separate window."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 
 class BlenderError(Exception):
-    """Blender did not do what it was asked to do."""
+    """Blender failed at a requested action."""
 
 
 class BlenderProcess:
-    """Calls of one executable that share a folder for settings, extensions and temporary files."""
+    """Calls of one executable with a shared folder for settings, extensions and temporary files."""
 
     def __init__(self, executable: Path, folder: Path) -> None:
         self.executable = executable
@@ -25,16 +25,17 @@ class BlenderProcess:
             "BLENDER_USER_RESOURCES": str(self.resources),
             "TMPDIR": str(folder / "tmp"),
         }
-        for name in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV"):  # of whoever calls, not Blender's
+        # For the caller's Python, not Blender's.
+        for name in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV"):
             self.environment.pop(name, None)
 
     def background(self, *arguments: str) -> str:
-        """Run without a window and return what was printed.
+        """Run without a window and return the printed output.
 
         Raises
         ------
         BlenderError
-            It ended with an error; the message is its output.
+            Blender ended with an error; the message is the output.
         """
         command = ["--background", "--offline-mode", "--python-exit-code", "1", *arguments]
         return self.call(*command)
@@ -44,7 +45,7 @@ class BlenderProcess:
         return self.call("--offline-mode", "--command", *arguments)
 
     def install(self, extension: Path) -> None:
-        """Validate an extension's zip, install it and switch it on."""
+        """Validate an extension's zip, install and enable the extension."""
         path = str(extension.resolve())
         self.command("extension", "validate", path)
         self.command("extension", "install-file", "-r", "user_default", "-e", path)

@@ -44,14 +44,14 @@ class Driver:
     # Checks
 
     def check(self, holds: Any, text: str) -> None:
-        """Say what is true, or fail the journey."""
+        """Print a passed check, or fail the journey."""
         sys.stdout.write(f"{'ok  ' if holds else 'FAIL'} {text}\n")
         sys.stdout.flush()
         if not holds:
             raise AssertionError(text)
 
     def until(self, holds: Callable[[], Any], text: str, seconds: float = 60) -> Iterator[float]:
-        """Wait until something is true; fail the journey if it does not come true in time."""
+        """Wait until a condition is true; fail the journey after a time limit."""
         end = time.monotonic() + seconds
         while not holds() and time.monotonic() < end:
             yield 0.1
@@ -72,13 +72,13 @@ class Driver:
         return next(region for region in self.area(area).regions if region.type == kind)
 
     def context(self, area: str = "VIEW_3D") -> Any:
-        """The context that an operator called from here needs."""
+        """Context for operators called from here."""
         return bpy.context.temp_override(
             window=self.window, area=self.area(area), region=self.region("WINDOW", area)
         )
 
     def xy(self, region: bpy.types.Region, right: float = 0.5, up: float = 0.5) -> Point:
-        """A point of a region, by shares of its width and height."""
+        """A point of a region, by shares of the region's width and height."""
         x = region.x + right * region.width
         return x, self.window.height - (region.y + up * region.height)
 
@@ -104,7 +104,7 @@ class Driver:
     # Mouse and keyboard
 
     def move(self, x: float, y: float) -> Iterator[float]:
-        yield from self.input.move(x - 3, y - 3)  # Blender wants to see it move
+        yield from self.input.move(x - 3, y - 3)  # Blender needs a mouse movement before the click
         yield from self.input.move(x, y)
 
     def click(self, x: float, y: float, button: int = 1) -> Iterator[float]:
@@ -137,26 +137,26 @@ class Driver:
         yield from self.input.text(text)
         yield 0.2
 
-    # Finding what can be clicked
+    # Finding clickable items
 
     def op_buttons(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's operator buttons, from top to bottom, then left to right.
 
-        Blender does not tell where its buttons are, so they are painted in a colour of their own
-        for one picture.
+        Blender does not report the positions of buttons, so the buttons are painted in a unique
+        colour for one picture.
         """
         actual = yield from self._painted("wcol_tool", region)
         return actual
 
     def button(self, region: bpy.types.Region, operator: type, which: int = 0) -> Iterator[float]:
-        """Centre of one operator's button: the one that is greyed out when its poll says no.
+        """Centre of an operator's button: the button greyed out by a failing poll.
 
         Parameters
         ----------
         operator : type
-            Its class; its poll must ask ``needs`` of the base of the add-on's operators.
+            Class of the operator; the poll must call ``needs`` of the add-on's operator base.
         which : int
-            Where it has several buttons: which of them, from the top.
+            For several buttons of the operator: number of the button, from the top.
         """
         base = next(item for item in operator.__mro__ if "needs" in item.__dict__)
         needs = base.__dict__["needs"]
@@ -199,7 +199,7 @@ class Driver:
         return actual
 
     def enter(self, field: Point, value: str) -> Iterator[float]:
-        """Type a value into a number field, as with Enter over it."""
+        """Type a value into a number field, as with Enter over the field."""
         yield from self.move(*field)
         yield 0.2
         yield from self.key("Return")
@@ -230,13 +230,13 @@ class Driver:
         return actual
 
     def menu(self) -> Iterator[float]:
-        """Centres of the rows of the menu that was opened first."""
+        """Centres of the rows of the first opened menu."""
         rows = yield from self.menu_rows()
         left = min(x for x, _ in rows)
         return [row for row in rows if row[0] - left < 20]
 
     def submenu(self, row: Point) -> Iterator[float]:
-        """Point at a row of an open menu; the rows of the menu that opens to its right."""
+        """Point at a row of an open menu; the rows of the submenu, opened to the right."""
         yield from self.move(*row)
         for _ in range(5):  # a busy computer draws late
             yield 0.6
@@ -249,7 +249,7 @@ class Driver:
         return [position for position in right if position[0] - left < 20]
 
     def save_as(self, path: Path) -> Iterator[float]:
-        """Answer the open file browser; ``show_files_inside`` before it opens."""
+        """Answer the open file browser; call ``show_files_inside`` before opening."""
         yield from self.until(lambda: self._browser() is not None, "a file browser is open", 10)
         area = self._browser()
         area.spaces.active.params.directory = str(path.parent).encode()
@@ -262,7 +262,7 @@ class Driver:
         yield 0.5
 
     def show_files_inside(self) -> None:
-        """Let file browsers open in this window instead of one of their own."""
+        """Open file browsers in this window, without a separate window."""
         bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
 
     def _browser(self) -> bpy.types.Area | None:
@@ -283,7 +283,7 @@ class Driver:
         return actual
 
     def _magenta(self, region: bpy.types.Region | None) -> list[Point]:
-        """Centres of what is magenta in a region, or in the whole window."""
+        """Centres of magenta areas in a region, or in the whole window."""
         pixels = self._picture("buttons.png")
         (self.out / "buttons.png").unlink()
         left = top = 0
@@ -296,7 +296,7 @@ class Driver:
     # Pictures
 
     def shot(self, name: str) -> np.ndarray:
-        """Save a picture of the window among the results; its pixels (height, width, 3)."""
+        """Save a picture of the window among the results; return the pixels (height, width, 3)."""
         return self._picture(name)
 
     def document(
@@ -307,7 +307,7 @@ class Driver:
         Parameters
         ----------
         left, right, bottom : float
-            Where it begins and ends, as shares of the viewport's area; it reaches to the top.
+            Borders of the part, as shares of the viewport's area; the part reaches to the top.
         """
         if self._documented is None:
             return
@@ -335,12 +335,12 @@ class Driver:
     # Setting up
 
     def undo_push(self, message: str = "Set up") -> None:
-        """After setting up from Python: a later Ctrl+Z must not take that back too."""
+        """Call after a setup from Python: a later Ctrl+Z must not undo the setup."""
         with self.context():
             bpy.ops.ed.undo_push(message=message)
 
     def fast(self) -> None:
-        """Looks that a computer without a graphics card can draw often."""
+        """Set quick drawing for a computer without a graphics card."""
         bpy.context.preferences.system.viewport_aa = "OFF"
         overlay = self.area().spaces.active.overlay
         overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
@@ -349,8 +349,8 @@ class Driver:
 def _boxes(hit: np.ndarray) -> list[Point]:
     """Centres of the painted boxes, from top to bottom.
 
-    Cut along clean columns and rows in turn, since menus beside each other have rows at other
-    heights. A caption never takes a box's whole height, so it cuts nothing.
+    Cut along clean columns and rows in turn, since adjacent menus have rows at different heights.
+    A caption never takes a box's whole height, so a caption is never a cut.
     """
     actual = []
     parts = [(slice(0, hit.shape[0]), slice(0, hit.shape[1]))]

@@ -12,13 +12,14 @@ import numpy as np
 
 AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
 SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
-LIST_BELOW, LIST_ROW = 31, 21  # the list of effects below its switches, and its rows, pixels
-_ABOVE_MENU = 24  # pixels from a menu's first row to its title
+# Distance of the list of effects below the list's switches, and height of a row, pixels.
+LIST_BELOW, LIST_ROW = 31, 21
+_ABOVE_MENU = 24  # pixels from a menu's first row to the menu's title
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 
 
 def empty_scene(h: Any, frames_per_second: int = 24) -> Iterator[float]:
-    """Blender's start-up file without its cube, and the HFX tab open."""
+    """Load Blender's start-up file without the cube, with an open HFX tab."""
     for name in ("Cube", "Light", "Camera"):
         bpy.data.objects.remove(bpy.data.objects[name])
     bpy.context.scene.render.fps = frames_per_second
@@ -102,7 +103,7 @@ def adjust(h: Any, values: dict[int, str], shot: str = "") -> Iterator[float]:
 
 
 def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]:
-    """Fill Body Part in the sidebar: a column and a row of its menu."""
+    """Fill Body Part in the sidebar: a column and a row of the menu."""
     paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
     menus = yield from h.choices(h.region("UI"))
     yield from h.click(*next(menu for menu in menus if menu[1] > paint[1]))
@@ -122,7 +123,7 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
 
 
 def effect(modality: str) -> bpy.types.Object:
-    """The scene's effect of a modality; to be asked again after whatever may have been undone."""
+    """The scene's effect of a modality; call again after each undo."""
     (actual,) = (
         o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o.hfx.modality == modality
     )
@@ -130,7 +131,7 @@ def effect(modality: str) -> bpy.types.Object:
 
 
 def clips_of(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
-    """An effect's clips, the first one first."""
+    """An effect's clips, the first clip first."""
     data = obj.animation_data
     tracks = data.nla_tracks if data is not None else ()
     return sorted((strip for track in tracks for strip in track.strips), key=start_of)
@@ -141,7 +142,7 @@ def start_of(strip: bpy.types.NlaStrip) -> float:
 
 
 def painted_parts(obj: bpy.types.Object) -> set[str]:
-    """The body parts that an effect is painted on."""
+    """Body parts with paint of an effect."""
     model, parts = model_of(obj)
     return {parts[model.part[vertex]] for vertex in obj.get("hfx_vertices", [])}
 
@@ -154,7 +155,7 @@ def model_of(obj: bpy.types.Object) -> tuple[Any, tuple[str, ...]]:
 
 
 def module(name: str) -> Any:
-    """A module of the add-on, by its name within it."""
+    """A module of the add-on, by the module's name within the add-on."""
     package = bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
     return importlib.import_module(f"{package}.{name}")
 
@@ -162,7 +163,7 @@ def module(name: str) -> Any:
 def icon(h: Any, row: int, which: int) -> Iterator[float]:
     """Centre of the star (0) or loudspeaker (1) in a row of the list of effects."""
     region = h.region("UI")
-    (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first
+    (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first switch
     return region.x + region.width - (79, 57)[which], switches + LIST_BELOW + LIST_ROW * row
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mouse and keyboard: real ones on an X display, else those that Blender itself simulates.
+"""Mouse and keyboard: real devices on an X display, else simulated events of Blender itself.
 
-Both take window pixels from the top left corner, and keys as X names them: ``"shift+a"``,
+Both take window pixels from the top left corner, and keys as X names keys: ``"shift+a"``,
 ``"Return"``, ``"n"``. Every action is a generator of waits, in seconds.
 """
 
@@ -32,7 +32,7 @@ _MODIFIERS = ("shift", "ctrl", "alt")
 
 
 class RealInput:
-    """``xdotool`` on the X display that Blender runs on; the window's corner is the screen's."""
+    """``xdotool`` on Blender's X display; the window's corner is the screen's."""
 
     flags: tuple[str, ...] = ()
 
@@ -40,7 +40,7 @@ class RealInput:
         yield from self._call("mousemove", str(round(x)), str(round(y)))
 
     def glide(self, points: Sequence[tuple[float, float]], seconds: float) -> Iterator[float]:
-        """An even way over points, however slowly the window draws meanwhile."""
+        """Move evenly over points, independent of the window's drawing time."""
         pause = f"{seconds / max(len(points), 1):.4f}"
         chain = [("mousemove", str(round(x)), str(round(y)), "sleep", pause) for x, y in points]
         yield from self._call(*(word for item in chain for word in item))
@@ -95,7 +95,7 @@ class SimulatedInput:
         *modifiers, key = keys.split("+")
         held = {name: name in modifiers for name in _MODIFIERS}
         kind = _BLENDER_KEYS.get(key, key.upper())
-        # What a key types is told apart from the key; with Ctrl or Alt it types nothing.
+        # The typed text of a key is stated apart from the key; with Ctrl or Alt the text is empty.
         typed = key if len(key) == 1 and not (held["ctrl"] or held["alt"]) else ""
         yield from self._event(kind, "PRESS", unicode=typed, **held)
         yield from self._event(kind, "RELEASE", **held)

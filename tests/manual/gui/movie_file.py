@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small uncompressed AVI file, made on the spot: pictures, and a sound if there is one."""
+"""A small uncompressed AVI file, generated: pictures, and optional sound."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of the window: of the virtual screen that it fills, else by Blender's own operator."""
+"""Pictures of the window: from the full-screen virtual display, else by Blender's own operator."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _FILTER_NONE, _FILTER_UP = 0, 2  # of a PNG's rows
 
 
 def redraw(window: bpy.types.Window) -> None:
-    """Draw a window at once, with its open menus."""
+    """Draw a window at once, with open menus."""
     with bpy.context.temp_override(window=window):
         bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
 def save(window: bpy.types.Window, path: Path, screen: Path | None) -> np.ndarray:
-    """Draw a window, save its picture as PNG and return it.
+    """Draw a window, save the picture as PNG and return the pixels.
 
     Parameters
     ----------
@@ -41,16 +41,17 @@ def save(window: bpy.types.Window, path: Path, screen: Path | None) -> np.ndarra
         with bpy.context.temp_override(window=window):
             bpy.ops.screen.screenshot(filepath=str(path))
         return _load(path)
-    time.sleep(0.15)  # until the X server has drawn it
+    time.sleep(0.15)  # time for the drawing of the X server
     pixels = _read_dump(screen.read_bytes())
     _write_png(path, pixels)
     return pixels
 
 
 def write(path: Path, pixels: np.ndarray) -> None:
-    """Save (height, width, 3) uint8 as a small PNG: each row is stored as its change."""
+    """Save (height, width, 3) uint8 as a small PNG: each row is stored as the change of bytes."""
     rows = pixels.reshape(len(pixels), -1)
-    changes = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))  # of bytes, as PNG wants it
+    # Of bytes, as in the PNG filter.
+    changes = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
     _write_rows(path, changes, _FILTER_UP, 9, pixels.shape[1])
 
 
@@ -68,7 +69,7 @@ def _write_png(path: Path, pixels: np.ndarray) -> None:
 
 def _write_rows(path: Path, data: np.ndarray, kind: int, level: int, width: int) -> None:
     height = len(data)
-    rows = np.full((height, 1 + width * 3), kind, np.uint8)  # each begins with its filter
+    rows = np.full((height, 1 + width * 3), kind, np.uint8)  # each begins with the filter byte
     rows[:, 1:] = data
     chunks = [
         (b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)),

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Journeys through a real Blender window, apart from pytest.
 
-``python tests/manual/gui/run.py --blender BLENDER --zip EXTENSION.zip`` installs the extension into
-settings of nobody, opens Blender's window once per journey (a file of ``journeys/``), and uses it
+``python tests/manual/gui/run.py --blender BLENDER --zip EXTENSION.zip`` installs the extension with
+new settings, opens Blender's window once per journey (a file of ``journeys/``), and uses Blender
 with mouse and keyboard. Pictures and the log go to ``out/gui/JOURNEY``. A journey fails when a
 check fails, when Blender ends by itself, and on any traceback in the log.
 
-On Linux with ``Xvfb`` and ``xdotool`` the screen is a virtual one with real mouse and keyboard;
+On Linux with ``Xvfb`` and ``xdotool`` the screen is a virtual screen with real mouse and keyboard;
 elsewhere the window opens on your screen and Blender simulates the input (leave the mouse alone).
 """
 
@@ -87,7 +87,7 @@ def _known() -> list[str]:
 def _display(arguments: argparse.Namespace) -> Iterator[dict[str, str]]:
     """Context with additions to the environment, and the open choices of screen and input.
 
-    ``arguments.memory`` becomes the file that holds the virtual screen's pixels.
+    ``arguments.memory`` becomes the file with the virtual screen's pixels.
     """
     has_virtual = shutil.which("Xvfb") is not None
     arguments.screen = arguments.screen or ("virtual" if has_virtual else "real")
@@ -121,7 +121,7 @@ def _display(arguments: argparse.Namespace) -> Iterator[dict[str, str]]:
 
 
 def _run(arguments: argparse.Namespace, file: Path, out: Path, display: dict[str, str]) -> str:
-    """Run one journey; what went wrong, or nothing."""
+    """Run a journey; return the error, or an empty result."""
     with tempfile.TemporaryDirectory(prefix="hfx_gui_", ignore_cleanup_errors=True) as folder:
         blender = BlenderProcess(arguments.blender, Path(folder))
         zips = [path.resolve() for path in arguments.zip]
@@ -162,7 +162,7 @@ def _window(
 ) -> tuple[int, str]:
     flags: Sequence[str] = SimulatedInput.flags if arguments.input == "simulated" else ()
     if arguments.screen == "virtual":
-        flags = (*flags, "--gpu-backend", "opengl")  # no graphics card behind it
+        flags = (*flags, "--gpu-backend", "opengl")  # no graphics card behind the virtual screen
     size = arguments.size.split("x")
     command = [str(blender.executable), "-noaudio", "--offline-mode", *flags]
     command += ["--window-geometry", "0", "0", *size, "--python", str(HERE / "session.py")]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs inside Blender's window, started by ``run.py``: takes the steps of one journey.
+"""Runs inside Blender's window, started by ``run.py``: takes the steps of a single journey.
 
 Arguments after ``--``: a JSON object with ``journey``, ``out``, ``input``, ``screen``,
 ``zips``, ``args``, ``pictures``.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures the cost of the add-on at Blender's start.
+"""Measure the cost of the add-on at Blender's start.
 
 ``python tests/manual/gui/startup.py --blender BLENDER --zip EXTENSION.zip`` starts Blender in turn
-without and with the extension, in settings of nobody, and prints the difference of each pair:
-processor time where the system tells it (what else the machine does hardly shows in it), and
+without and with the extension, with new settings, and prints the difference of each pair:
+processor time where the system reports processor time (hardly affected by further processes), and
 elapsed time.
 """
 
@@ -45,10 +45,10 @@ def main() -> int:
         plain = BlenderProcess(arguments.blender, Path(folder, "plain"))
         installed = BlenderProcess(arguments.blender, Path(folder, "with"))
         installed.install(arguments.zip)
-        for item in (plain, installed):  # writes what Blender caches
+        for item in (plain, installed):  # fills Blender's caches
             seconds(item)
         pairs = []
-        for index in range(arguments.rounds):  # in turn, so that a busy machine slows both
+        for index in range(arguments.rounds):  # in turn, so a busy machine slows both
             order = (plain, installed) if index % 2 else (installed, plain)
             times = {id(item): seconds(item) for item in order}
             pairs.append((times[id(plain)], times[id(installed)]))

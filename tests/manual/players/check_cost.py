@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures the spatial core against a plain C loop that poses the same vertices.
+"""Measure the spatial core against a plain C loop posing the same vertices.
 
 ``python tests/manual/players/check_cost.py`` compiles ``cost.c`` as ``players/native/build.py``
 does the core, and prints processor time and ratio for a walking body among volumes: at each level

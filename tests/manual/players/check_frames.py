@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plays clips at random frame rates, and counts peaks that are lost.
+"""Play clips at random frame rates, and count lost peaks.
 
 ``python tests/manual/players/check_frames.py --sequences 10000`` takes about ten minutes: frames of
 5 to 200 ms over whole clips made from seeds. A peak is lost where an actuator is given less than
-the strongest row since the frame before; a value is wrong where it is farther from what
-``telling.py`` tells of the raster than a 65535th of the column's full scale.
+the strongest row since the frame before; a value is wrong if farther from the raster's value by
+``telling.py`` than a 65535th of the column's full scale.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from core_library import Clip, Player
 
 @dataclass
 class Counts:
-    """Frames that were played, and what was wrong with them."""
+    """Played frames, and errors of the frames."""
 
     frames: int = 0
     peaks: int = 0

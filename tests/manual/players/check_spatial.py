@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compares the spatial core with the engine at tolerance ``paper``, on walking avatars.
+"""Compare the spatial core with the engine at tolerance ``paper``, on walking avatars.
 
 ``python tests/manual/players/check_spatial.py --walkers 5 --seconds 10`` prints, for volumes alone
-and with responses, the share of samples (an effect, a vertex of the level, a moment at which either
-feels it) whose weight times level is within 1/255 of the engine's. ``--standard`` prints how far
-actuators are from what they are given at ``standard``.
+and with responses, the share of samples (an effect, a vertex of the level, a moment with contact in
+either) with weight times level within 1/255 of the engine's. ``--standard`` prints the distance of
+actuator values from the values at ``standard``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DEVICES = ("oculus_touch", "pressure_vest", "fan_heater")
 
 @dataclass
 class Shares:
-    """Samples that were compared."""
+    """Compared samples."""
 
     samples: int = 0
     within: int = 0
@@ -53,22 +53,23 @@ class Shares:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What a player is told at a row of a walk, and what the engine has felt there."""
+    """Input of a player at a row of a walk, and the engine's contacts at the row."""
 
     bones: np.ndarray  # (B, 3, 4) rest space to world, of the clip's bones
     volumes: np.ndarray  # (E, 3, 4)
     levels: np.ndarray  # (E,)
-    felt: list[np.ndarray]  # of each effect weight times level, (V,) of its model in the clip
-    values: np.ndarray  # (C,) at level 0: what actuators are given
+    # Weight times level of each effect, (V,) of the effect's model in the clip.
+    felt: list[np.ndarray]
+    values: np.ndarray  # (C,) at level 0: values of actuators
 
 
 def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment]]:
-    """A walk's clip, and its moments as the engine feels them at tolerance ``paper``."""
+    """Clip of a walk, and the walk's moments in the engine at tolerance ``paper``."""
     whole = _models(made)
     coarse = {
         id: replace(at_level(model, _least(model, level))[0], id=id) for id, model in whole.items()
     }
-    # A player knows no later frame: it is compared with what the engine gives live.
+    # A player knows no later frame, so the comparison is with the engine's live values.
     live = replace(made.block, live_s=made.scene.time.times_s(made.block.indices))
     runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(live)
     path, bones, given = _written(made, folder, level, runs if level == 0 else [])
@@ -98,7 +99,7 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
 
 
 def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
-    """How far a level's values are from those at ``standard``, of full scale, where either acts."""
+    """Distance of a level's values from those at ``standard``, of full scale, where either acts."""
     whole = _models(made)
     runs = Engine(made.scene, models=whole.__getitem__, tolerance=STANDARD).evaluate(made.block)
     path, bones, given = _written(made, folder, level, runs)
@@ -120,12 +121,12 @@ def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
 
 
 def _are_first(columns: np.ndarray) -> np.ndarray:
-    """Columns that are the first of their actuator: its strength."""
+    """Columns with the strength of an actuator: the actuator's first column."""
     return np.diff(columns["actuator"].astype(np.int64), prepend=-1) > 0
 
 
 def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
-    """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
+    """Evaluate a walk with engine and core; at level 0 compare the values of each actuator, too."""
     path, messages = moments(made, folder, level)
     sections = clip_rules.read(path.read_bytes(), str(path))
     body = Body(Clip(path.read_bytes()))
@@ -151,7 +152,7 @@ def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
 
 
 def clip_of(made: Walk, folder: Path, level: int) -> tuple[Path, list[int]]:
-    """Clip of a walk, and which bones of the walk it has."""
+    """Clip of a walk, and the walk's bones in the clip."""
     return _written(made, folder, level, [])[:2]
 
 
@@ -162,7 +163,7 @@ def _models(made: Walk) -> dict[str, PerceptualModel]:
 def _written(
     made: Walk, folder: Path, level: int, runs: list[SampleRun]
 ) -> tuple[Path, list[int], np.ndarray]:
-    """Clip of a walk, its bones, and what the devices are given of some runs, (T, C)."""
+    """Clip of a walk, the clip's bones, and the devices' values of some runs, (T, C)."""
     header = TrackHeader.of(made.scene, _models(made), settings={}, tools={})
     played = []
     for device in (_unheld(load_device(item)) for item in DEVICES):
@@ -179,7 +180,7 @@ def _written(
 
 
 def _unheld(device: DeviceConfig) -> DeviceConfig:
-    """A device whose actuators may change at any row: the core leaves holding to the output."""
+    """A device with changes allowed at any row: the core leaves holding to the output."""
     free = tuple(
         replace(actuator, type=replace(actuator.type, update_interval_ms=0.0))
         for actuator in device.actuators
@@ -188,7 +189,7 @@ def _unheld(device: DeviceConfig) -> DeviceConfig:
 
 
 def _ranks(ids: np.ndarray) -> np.ndarray:
-    """Place of each vertex among those of the level, which ascend."""
+    """Index of each vertex in the ascending vertices of the level."""
     return np.asarray(np.argsort(np.argsort(ids)))
 
 
@@ -210,7 +211,7 @@ def _expected(run: SampleRun | None, row: int, count: int) -> np.ndarray:
 
 
 def print_table(walkers: int, seconds: float) -> int:
-    """Print for each level how far actuators are from what they are given at ``standard``."""
+    """Print for each level the distance of actuator values from the values at ``standard``."""
     sys.stdout.write("| level | values | mean | within 5 % | within 20 % |\n")
     sys.stdout.write("|---|---|---|---|---|\n")
     for level in range(COARSEST + 1):

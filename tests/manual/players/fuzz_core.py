@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Throws damaged clips at the core, compiled with address and undefined-behaviour sanitizers.
+"""Throw damaged clips at the core, compiled with address and undefined-behaviour sanitizers.
 
 ``python tests/manual/players/fuzz_core.py --inputs 10_000_000 --folder F`` changes small clips of
-``players/conformance`` and one with a spatial part. What is done is counted in ``F/totals.json``
-after each slice; the same command goes on there. A finding ends it, with its message and seed.
+``players/conformance`` and a clip with a spatial part. Finished inputs are counted in
+``F/totals.json`` after each slice; the same command goes on there. A finding ends the run, with a
+message and a seed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes ``players/conformance``: clips, and what a player has to give of each.
+"""Make ``players/conformance``: clips, and the expected output of a player for each clip.
 
-``python tests/manual/players/make_conformance.py`` writes the folder anew, from seeds and from the
-demo scenes, in about two minutes. What is expected is told by ``telling.py`` from rasters, not by a
-player. ``players/conformance/README.md`` tells what is in the files.
+``python tests/manual/players/make_conformance.py`` rewrites the folder, from seeds and from the
+demo scenes, in about two minutes. Expected values are computed by ``telling.py`` from rasters, not
+by a player. ``players/conformance/README.md`` describes the files.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _call(case: Case, random: np.random.Generator, frame: int) -> str:
 
 
 def _values(call: str, values: np.ndarray, slack: np.ndarray) -> str:
-    """A call with its values, of as many digits as the slack needs."""
+    """A call with values, of as many digits as the slack needs."""
     digits = np.maximum(np.ceil(-np.log10(slack)) + 1, 0).astype(int)
     texts = (f"{value:.{n}f}" for value, n in zip(values, digits, strict=True))
     shown = " ".join(text.rstrip("0").rstrip(".") if "." in text else text for text in texts)
@@ -81,7 +81,7 @@ def _values(call: str, values: np.ndarray, slack: np.ndarray) -> str:
 
 
 def write_walk(folder: Path) -> None:
-    """Write ``walk``: a body among volumes at a coarse level, and what the engine feels there."""
+    """Write ``walk``: a body among volumes at a coarse level, and the engine's values."""
     with tempfile.TemporaryDirectory() as name:
         path, messages = moments(walk(4, 0.15, volumes=8, responds=True), Path(name), 3)
         lines = []

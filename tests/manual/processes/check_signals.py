@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signals at random moments of many commands: each ends soon, with its code, and leaves nothing.
+"""Signals at random moments of many commands: each ends soon, with the right code, without traces.
 
-``python tests/manual/processes/check_signals.py --signals 1000`` says how many did not;
-a part of them is in the test run. Linux: what a process has left running is found by its
-environment.
+``python tests/manual/processes/check_signals.py --signals 1000`` prints the number of failures;
+a part of the trials is in the test run. Linux: left processes are detected by the environment of
+the trial.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Trials:
 
 
 def lengths_s(commands: dict[str, list[str]], folder: Path) -> dict[str, float]:
-    """Times that commands take when nothing disturbs them."""
+    """Durations of undisturbed commands."""
     actual = {}
     for name, command in commands.items():
         begun = time.monotonic()
@@ -141,7 +141,7 @@ def trial(
     *,
     is_for_all: bool,
 ) -> None:
-    """Send one signal, perhaps to the child processes as well, and note what is wrong."""
+    """Send a signal, perhaps to the child processes as well, and record failures."""
     folder.mkdir(parents=True)
     code, took_s, err, is_late = _run(
         command, folder, getattr(signal, number), delay_s, is_for_all=is_for_all
@@ -163,7 +163,7 @@ def trial(
             faults.append("no message")
         if "Traceback" in err or "defect" in err:
             faults.append("a traceback")
-        # A busy machine also stops a device of 'hfx play', which has a line of its own.
+        # A busy machine also stops a device of 'hfx play', with a separate message.
         lines = [line for line in err.splitlines() if "did not run for" not in line]
         if len(lines) > 1 and "--resume" not in err:
             faults.append("several lines")
@@ -188,11 +188,11 @@ def _run(
     *,
     is_for_all: bool = False,
 ) -> tuple[int, float, str, bool]:
-    """Exit code, seconds from the signal to the end, errors, and whether it had ended before."""
+    """Exit code, seconds from the signal to the end, errors, and whether the end came before."""
     out, temporary = folder / "out", folder / "temporary"
     out.mkdir(parents=True)
     temporary.mkdir()
-    if "PIECES" in command:  # a merge removes them
+    if "PIECES" in command:  # removed by a merge
         shutil.copytree(folder.parent / "pieces", out / "pieces")
     words = {"PIECES": str(out / "pieces"), "OUT": str(out)}
     started = subprocess.Popen(
@@ -233,7 +233,7 @@ def _left(folder: Path) -> list[Path]:
 
 
 def _running(folder: Path) -> list[int]:
-    """Processes of a trial that still run a second later."""
+    """Processes of a trial still running a second later."""
     until = time.monotonic() + 1.0
     while (processes := _processes(folder)) and time.monotonic() < until:
         time.sleep(0.05)
@@ -241,7 +241,7 @@ def _running(folder: Path) -> list[int]:
 
 
 def _processes(folder: Path) -> list[int]:
-    """Processes that have a trial's folder for temporary files."""
+    """Processes with a trial's folder for temporary files."""
     mark = str(folder / "temporary").encode()
     actual = []
     for path in Path("/proc").glob("[0-9]*"):
@@ -258,7 +258,7 @@ def check(commands: dict[str, list[str]], folder: Path, count: int, seed: int) -
     names = list(commands)
     for k in range(count):
         name = names[k % len(names)]
-        # A third of them while modules are imported and Blender starts.
+        # A third of the signals during the import of modules and Blender's start.
         longest = min(lengths[name], 1.0) if rng.random() < 1 / 3 else lengths[name]
         delay_s = rng.uniform(0.0, 0.9 * longest)
         trial(

@@ -580,7 +580,7 @@ def test_an_interrupt_while_the_own_scene_is_restored(
     actual = SceneReader(scene).found
 
     class Late:
-        """An object asked for its display name at the moment of Ctrl-C."""
+        """Stand-in for an object: the first unhiding raises KeyboardInterrupt."""
 
         shown: ClassVar[list[bool]] = []
 

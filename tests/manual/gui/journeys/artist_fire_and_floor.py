@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A technical artist places the warmth of a fire and a vibrating floor, for the first two seconds.
 
-A sphere of 2 m radius at 30 degrees, sized by its handle, moved and keyframed; a box of 2 x 2 m.
+A sphere of 2 m radius at 30 degrees, sized by the handle, moved and keyframed; a box of 2 x 2 m.
 """
 
 from __future__ import annotations

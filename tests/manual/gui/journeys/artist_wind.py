@@ -57,7 +57,7 @@ def steps(h: Any) -> Iterator[float]:
         yield from hands.go_to(h, frame)
         starts.append(bpy.context.scene.frame_current)
         yield from h.press_button("HFX_OT_add_clip")
-        if number == 0:  # the next ones take the same length
+        if number == 0:  # all later clips take the same length
             yield from hands.adjust(h, {1: "2.4"})
     clips = hands.clips_of(hands.effect("pressure"))
     spans = [(clip.frame_start, round(clip.frame_end - clip.frame_start, 3)) for clip in clips]

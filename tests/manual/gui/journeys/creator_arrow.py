@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A creator paints an arrow on the back that points to the wearer's right: pressure, half a second.
+"""A creator paints an arrow on the back, to the wearer's right: pressure, half a second.
 
 From 2.5 s to 3.0 s; with the mouse in Weight Paint, and a clip of the timeline.
 """
@@ -33,7 +33,7 @@ def steps(h: Any) -> Iterator[float]:
     yield 1.0
     yield from h.move(*h.xy_of((0.0, 0.0, HEIGHT)))
     yield 0.8
-    h.shot("2_body_part.png")  # its name is in the status bar
+    h.shot("2_body_part.png")  # the name of the body part is in the status bar
 
     fitted = brush_size()
     for way, comparison in ((12, "larger"), (-12, "as before")):
@@ -106,7 +106,7 @@ def brush_size() -> float:
 
 
 def canvas() -> bpy.types.Object | None:
-    """The mesh that is being painted on."""
+    """Mesh in Weight Paint mode."""
     return next((obj for obj in bpy.data.objects if obj.get("hfx_painted_effect")), None)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A creator makes a heartbeat on the torso: 2 beats a second for 2 s, half a second of fades.
 
-Counts what the hands do: the whole of it is a matter of less than a minute.
+Counts actions of the hands: the whole task takes less than a minute.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""File > Export > Haptics: what is written is told, and a long one can be given up."""
+"""File > Export > Haptics: written files are reported, and a long export can be cancelled."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def steps(h: Any) -> Iterator[float]:
     files = sorted(path.name for path in h.out.iterdir() if path.name.startswith("back"))
     h.check(any(name.endswith(".csv") for name in files), f"and what the device plays: {files}")
     h.shot("3_written.png")
-    yield from h.key("Escape")  # the popup, which takes every click and key
+    yield from h.key("Escape")  # the popup takes every click and key
     yield from reported(h)
     messages = bpy.context.window_manager.clipboard
     h.check("Wrote back.hfxtrack" in messages, "the message says what was written")
@@ -51,7 +51,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def given_up(h: Any) -> Iterator[float]:
-    """Esc ends a long export: no file of it is left."""
+    """Esc ends a long export: no file of the export is left."""
     scene = bpy.context.scene
     scene.frame_end = 100_000
     before = sorted(path.name for path in h.out.iterdir())
@@ -83,7 +83,7 @@ def browser(h: Any) -> bpy.types.Area | None:
 
 
 def reported(h: Any) -> Iterator[float]:
-    """Copy what Blender's Info editor lists to the clipboard."""
+    """Copy the reports of Blender's Info editor to the clipboard."""
     area = hands.timeline(h)
     area.ui_type = "INFO"
     yield 0.8

@@ -46,7 +46,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(track.exists, "the track is written", 120)
     yield 0.5
     h.shot("7_exported.png")
-    yield from h.key("Escape")  # the popup of the export, which takes every key
+    yield from h.key("Escape")  # the popup of the export takes every key
 
     for _ in range(2):
         yield from h.key("ctrl+z")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the file that Blender starts with to a painted, timed, exported effect, in ten actions."""
+"""From Blender's start-up file to a painted, timed, exported effect, in ten actions."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(len(hands.clips_of(hands.effect("pressure"))) == 1, "the effect has a clip")
     h.shot("7_clip.png")
 
-    bpy.context.scene.frame_end = 24  # what it costs is not the subject
+    bpy.context.scene.frame_end = 24  # a short export, because cost is not the subject
     yield from next_step(h)
     yield 1.0
     track = Path(h.out, "minutes.hfxtrack")

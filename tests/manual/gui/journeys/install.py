@@ -21,7 +21,7 @@ EXTENSIONS = Path(bpy.utils.user_resource("EXTENSIONS"))
 
 
 def traces() -> dict[str, list[str]]:
-    """Whatever an add-on can leave in Blender and on the disk."""
+    """All possible traces of an add-on in Blender and on the disk."""
     menus = [getattr(bpy.types, name) for name in dir(bpy.types)]
     drawn = {id(value): value for menu in menus for value in _drawn(menu)}
     handlers = [
@@ -66,9 +66,9 @@ def traces() -> dict[str, list[str]]:
 
 
 def alive() -> list[str]:
-    """Functions of the add-on that something still holds: a drawing, a timer, a subscription.
+    """Functions of the add-on still referenced by a drawing, a timer or a subscription.
 
-    Blender has no list of those, but all of them hold a function.
+    Blender has no list of drawings, timers and subscriptions, but each references a function.
     """
     gc.collect()
     return sorted(
@@ -89,7 +89,7 @@ def enabled() -> bool:
 
 
 def older(extension: Path, folder: Path) -> Path:
-    """Make the extension with a lower version and a file that no longer exists."""
+    """Make the extension with a lower version and a file missing in the new version."""
     path = folder / "older.zip"
     with zipfile.ZipFile(extension) as read, zipfile.ZipFile(path, "w") as write:
         for entry in read.infolist():

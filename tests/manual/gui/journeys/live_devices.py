@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live device in the editor: it follows scrubbing, playback and edits; Stop All is a key."""
+"""Live device in the editor: output follows scrubbing, playback and edits; Stop All is a key."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import hands
 
 DEVICE = "back_pad"  # vibrates, and answers 20 ms late
 LAST, CLIP = 12, 6  # frames
-BELOW = -3  # the panels of values, sound and video are below ours
+BELOW = -3  # the panels of values, sound and video are below
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -86,7 +86,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def set_up(h: Any) -> None:
-    """A back that vibrates from a frame on, as small as can be drawn often."""
+    """A back vibrating from a frame on, small enough for frequent drawing."""
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, LAST
     scene.hfx.devices.add().name = DEVICE
@@ -122,7 +122,7 @@ class Patience:
         return bool(self._live.is_armed)
 
     def has_passed(self, begun: int, phases: list[str]) -> bool:
-        """Test that one phase led to the other, since a row of the log."""
+        """Test for a direct change between two phases, since a row of the log."""
         actual: list[str] = []
         for row in rows(self._log)[begun:]:
             phase = "stop" if "stop" in row else "loud" if any(row["values"][::2]) else "silent"

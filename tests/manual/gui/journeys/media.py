@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A sound on the timeline, which playing is to keep in step with; a video behind the body."""
+"""A sound on the timeline, kept in step by playback; a video behind the body."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def flat_video(h: Any) -> Iterator[float]:
         yield 0.8
         pixels = h.shot(f"4_video_{frame}.png")
         reds.append(float(hands.tint(pixels, h.xy_of((0.6, 0.0, 1.6)))[0]))
-    # Decoders before 5.0 stretch colours; out of step it would be 0.15 off in the end.
+    # Decoders before 5.0 stretch colours; a video out of step would be 0.15 off in the end.
     first, *between, last = reds
     for seconds, red in zip(times_s[1:-1], between, strict=True):
         shown, due = (red - first) / (last - first), seconds * MOVIE_RATE / (MOVIE_PICTURES - 1)

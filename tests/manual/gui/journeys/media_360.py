@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A 360 degree video is the world around the body, in step with the timeline.
 
-Cycles draws it here: without a graphics card, EEVEE's shaders alone take ten minutes.
+Drawn with Cycles: without a graphics card, EEVEE's shaders alone take ten minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ START = 24
 RATE, PICTURES = 20, 40
 WALLS = ((1.0, 0.2, 0.2), (0.2, 1.0, 0.2), (0.2, 0.3, 1.0), (1.0, 0.9, 0.2))
 MOST_S = 200
-STEP = 25  # of brightness, between the pictures that are looked at
+STEP = 25  # of brightness, between compared pictures
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -45,7 +45,8 @@ def steps(h: Any) -> Iterator[float]:
     h.check(h.area().spaces.active.shading.type == "MATERIAL", "and is seen: Material Preview")
     h.area().spaces.active.region_3d.view_perspective = "PERSP"
     scene.render.engine = "CYCLES"
-    scene.world.cycles.sampling_method = "NONE"  # its tables take seconds for each picture
+    # Cycles' importance tables take seconds for each picture.
+    scene.world.cycles.sampling_method = "NONE"
     scene.cycles.preview_samples, scene.cycles.use_preview_denoising = 1, False
     shading = h.area().spaces.active.shading
     shading.type, shading.use_scene_world_render = "RENDERED", True
@@ -62,7 +63,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def write_room(path: Any) -> None:
-    """A room with walls of four colours, each a quarter of the way round; it gets brighter."""
+    """A room with walls of four colours, each a quarter of the way round; brightness increases."""
     room = np.repeat(np.array(WALLS), 16, axis=0)[None].repeat(32, axis=0)  # (32, 64, 3)
     room[24:] *= 0.4  # the floor
     light = np.linspace(0.25, 1.0, PICTURES)[:, None, None, None]
@@ -70,7 +71,7 @@ def write_room(path: Any) -> None:
 
 
 def seen(h: Any, name: str = "seen.png") -> float:
-    """Brightness of the surroundings beside the body."""
+    """Brightness of the surroundings, outside of the body."""
     pixels = h.shot(name)
     return float(hands.tint(pixels, h.xy(h.region(), 0.15, 0.6)).max())
 

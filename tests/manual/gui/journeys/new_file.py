@@ -41,7 +41,7 @@ def steps(h: Any) -> Iterator[float]:
     change(h)
     path = Path(h.out, "mine.blend")
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    yield 0.5  # Blender counts it as saved a little later
+    yield 0.5  # Blender counts the file as saved a little later
     change(h, "More")
     yield from h.click(*FILE_MENU)
     yield 0.8

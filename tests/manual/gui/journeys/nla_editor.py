@@ -100,7 +100,7 @@ def at(h: Any, region: bpy.types.Region, frame: float) -> float:
 
 
 def next_row(h: Any, region: bpy.types.Region, strip: bpy.types.NlaStrip) -> float:
-    """Height of the row that the clip is in: strips have a colour that is looked for."""
+    """Height of the clip's row, located by the colour of strips."""
     theme = bpy.context.preferences.themes[0].nla_editor
     before = tuple(theme.strips), tuple(theme.strips_selected)
     theme.strips = theme.strips_selected = (1.0, 0.0, 1.0)

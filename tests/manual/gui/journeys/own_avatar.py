@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An avatar of one's own becomes a haptic body with one click; scipy comes from the extension."""
+"""A user's own avatar becomes a haptic body with one click; scipy comes from the extension."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def steps(h: Any) -> Iterator[float]:
     with h.context():
         bpy.ops.hfx.add_avatar()
     rig = bpy.context.object
-    rig.hfx.role, rig.hfx.avatar = "NONE", None  # now it is like any other character
+    rig.hfx.role, rig.hfx.avatar = "NONE", None  # now like any character without a haptic body
     rig.name = "Anna"
     rig.scale = 1.08, 1.08, 1.12  # and taller
     for obj in bpy.data.objects:

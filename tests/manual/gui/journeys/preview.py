@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Everyone sees it: a volume dragged through the body colours it at once; solo, mute, palettes."""
+"""Instant preview: a volume dragged through the body colours the body; solo, mute, palettes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import hands
 
-CHEST = (0.03, -0.1, 1.25)  # beside the wires of the volumes
+CHEST = (0.03, -0.1, 1.25)  # away from the wires of the volumes
 COLOUR_BLIND_ROW = 2  # of the palettes
 
 
@@ -57,7 +57,7 @@ def steps(h: Any) -> Iterator[float]:
     before = hands.tint(pixels, h.xy_of(CHEST))
 
     x, y = yield from hands.icon(h, 0, 0)
-    above = y - hands.LIST_BELOW  # the switch and, right of it, the palette
+    above = y - hands.LIST_BELOW  # the switch and, to the right, the palette
     yield from h.click(x + 30, above)
     yield 0.6
     h.shot("5_palettes.png")

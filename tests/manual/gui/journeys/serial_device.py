@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A board on a serial port, with nothing but what the extension brings: added, connected, played.
+"""A board on a serial port, with only the extension's own modules: added, connected, played.
 
-The board is a pseudo-terminal that answers as our firmware does. Linux and macOS only.
+The board is a pseudo-terminal with the answers of our firmware. Linux and macOS only.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import bpy
 import hands
 
 DEVICE = "arduino_uno_pwm"
-BELOW = -3  # the panels of values, sound and video are below ours
+BELOW = -3  # the panels of values, sound and video are below
 
 
 class Board:
-    """The other end of a serial port, in a thread of its own."""
+    """The board's end of a serial port, in a separate thread."""
 
     def __init__(self) -> None:
         self._wire = hands.module("devices.host.wire")
         self._end, port = os.openpty()
         tty.setraw(port)
         self.name = os.ttyname(port)
-        self.kinds: list[int] = []  # of the frames that arrived
+        self.kinds: list[int] = []  # of received frames
         threading.Thread(target=self._run, daemon=True).start()
 
     def _run(self) -> None:
@@ -59,7 +59,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.click(h.region("UI").x + 60, panels[BELOW][1])
     yield 0.6
     menus = yield from h.choices(h.region("UI"))
-    yield from h.click(*menus[-1])  # Add Device, in the lowest panel that is open
+    yield from h.click(*menus[-1])  # Add Device, in the lowest open panel
     yield 1.0
     h.shot("1_devices.png")
     yield from h.key("Escape")
@@ -67,7 +67,7 @@ def steps(h: Any) -> Iterator[float]:
         bpy.ops.hfx.live_add(name=DEVICE)
     yield 1.0
     h.shot("2_added.png")
-    bpy.context.scene.hfx.devices[DEVICE].is_expanded = False  # its state is in sight then
+    bpy.context.scene.hfx.devices[DEVICE].is_expanded = False  # shows the state of the device
 
     board = Board()
     with h.context():

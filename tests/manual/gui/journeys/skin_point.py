@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A point on the skin: its path is clicked on the back, it moves along it, or is drawn."""
+"""A point on the skin: a path is clicked on the back and followed by the point, or is drawn."""
 
 from __future__ import annotations
 

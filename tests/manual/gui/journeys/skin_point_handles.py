@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A point on the skin is slid over a posed body with G and by its handle, keyed, and sized."""
+"""A point on the skin is slid over a posed body with G and by the handle, keyed, and sized."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FPS = 24
 FIRST, SECOND, THIRD = (0.10, 1.36), (-0.09, 1.34), (0.0, 1.15)  # X and Z on the back, metres
 FRAMES = (24, 48, 72)
 LEAN_RAD = 0.35
-RADIUS = 0.08  # metres: wide enough to be seen beside the handle
+RADIUS = 0.08  # metres: wide enough for visible colour around the handle
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -38,7 +38,7 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("1_handles.png")
     start = place()
 
-    # G, as any object is moved; Esc takes it back.
+    # G, as for any object; Esc reverts the move.
     yield from h.move(*seen(h))
     yield from h.key("g")
     yield from h.move(*target(h, FIRST))
@@ -61,7 +61,7 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(np.abs(place() - start).max() < 1e-6, "one Ctrl+Z takes it back")
 
-    # The handle, with Auto Keying; from 5.0 on, it keys by default what has a key already.
+    # The handle, with Auto Keying; from 5.0 on, only properties with a key are keyed by default.
     yield from hands.go_to(h, FRAMES[0])
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     yield from h.key("i")
@@ -93,7 +93,7 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(len(keys()) == 2, f"Ctrl+Z takes the last key back {keys()}")
 
-    # By hand: loose until I keys it.
+    # By hand: not keyed until I is pressed.
     bpy.context.tool_settings.use_keyframe_insert_auto = False
     h.undo_push()
     yield from hands.go_to(h, FRAMES[2])
@@ -110,7 +110,7 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(beside(h, THIRD) < 8, "where it stays")
 
-    # The ring about it sizes the disc.
+    # The ring around the handle sizes the disc.
     radius = point().hfx.radius
     x, y = seen(h)
     reach = ring_pixels(h)
@@ -149,7 +149,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def lean(body: bpy.types.Object) -> None:
-    """The avatar leans forward, so that the skin is not where it rests."""
+    """Lean the avatar forward, so that the skin leaves the rest pose."""
     bone = next(b for b in body.pose.bones if b.name.startswith("spine03"))
     bone.rotation_mode = "XYZ"
     bone.rotation_euler.x = LEAN_RAD
@@ -175,13 +175,13 @@ def seen(h: Any) -> tuple[float, float]:
 
 
 def target(h: Any, goal: tuple[float, float]) -> tuple[float, float]:
-    """Position of a place of the back in the window, on the body as it leans."""
+    """Window position of a point of the back, on the leaning body."""
     return on_screen(h, on_back(*goal))
 
 
 @cache
 def on_back(x: float, z: float) -> np.ndarray:
-    """The place of the skin that is seen there from behind, in rest space."""
+    """Skin location under a window position seen from behind, in rest space."""
     model = hands.module("engine.body.model").load_model("hfx-pressure-1")
     tree = BVHTree.FromPolygons(model.vertices.tolist(), model.triangles.tolist())
     position, *_ = tree.ray_cast(Vector((x, 1.0, z)), Vector((0.0, -1.0, 0.0)))
@@ -221,5 +221,5 @@ def on_world(radius: float) -> list[float]:
 
 
 def is_red(h: Any, pixels: np.ndarray, at: tuple[float, float]) -> bool:
-    red, green, blue = hands.tint(pixels, (at[0] + 16, at[1]), 3)  # beside the handle
+    red, green, blue = hands.tint(pixels, (at[0] + 16, at[1]), 3)  # next to the handle
     return bool(red > 1.2 * green and red > 1.2 * blue)

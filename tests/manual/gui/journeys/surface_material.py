@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A plane is felt by its own material, and edits of the material are felt too.
+"""A plane is felt by the plane's material, and edits of the material are felt too.
 
-Blender draws the material's icon beside the maps, which takes a while without a graphics card.
+Blender draws the material's icon next to the maps, slowly without a graphics card.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(follows, "an edit of the material is noticed", 60)
     yield 2.0
     h.shot("2_edited.png")
-    if not changed(settings, before):  # it took too long to be done without being asked for
+    if not changed(settings, before):  # baking took too long for an automatic bake
         yield from h.press_button("HFX_OT_bake_surface")
         yield 1.0
     h.check(changed(settings, before), "and is on the maps")
@@ -48,7 +48,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def bumpy(plane: bpy.types.Object) -> bpy.types.Node:
-    """Give it a material with a noise for bumps."""
+    """Give the plane a material with a noise for bumps."""
     material = bpy.data.materials.new("Bumps")
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links

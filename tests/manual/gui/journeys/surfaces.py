@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A technical artist lets a plane be felt as corduroy, and strokes it with the mouse."""
+"""A technical artist makes a plane feel like corduroy, and strokes the plane with the mouse."""
 
 from __future__ import annotations
 
@@ -113,14 +113,14 @@ def stroke(h: Any, way: list[tuple[float, float]], shot: str) -> Iterator[float]
     h.check(pixels is not None, "a picture was taken on the way")
     for row, name in enumerate(PLOTS):
         up, down = reach(h, pixels, row)
-        if name in LEVELS:  # from zero at the plot's lower edge; it may be even
+        if name in LEVELS:  # from zero at the plot's lower edge; the curve may be even
             h.check(up > 5, f"the plot of the {name} reaches {up} pixels up")
         else:
             h.check(up - down > 20, f"the plot of the {name} goes over {up - down} pixels")
 
 
 def reach(h: Any, pixels: Any, row: int) -> tuple[int, int]:
-    """Highest and lowest pixel of one of the plots' curves, from the plot's lower edge."""
+    """Highest and lowest pixel of a curve, from the plot's lower edge."""
     region = h.region()
     view = hands.module("operators.surfaces.stroke_pad_view")
     pad_place = view.PadPlace(region.width, region.height)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Everyone sees it: actuators glow with what they are given, a chart shows values over time."""
+"""Visible values: actuators glow with their values, a chart shows values over time."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def steps(h: Any) -> Iterator[float]:
     known = hands.module("playback.timeline.timeline_recorder").recorder
     yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
     before = known.count
-    x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches above it
+    x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches are above
     yield from h.click(x - 3, y - hands.LIST_BELOW)
     yield 0.5
     h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
@@ -77,7 +77,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def constrained(h: Any, known: Any) -> Iterator[float]:
-    """A body that a constraint moves needs Update Values; the values hold until an edit."""
+    """A body moved by a constraint needs Update Values; the values are valid until an edit."""
     scene = bpy.context.scene
     guide = bpy.data.objects.new("Guide", None)
     scene.collection.objects.link(guide)
@@ -101,7 +101,7 @@ def constrained(h: Any, known: Any) -> Iterator[float]:
 
 
 def greener(h: Any, pixels: Any) -> int:
-    """Pixels of the viewport's middle that are clearly green."""
+    """Clearly green pixels of the viewport's middle."""
     x, y = (round(item) for item in h.xy_of((0.0, -0.1, 1.2)))
     part = pixels[y - 120 : y + 120, x - 120 : x + 120].astype(int)
     red, green, blue = part[..., 0], part[..., 1], part[..., 2]

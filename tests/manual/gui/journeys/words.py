@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A designer makes materials from words, takes one back, takes another, and strokes it."""
+"""A designer makes materials from words, removes a material, takes a second, and strokes it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import bpy
 import hands
 
 PLACE = 1  # of the panel: below the effects
-CANCEL_BESIDE = 49  # pixels from the right edge of the sidebar; its X is too small to be looked for
+# Pixels from the right edge of the sidebar; the X is too small to be searched for.
+CANCEL_BESIDE = 49
 
 
 def steps(h: Any) -> Iterator[float]:

@@ -79,7 +79,7 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def tab(h: Any) -> str:
-    """The tab of the viewport's sidebar; none while it was not drawn yet."""
+    """Tab of the viewport's sidebar; none before the first drawing of the sidebar."""
     try:
         return str(h.region("UI").active_panel_category)
     except AttributeError:
