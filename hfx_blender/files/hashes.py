@@ -65,13 +65,13 @@ def is_of_a_kind(path: Path) -> bool:
     return path.suffix.lower().rstrip("0123456789") in KINDS or path.suffix.lower() in KINDS
 
 
-def is_elsewhere(path: Path, beside: Path | None) -> bool:
-    """Test for a network path on another machine than ``beside`` (None: on any machine).
+def is_elsewhere(path: Path, reference: Path | None) -> bool:
+    """Test for a network path on another machine than ``reference`` (None: on any machine).
 
     Opening such a path would send the user's credentials to that machine.
     """
     host = _host_of(path)
-    return bool(host) and (beside is None or host != _host_of(beside))
+    return bool(host) and (reference is None or host != _host_of(reference))
 
 
 def _host_of(path: Path) -> str:
@@ -82,16 +82,16 @@ def _host_of(path: Path) -> str:
     return scheme[0].casefold() if scheme else ""
 
 
-def state_of(path: Path, beside: Path | None = None) -> str | None:
+def state_of(path: Path, reference: Path | None = None) -> str | None:
     """SHA-256 of names and contents of a file, a folder tree, or a numbered file sequence.
 
     None for a missing file, an empty folder or an empty sequence; :data:`NOT_READ` for suffixes
     outside :data:`KINDS`, which are not opened, and for network paths on another machine than the
-    .blend ``beside``. :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>`` in the name stands for all
+    .blend ``reference``. :data:`FRAMES`, ``<UDIM>`` or ``<UVTILE>`` in the name stands for all
     matching files. Raises InputError for a folder of more than :data:`MOST_FILES`, OSError for an
     unreadable file.
     """
-    if is_elsewhere(path, beside):
+    if is_elsewhere(path, reference):
         return NOT_READ
     if path.is_file():
         return sha256_of(path) if is_of_a_kind(path) else NOT_READ

@@ -80,7 +80,7 @@ class Evaluation:
             self.fault = str(error)
 
     def runs(self) -> list[SampleRun]:
-        """Samples of the current frame: at most one run of one sample for each effect and body.
+        """Samples of the current frame: at most a run of a single sample for each effect and body.
 
         Cached until :meth:`invalidate`; empty without a description.
 

@@ -121,7 +121,7 @@ class TimelineRecord:
         return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None
 
     def runs(self, index: int) -> list[SampleRun] | None:
-        """Samples at one time, as runs of one sample; None if not cached, [] for silence."""
+        """Samples at a time, as runs of a single sample; None if not cached, [] for silence."""
         if index >= self._kept_count:
             return None
         # The last block that starts at or before the sample; a block has all runs of its times.
@@ -160,7 +160,7 @@ def record(
     ----------
     may_step : bool
         Allow setting frames of scenes. The generator must then run to its end without a pause, as
-        it restores the frame there.
+        its end restores the frame.
     with_positions : bool
         Record positions of samples, for devices in the room.
 
