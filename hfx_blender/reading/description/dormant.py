@@ -11,10 +11,12 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
+from ...authoring.effects import effects
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
 from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import TimeBase
+from ...text import named
 from ..curves.animation_time import animation_frames
 from ..stepped import stepping
 from . import activation
@@ -22,6 +24,7 @@ from .scene_description import sample_frames
 from .visibility import is_keyed
 
 MUTED = "is muted"
+NOT_SOLO = "is silent because others are solo"
 CLIPS_OFF = (
     "has clips, all of them muted",
     "has clips, none of them on the NLA track that is solo",
@@ -45,17 +48,25 @@ def asleep(
     states: Iterable[tuple[bpy.types.Object, activation.Activation]],
 ) -> dict[bpy.types.Object, str]:
     """Dormant effects of (effect, activation) pairs with reasons as in :func:`why_dormant`, in
-    order."""
+    order; :data:`NOT_SOLO` is followed by the names of solo effects."""
     frames = frames_read(scene, time)
+    states = tuple(states)
+    candidates = dict.fromkeys((*effects.effects_of(scene), *(effect for effect, _ in states)))
+    solo_names = named([f"'{effect.name}'" for effect in candidates if effect.hfx.is_solo], 3)
     reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
-    return {effect: why for effect, why in reasons if why is not None}
+    return {
+        effect: f"{why}: {solo_names}" if why == NOT_SOLO else why
+        for effect, why in reasons
+        if why is not None
+    }
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
     """Predicate why an effect cannot be felt at animation ``frames`` (n,), for use after the name;
-    None otherwise. Checked in order: muted, clips off, off at all frames, intensity 0."""
+    None otherwise. Checked in order: muted, not solo, clips off, off at all frames, intensity
+    0."""
     if state is activation.SILENCED:
-        return MUTED
+        return MUTED if effect.hfx.is_muted else NOT_SOLO
     if state.source is activation.ActivationSource.OFF:
         return _why_clips_are_off(effect)
     if not state.may_be_on(frames).any():

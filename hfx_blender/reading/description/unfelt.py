@@ -25,7 +25,7 @@ from ...text import named
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
 from . import dormant, visibility
-from .activation import Activation, spans_of_value
+from .activation import Activation, ActivationSource, spans_of_value
 
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
 
@@ -81,7 +81,7 @@ def reasons(
         if clipless is not None:
             unfelt_effects[effect.name] = clipless
         elif why is not None:
-            unfelt_effects[effect.name] = of_dormant(why, is_part)
+            unfelt_effects[effect.name] = of_dormant(why, state, is_part)
         elif (powerless := why_powerless(effect, frames)) is not None:
             unfelt_effects[effect.name] = Unfelt(powerless)
     return unfelt_effects, lost
@@ -158,10 +158,10 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
     return Unfelt("has no clip within the frames of the scene", is_warned=True)
 
 
-def of_dormant(why: str, is_part: bool) -> Unfelt:
-    """Reason for a dormant effect from the predicate ``why``; expected if muted or with clips off,
-    and, if only a part of the frames is read, if off there."""
-    is_expected = why in (dormant.MUTED, *dormant.CLIPS_OFF)
+def of_dormant(why: str, state: Activation, is_part: bool) -> Unfelt:
+    """Reason for a dormant effect from the predicate ``why``; expected if muted, not solo or with
+    clips off, and, if only a part of the frames is read, if off there."""
+    is_expected = state.source is ActivationSource.OFF
     return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 

@@ -48,7 +48,7 @@ WAYS: dict[str, tuple[Callable[[Any], None], str]] = {
     "intensity keyed at 0": (_key_at_nothing, "has intensity 0"),
     "muted clip": (_mute_its_clip, "has clips, all of them muted"),
     "later": (_play_it_later, "has no clip within the frames of the scene"),
-    "not solo": (_play_another_alone, "is muted"),
+    "not solo": (_play_another_alone, "is silent because others are solo: 'Felt'"),
 }
 
 

@@ -198,6 +198,18 @@ def _play_another_alone(effect: Any) -> None:
     bpy.data.objects["Ball"].hfx.is_solo = True
 
 
+def _play_four_others_alone(effect: Any) -> None:
+    for k in range(3):
+        _volume("vibration").name = f"S{k}"
+        bpy.data.objects[f"S{k}"].hfx.is_solo = True
+    _play_another_alone(effect)
+
+
+def _mute_beside_solo(effect: Any) -> None:
+    _mute(effect)
+    _play_another_alone(effect)
+
+
 def _mute_its_clip(effect: Any) -> None:
     _clip(effect, 0.0, 1.0).mute = True
 
@@ -234,7 +246,13 @@ def _hide(effect: Any) -> None:
     ("change", "reason", "is_expected"),
     [
         (_mute, "is muted", True),
-        (_play_another_alone, "is muted", True),
+        (_play_another_alone, "is silent because others are solo: 'Ball'", True),
+        (
+            _play_four_others_alone,
+            "is silent because others are solo: 'Ball', 'S0', 'S1' and 1 more",
+            True,
+        ),
+        (_mute_beside_solo, "is muted", True),
         (_mute_its_clip, "has clips, all of them muted", True),
         (
             _play_another_track_alone,
