@@ -148,10 +148,10 @@ class SceneReader:
         haptics = self.found
         states = dict(zip(haptics.effects, haptics.activations, strict=True))
         states |= self.instances.activations
-        new, lost = unfelt.reasons(haptics.scene, self.time, states, haptics.dormant, self.is_part)
+        new, clip_warnings = unfelt.reasons(haptics.scene, self.time, states, haptics.dormant)
         self.unfelt = {**{name: Unfelt(why) for name, why in haptics.gone.items()}, **new}
         return (
-            *unfelt.warnings_of_clips(lost, self.time),
+            *clip_warnings,
             *(
                 f"effect '{name}' {reason.reason}: it is not felt"
                 for name, reason in new.items()

@@ -7,11 +7,13 @@ Intended silence (a muted effect, a part of the frames) is a note, all other sil
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from math import ceil, floor
 from typing import Final
 
 import bpy
+import numpy as np
 
 from ...authoring import clips, responses
 from ...blender.scene_info import scene_objects
@@ -22,12 +24,14 @@ from ...engine.counters import Unfelt, powerless_reason
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.scene import Clip, TimeBase
 from ...text import named
+from ..curves.animation_time import animation_frames
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
 from . import dormant, visibility
 from .activation import Activation, ActivationSource, spans_of_value
 
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
+_ELSEWHERE: Final = "can be felt only outside of the exported frames"
 
 
 @dataclass(frozen=True)
@@ -65,39 +69,66 @@ def reasons(
     time: TimeBase,
     states: Mapping[bpy.types.Object, Activation],
     asleep: Mapping[bpy.types.Object, str],
-    is_part: bool,
-) -> tuple[dict[str, Unfelt], list[LostClip]]:
-    """Reasons by effect name why effects are not felt, and clips without samples; felt effects are
-    missing. A lost clip counts before the reason in ``asleep`` (dormant effects), then missing
-    strength. ``is_part``: only a part of the frames is exported."""
-    frames = dormant.frames_read(scene, time)
+) -> tuple[dict[str, Unfelt], tuple[str, ...]]:
+    """Reasons by effect name why effects are not felt, and warnings about clips without samples;
+    felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
+    then missing strength. If other frames than the scene's are exported, an effect that may be felt
+    at the scene's frames is expected to be silent."""
+    frames, whole = dormant.frames_read(scene, time), _of_scene(scene, time)
     unfelt_effects: dict[str, Unfelt] = {}
     lost: list[LostClip] = []
     for effect, state in states.items():
         own_lost = [*lost_clips(scene, time, effect, state)]
         lost += own_lost
         clipless = of_lost_clips(own_lost, state)
-        why = asleep.get(effect)
+        why = asleep.get(effect) or why_powerless(effect, frames)
         if clipless is not None:
             unfelt_effects[effect.name] = clipless
+        elif why is not None and state.source is ActivationSource.OFF:  # muted, not solo, clips off
+            unfelt_effects[effect.name] = Unfelt(why, is_expected=True)
         elif why is not None:
-            unfelt_effects[effect.name] = of_dormant(why, state, is_part)
-        elif (powerless := why_powerless(effect, frames)) is not None:
-            unfelt_effects[effect.name] = Unfelt(powerless)
-    return unfelt_effects, lost
+            is_part = time != whole and _may_be_felt_in_scene(scene, effect, state)
+            reason = _ELSEWHERE if is_part and why != dormant.OFF else why
+            unfelt_effects[effect.name] = Unfelt(reason, is_part)
+    return unfelt_effects, warnings_of_clips(lost, whole)
+
+
+def _of_scene(scene: bpy.types.Scene, time: TimeBase) -> TimeBase:
+    """Time base of all frames of the scene, at the rates of ``time``."""
+    return replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
+
+
+def _may_be_felt_in_scene(
+    scene: bpy.types.Scene, effect: bpy.types.Object, state: Activation
+) -> bool:
+    """Test for an effect that is not certainly without strength at all frames of the scene.
+
+    Tests only the ends of the scene and of the spans of possible strength, within the scene.
+    """
+    last = scene.frame_end + 0.999  # the last frame lasts a whole frame
+    ends = animation_frames(scene, np.array([scene.frame_start, last]))
+    spans = [*state.spans]
+    for name in ("intensity", MODALITIES[effect.hfx.modality].strength_parameter.prop):
+        spans += spans_of_value(effect, f"hfx.{name}") or ()
+    frames = np.clip([*ends, *chain(*spans)], *ends)
+    return (dormant.why_dormant(effect, state, frames) or why_powerless(effect, frames)) is None
 
 
 def lost_clips(
     scene: bpy.types.Scene, time: TimeBase, effect: bpy.types.Object, state: Activation
 ) -> Iterator[LostClip]:
-    """Yield evaluated clips with bounds that are wholly or partly outside the read frames, or
-    between two samples. If only a part of the scene's frames is read, only clips between two
-    samples are reported."""
-    is_whole = (time.frame_first, time.frame_last) == (scene.frame_start, scene.frame_end)
+    """Yield evaluated clips with bounds that are wholly or partly outside the scene's frames, or
+    between two samples. If other frames than the scene's are read, clips with samples there or in
+    the scene are not reported."""
+    whole = _of_scene(scene, time)
     for clip in state.playing:
         start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
         why = _why_lost(time, start, end)
-        if why is not None and (is_whole or why == "between"):
+        if time != whole:
+            if why in ("before", "after"):
+                why = _why_lost(whole, start, end)
+            why = None if why in ("beyond", "early") else why
+        if why is not None:
             yield LostClip(effect.name, Clip(clip.name, start, end), why)
 
 
@@ -156,13 +187,6 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
     if all(clip.why == "between" for clip in lost):
         return Unfelt("has no clip that reaches a sample", is_warned=True)
     return Unfelt("has no clip within the frames of the scene", is_warned=True)
-
-
-def of_dormant(why: str, state: Activation, is_part: bool) -> Unfelt:
-    """Reason for a dormant effect from the predicate ``why``; expected if muted, not solo or with
-    clips off, and, if only a part of the frames is read, if off there."""
-    is_expected = state.source is ActivationSource.OFF
-    return Unfelt(why, is_expected or (is_part and why == dormant.OFF))
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:

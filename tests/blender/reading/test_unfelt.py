@@ -130,6 +130,81 @@ def test_many_clips_are_one_warning(touch: Any, told: Any) -> None:
     assert warning.startswith("20 clips lie after") and "and 14 more" in warning
 
 
+def _key(effect: Any, name: str, *keys: tuple[float, float]) -> None:
+    for frame, value in keys:
+        setattr(effect.hfx, name, value)
+        effect.keyframe_insert(f"hfx.{name}", frame=frame)
+
+
+@pytest.mark.parametrize(
+    ("modality", "name", "nothing", "strong"),
+    [
+        ("vibration", "amplitude", 0.0, 5.0),
+        ("pressure", "pressure", 0.0, 5.0),
+        ("wind", "wind_speed", 0.0, 5.0),
+        ("wind", "intensity", 0.0, 1.0),
+        ("temperature", "temperature", 24.0, 40.0),
+    ],
+)
+def test_strength_outside_of_the_exported_frames_is_expected(
+    touch: Any, told: Any, modality: str, name: str, nothing: float, strong: float
+) -> None:
+    effect = _volume(modality)
+    _key(effect, name, (0, nothing), (30, nothing), (31, strong))
+    report = told("--frames", "0:12")
+    line = _line(report, "Still")
+    assert (line["felt"], line["expected"]) == (False, True)
+    assert (report["warnings"], report["strict"]) == ([], 0)
+    if modality != "temperature":  # its curves are not read beforehand
+        assert line["reason"] == "can be felt only outside of the exported frames"
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("amplitude", ((0, 0.0), (30, 0.0))),
+        ("amplitude", ((0, 0.0), (LAST + 1, 0.0), (LAST + 2, 5.0))),  # after the last frame
+        ("intensity", ((0, 0.0), (30, 0.0))),
+        ("activation", ((0, 0.0), (30, 0.0))),
+    ],
+)
+def test_an_effect_without_strength_in_the_scene_is_a_warning_for_a_part(
+    touch: Any, told: Any, name: str, keys: tuple[tuple[float, float], ...]
+) -> None:
+    _key(_volume("vibration"), name, *keys)
+    report = told("--frames", "0:12")
+    (warning,) = report["warnings"]
+    assert warning.startswith("effect 'Still' ") and report["strict"] == 3
+    assert not _line(report, "Still")["expected"]
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "where"),
+    [
+        (3.0, 4.0, "after the last frame of the scene (2.00 s)"),
+        (-2.0, -1.0, "before the first frame of the scene"),
+        (1.01, 1.02, "between two samples"),
+    ],
+)
+def test_a_clip_outside_the_scene_is_a_warning_for_a_part(
+    touch: Any, told: Any, start: float, end: float, where: str
+) -> None:
+    _clip(touch, start, end)
+    report = told("--frames", "0:12")
+    (warning,) = report["warnings"]
+    assert f"lies {where}" in warning and report["strict"] == 3
+
+
+@pytest.mark.parametrize("span", [(1.0, 3.0), (1.0, 1.5), (-1.0, 0.5)])
+def test_a_clip_of_the_scene_is_none_for_a_part(
+    touch: Any, told: Any, span: tuple[float, float]
+) -> None:
+    _clip(touch, *span)
+    report = told("--frames", "15:22")
+    assert (report["warnings"], report["strict"]) == ([], 0)
+    assert _line(report)["expected"]
+
+
 @pytest.mark.parametrize("end", [2.0, 1.5])
 def test_a_clip_within_the_scene_is_none(touch: Any, told: Any, end: float) -> None:
     """The last frame lasts until 2 s."""
