@@ -81,11 +81,13 @@ def _is_passing(folder: Path) -> bool:
 
 
 def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into a folder, in order, and return the new paths; none after an error.
+    """Move finished files into a folder, in order, and return the new paths.
 
-    ``base`` is the root of the relative paths to keep, with existing subfolders in ``folder``;
-    without it all files go directly into ``folder``. All files are forced to the disk before the
-    first move, except into folders of :func:`passing`. Raises OutputError for a file that cannot be
+    Existing files are replaced. If a move fails, files already moved are moved back, and replaced
+    files restored where the file system has hard links; the error is raised. ``base`` is the root
+    of the relative paths to keep, with existing subfolders in ``folder``; without it all files go
+    directly into ``folder``. All files are forced to the disk before the first move, except into
+    folders of :func:`passing`. Raises OutputError for a file that cannot be
     forced to the disk, OSError for a failed move.
     """
     # Sync all contents before the first rename: after a power cut, a final name has its content.

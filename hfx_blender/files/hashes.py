@@ -128,7 +128,8 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def _row_of(path: Path) -> Iterator[Path]:
-    """Yield files that match the placeholders in a file name; nothing without placeholders."""
+    """Yield the files in the folder of ``path`` that match its name with <FRAMES> (digits),
+    <UDIM> or <UVTILE> as placeholder; nothing without placeholder."""
     pattern = re.escape(path.name)
     for token, digits in _NUMBERS.items():
         pattern = pattern.replace(re.escape(token), digits, 1)

@@ -68,7 +68,8 @@ def temporary_folder(prefix: str = "hfx-") -> Iterator[Path]:
 
 
 def remove_tree(folder: Path) -> None:
-    """Remove a folder of this process, with retries while other threads write into the folder."""
+    """Remove a folder, if present. Up to 20 tries with pauses of 10 ms, as other threads may write
+    into the folder; what then remains stays, without an error."""
     for _ in range(_TRIES):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():

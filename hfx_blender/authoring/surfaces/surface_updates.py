@@ -115,8 +115,9 @@ def check() -> list[bpy.types.Object]:
 
 
 def bake_outdated() -> float | None:
-    """Timer: make outdated maps of images, and of materials if shown and quick; redraw. Returns
-    seconds to wait within 0.8 s of an edit and in playback, else None.
+    """Timer: make outdated maps of images, and of materials displayed within 2 s whose last bake
+    took at most 1.5 s; redraw. Returns seconds to wait within 0.8 s of an edit and in playback,
+    else None.
     """
     since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited

@@ -112,7 +112,8 @@ class Channels:
 
 
 def osc_addresses(device: DeviceConfig, how: OscEncoder) -> list[str]:
-    """OSC address of each channel, placeholders replaced; a single template is for all channels."""
+    """OSC address of each channel; a single template is for all channels. Placeholders: {device},
+    {actuator}, {control}, {number} (of the channel, from 1), {side}, {Side} (capitalized)."""
     names = Channels(device).names
     templates = how.addresses if len(how.addresses) == len(names) else how.addresses * len(names)
     side = device.side or ""

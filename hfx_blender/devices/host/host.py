@@ -151,7 +151,8 @@ class Host:
             thread.stop(end)
 
     def receive(self, message: Message) -> None:
-        """Execute a message just read; the next is due in 0.25 s, after a PAUSE of all in 10 s."""
+        """Execute a message just read. If none follows within 0.25 s (10 s after a PAUSE of all
+        devices), the main thread stops armed devices. Raises MessageError for invalid JSON."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         # A pause of all devices announces work of Blender that sends no messages.

@@ -202,8 +202,9 @@ def play(
 
 
 def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
-    """Wait, at most 60 s, until all devices are armed or have failed, and the event "prepared"
-    unless ``is_prepared``. Raises DeviceError: no device plays.
+    """Wait until no device is connecting or connected but unarmed, and, unless ``is_prepared``, for
+    the event "prepared". After 60 s continue with the devices that are armed. Raises DeviceError:
+    no device is armed.
     """
     deadline = time.monotonic() + SCENE_S
     while time.monotonic() < deadline:

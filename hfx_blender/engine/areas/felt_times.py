@@ -32,8 +32,9 @@ class FeltTimes:
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
 
     def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
-        """Record effects with a level above 0 and finite values at a block's own samples; for
-        effects on without finite values or placement the non-finite quantity."""
+        """Record effects with, at any of the block's samples in ``own`` (no overlap), a level above
+        0, finite parameters and finite placement in ``is_on``; else effects with a level above 0 or
+        NaN in ``no_number``: "a place" if only the placement is non-finite, else "a value"."""
         for effect, animated in zip(effects, block.effects, strict=True):
             if effect.id in self.is_on:
                 continue

@@ -72,10 +72,11 @@ def bends_m(boxes: F64, follows: Bool) -> F64:
 
 
 def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
-    """World boxes of a model's skin, cluster by cluster, at ``rows`` (n,) of the block, metres.
+    """World boxes of a body's C skin clusters at ``rows`` (n,) of the block's times: lower and
+    upper corners (n, C, 3), metres.
 
-    Boxes contain the bulge of curved skin. The result has ``places`` only for skin without bones,
-    and ``own`` only if such skin is grouped.
+    Boxes contain the bulge of curved skin. Skin without bones also gets ``places``; if its vertices
+    belong to another model than its surface, ``own`` are their positions.
     """
     to_world = pose.to_world[rows]
     surface, margins_m = skin.surface, skin.skin.margins_m
@@ -96,7 +97,8 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
 
 
 def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
-    """World boxes of skin without bones at ``rows``: lowest and highest corners, (n, 3) each."""
+    """One world box around skin without bones at each of ``rows`` (n,) of the block's times, with
+    the bulge of curved skin: lowest and highest corners, (n, 3) each, metres."""
     assert isinstance(skin.surface, PointwiseModel)
     to_world = pose.to_world[rows]
     low, high = skin.surface.box(pose, rows, to_world)

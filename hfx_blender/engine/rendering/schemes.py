@@ -335,7 +335,8 @@ class FocusPanning:
 
 
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
-    """Points (18, 3) on two rings of ``radius_m`` (half and full) in the plane across a normal."""
+    """Points (18, 3) around ``centre`` in the plane across ``normal``: 6 on a ring of half
+    ``radius_m``, then 12 on a ring of ``radius_m``."""
     axes = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
     first_axis, second_axis = axes[1], axes[2]
     rings = []

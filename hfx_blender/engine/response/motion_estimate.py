@@ -71,9 +71,9 @@ class MotionEstimate:
 
 
 def _smooth(before: list[F64], after: list[F64]) -> tuple[F64, I64]:
-    """Values (4, N, D) at fractions 0, 1/3, 2/3, 1, and numbers of turning rows, explained by
-    neither side's extrapolation and kept linear. Without neighbours all rows are linear, and the
-    numbers empty."""
+    """Values (4, N, D) at fractions 0, 1/3, 2/3, 1, and ascending indices of turning rows: neither
+    side's parabola reaches the other end, so their values are linear. ``before`` and ``after``:
+    nearest sample first. With one sample each, all rows are linear, and the indices empty."""
     start, end = before[0], after[0]
     s = _NODES[:, None, None]
     values: F64 = start + s * (end - start)

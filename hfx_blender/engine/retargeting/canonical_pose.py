@@ -282,7 +282,7 @@ class _Segments:
 
     def _twisted(self, side: str) -> F64:
         """Matrix (4, 4) of the lower forearm: the forearm's, with half of the hand's twist about
-        it; the forearm's own without wrist or elbow."""
+        the axis elbow to wrist; the forearm's own without wrist or elbow."""
         forearm = self._matrix(f"forearm.{side}")
         if f"wrist.{side}" not in self._t or f"elbow.{side}" not in self._t:
             return forearm

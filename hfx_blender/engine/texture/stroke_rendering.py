@@ -114,10 +114,12 @@ def _direct(
     count: int,
     rate_hz: float,
 ) -> StrokeSignal:
-    """Signal with the heights themselves, times c_v, as waveform, for wide-band actuators.
+    """Signal with the heights along the stroke, times ``drive_per_m``, as waveform, for wide-band
+    actuators; a product of 1 is full scale.
 
-    Amplitude and frequency are those of the unclipped waveform in a window before each step's end;
-    both outputs are cut at full scale.
+    ``step`` is in seconds, ``count`` the number of steps. Amplitude and frequency are those of the
+    unclipped waveform in ``window_s`` before each step's end; amplitude and waveform, in m/s^2, are
+    cut at full scale.
     """
     assert texture.height is not None
     full = texture.device.amplitude_g[1] * STANDARD_GRAVITY

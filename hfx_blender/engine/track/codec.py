@@ -139,8 +139,9 @@ def encode(section: Section) -> bytes:
 
 
 def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[Unsigned]]:
-    """Counts (m,) and gaps of vertex ids that enter or leave each set, as of :func:`_toggles`, and
-    weights and channel columns (s,) as changes per vertex."""
+    """Counts and gaps of vertex ids that enter or leave each of m sets, as of :func:`_toggles`, and
+    columns (s,) of weights and channels, one value per (set, vertex) entry, as differences of bit
+    patterns from the same vertex's last entry."""
     if section.weights.dtype == np.uint8 and not section.channels:
         changes = native.changes(section.sizes, section.vertices, section.weights)
         if changes is not None:

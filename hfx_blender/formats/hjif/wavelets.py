@@ -216,8 +216,10 @@ class _Bits:
 def decoded_block(stream: str, count: int) -> F64:
     """Decode the wavelet coefficients of a block, (count,), coarse to fine.
 
-    ``stream`` are base64 digits of any number; an empty stream is silence. ``count`` is a power of
-    two, 16 or more. Raises ValueError for a character outside base64.
+    ``stream`` are base64 digits of any number; padding ``=`` at the end is ignored, and zero bits
+    follow a cut-off stream; an empty stream is silence. ``count`` is a power of two, 16 or more.
+    Coefficients are whole numbers times header value / 2^planes. Raises ValueError for a character
+    outside base64.
     """
     try:
         bits = _Bits(stream)

@@ -52,7 +52,9 @@ _STEPS: Final = strict(
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:
     """Write ``stem.intensity.png``, ``stem.sharpness.png`` and ``stem.texture.json``.
 
-    Raises OutputError for an unwritable file, ValueError for ``bits`` other than 8 or 16.
+    ``name`` goes into the JSON file; by default the last part of ``stem``. Returns the paths, JSON
+    first, without losses or notes. Raises OutputError for an unwritable file (files already written
+    stay), ValueError for ``bits`` other than 8 or 16.
     """
     if bits not in (8, 16):
         raise ValueError(f"bits: expected 8 or 16, got {bits}")

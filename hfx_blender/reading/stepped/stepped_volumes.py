@@ -123,8 +123,8 @@ class FarVolumes:
         return ids
 
     def places(self, rows: Iterable[SceneRow]) -> VolumePlacements:
-        """Stack the placements of rows in time, (T, N, ...); rows without placements are left
-        out."""
+        """Stack the placements of the T ``rows`` that have any, in their order, (T, N, ...); arrays
+        of shape (0,) without such rows."""
         read = [row.places for row in rows if row.places is not None]
         return VolumePlacements(
             np.array([row.there for row in read]),
