@@ -78,7 +78,8 @@ def remove_tree(folder: Path) -> None:
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove folders of :func:`stage_folder` of ended processes of this machine."""
+    """Remove folders of :func:`stage_folder` in ``parent`` of ended processes of this machine, and
+    empty ones older than 60 s; errors are ignored."""
     with suppress(OSError):
         for stage in parent.glob(temporary_pattern()):
             with suppress(OSError):

@@ -54,8 +54,8 @@ class FeltTimes:
                 self.no_number[effect.id] = "a place" if is_finite.any() else "a value"
 
     def add_runs(self, runs: Iterable[SampleRun], touching: Collection[str]) -> None:
-        """Count samples with strength by effect and body; runs of a stream must be in the order of
-        time. ``touching`` has the ids of temperature effects of touched objects."""
+        """Add samples with strength to ``felt`` by effect and body; runs of a stream must be in the
+        order of time. ``touching`` has the ids of temperature effects of touched objects."""
         for run in runs:
             stream = run.stream
             indices = run.indices[has_strength(run, stream.effect_id in touching)]

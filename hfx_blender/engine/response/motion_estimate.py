@@ -116,8 +116,8 @@ class _Leg:
         self.bend = _length(self.change)
 
     def at(self, share: F64 | float) -> F64:
-        """Values at fractions of the interval, counted from this leg's own end inwards, by a
-        parabola."""
+        """Values at ``share`` of the interval, from 0 at this leg's own end to 1 at the other end,
+        by a parabola; (N, D), with more axes if ``share`` has more."""
         values: F64 = self.start + share * self.step + 0.5 * share * (share + 1.0) * self.change
         return values
 

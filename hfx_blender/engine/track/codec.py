@@ -278,7 +278,8 @@ def _require(condition: bool, complaint: str) -> None:
 
 
 def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsigned]:
-    """Number of toggled ids (set_count,) and the gaps: ids that enter or leave at each set.
+    """Number (set_count,) of toggled ids, which enter or leave at each set, and their gaps, one per
+    toggled id, set by set.
 
     ``vertices`` and the set numbers ``owners`` are sorted by vertex, then by set. Gaps are
     differences of ascending ids within a set; the first gap of a set is the id itself.
@@ -350,7 +351,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
 
 
 def _group_starts(sorted_values: npt.NDArray[Any]) -> I64:
-    """Start of each group of equal successive values, (groups,); empty for empty input."""
+    """Index of the first element of each run of equal values, (runs,); empty for empty input."""
     is_start = np.ones(len(sorted_values), np.bool_)
     is_start[1:] = sorted_values[1:] != sorted_values[:-1]
     return np.flatnonzero(is_start)

@@ -233,7 +233,8 @@ def decoded_block(stream: str, count: int) -> F64:
 
 
 def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
-    """Decode the bit planes ``planes`` to 0 into signed whole numbers, (count,)."""
+    """Decode the bit planes ``planes`` (highest) to 0 into signed whole numbers, (count,); planes
+    after the end of the stream are 0."""
     values = [0] * count
     points = list(range(_LOWEST_POINTS))  # not yet significant
     # Trees whose points below the root, or below its children, are not yet significant.

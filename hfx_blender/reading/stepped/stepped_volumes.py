@@ -133,8 +133,9 @@ class FarVolumes:
         )
 
     def are_near(self, places: VolumePlacements, poses: Sequence[PoseBlock]) -> Bool:
-        """Mask (N,) of volumes present at any time whose swept box meets a body's skin box in a
-        block; a NaN box and unknown skin count as near."""
+        """Mask (N,) of volumes present at any time whose box around all times of a block meets a
+        body's skin box over the block; a NaN box and unknown skin count as near. ``poses``: one per
+        body of the scene."""
         matrices = places.matrices.copy()
         matrices[..., :3, :] *= self._unit_m
         low, high = swept_boxes(matrices, places.boxes, places.there)
