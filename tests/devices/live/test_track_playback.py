@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from live_process import BAND, is_loud, rows_of
 from raw_server import RawServer
-from test_render_process import HEADER, STREAMS, felt, places
+from test_render_process import HEADER, STREAMS, places, vibration
 
 from hfx_blender import cli
 from hfx_blender.devices.live.track_playback import PlayedTrack
@@ -43,7 +43,7 @@ def written(path: Path, length_s: float, loud: range) -> Path:
     time = TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 1, 1, frames)
     with TrackWriter(path, replace(HEADER, time=time), full_precision=True) as writer:
         for index in loud:
-            run = felt(STREAMS[0], 10.0, 100.0)
+            run = vibration(STREAMS[0], 10.0, 100.0)
             at = np.array([index])
             writer.append([replace(run, indices=at, times_s=at / RATE_HZ)])
     return path
@@ -153,7 +153,7 @@ def test_late_actuators_are_given_later_samples(track: Path) -> None:
     assert list(live_frame.runs) == [] and list(live_frame.later[40.0]) == []
     (later,) = live_frame.later[60.0]
     assert later.parameters.tolist() == [[10.0, 100.0]]
-    assert len(later.vertices) == len(felt(STREAMS[0], 1.0, 1.0).vertices)
+    assert len(later.vertices) == len(vibration(STREAMS[0], 1.0, 1.0).vertices)
 
 
 def until(happened: Callable[[], object]) -> None:

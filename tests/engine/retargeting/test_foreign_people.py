@@ -8,7 +8,7 @@ import foreign_report
 import numpy as np
 import pytest
 import retarget_variants as variants
-from foreign_report import Followed
+from foreign_report import ForeignFit
 
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
@@ -25,7 +25,7 @@ and elbows begin 16 and 8 mm further in than MakeHuman's, and are believed."""
 
 
 @pytest.fixture(scope="module")
-def soma() -> Followed:
+def soma() -> ForeignFit:
     try:
         variants.folder()
     except InputError as error:
@@ -33,7 +33,7 @@ def soma() -> Followed:
     return foreign_report.follow(foreign_avatars.soma())
 
 
-def test_soma_is_mapped_whole(soma: Followed) -> None:
+def test_soma_is_mapped_whole(soma: ForeignFit) -> None:
     joints = ("upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot", "toe2-1")
     names = ("Arm", "ForeArm", "Hand", "Leg", "Shin", "Foot", "ToeBase")
     for bone, name in zip(joints, names, strict=True):
@@ -45,7 +45,7 @@ def test_soma_is_mapped_whole(soma: Followed) -> None:
     assert soma.mapping.bones["finger1-1.R"] == "RightHandThumb1"
 
 
-def test_soma_is_followed_in_all_parts(soma: Followed) -> None:
+def test_soma_is_followed_in_all_parts(soma: ForeignFit) -> None:
     assert soma.refused == "" and soma.quality.warnings == ()
     assert soma.agreement > 0.95
     for part in PARTS:
