@@ -120,8 +120,9 @@ class WebSocket:
 
     def check(self) -> None:
         """Raise ``OutputLostError`` if the connection is lost."""
-        if self._lost or self._is_closed:
-            raise OutputLostError(f"{self.name}: {self._lost or 'is closed'}.")
+        # The thread may meet the closed socket before it sees that the connection is closed.
+        if self._is_closed or self._lost:
+            raise OutputLostError(f"{self.name}: {'is closed' if self._is_closed else self._lost}.")
 
     def finish(self) -> None:
         """Send a close frame and wait, at most :data:`STALLED_S`, for that of the server.
