@@ -113,7 +113,7 @@ def _share(name: str, tip: str, default: float, **options: object) -> FloatPrope
 
 
 class HfxAvatarPart(bpy.types.PropertyGroup):
-    """Additional mesh of an avatar with several meshes."""
+    """Further mesh of an avatar; the first mesh is a property of the body."""
 
     mesh: PointerProperty(
         name="Mesh",

@@ -82,7 +82,10 @@ class ArrayOf:
         return fitting.ctypes.data
 
     def _of_type(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Array of an accepted type; else a copy for reading, or TypeError for writing."""
+        """Return the array if its type is accepted, else a converted copy.
+
+        Raises TypeError: the library writes to the array, so that a copy would lose the result.
+        """
         if not self._types or array.dtype in self._types:
             return array
         if self._is_written:
@@ -90,7 +93,10 @@ class ArrayOf:
         return array.astype(self._types[0], casting="same_kind")
 
     def _contiguous(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Contiguous array; else a copy for reading, or TypeError for writing."""
+        """Return the array if its memory is contiguous, else a contiguous copy.
+
+        Raises TypeError: the library writes to the array, so that a copy would lose the result.
+        """
         if self._is_written and not array.flags.c_contiguous:
             raise TypeError("expected a contiguous array")
         return np.ascontiguousarray(array)

@@ -83,7 +83,7 @@ class PlaySpace:
 
 
 def has_place(actuator: Actuator) -> bool:
-    """Test for a place in the room with a position ``at_m``."""
+    """Test whether an actuator stands at a known position of the room, as a fan does."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 

@@ -25,7 +25,7 @@ IN_PLACE: Final = 0.8
 """Smallest fraction of vertices on the same part of the avatar."""
 
 AREA_RATIOS: Final = (0.4, 2.5)
-"""Allowed range of a part's area relative to the canonical body at equal size."""
+"""Lowest and highest area of a body part, as a multiple of the canonical body's part."""
 
 JOINT_MM: Final = 12.0
 """Largest distance between a joint of the rig and the model's skin around the joint.

@@ -134,7 +134,8 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """Mean rate of ascending times in s: intervals over duration, at most 1001 as denominator.
+    """Mean sampling rate in Hz of ascending times in seconds, as a fraction with a denominator of
+    at most 1001.
 
     Uneven times are refused later. 100 Hz for one time, no duration or non-finite times.
     """

@@ -71,7 +71,7 @@ def around(kind: str, target: str, bind: str = "") -> Callable[[Any], Any]:
 
 
 def cage(skin: Any) -> Any:
-    """A lattice without deformation."""
+    """Add a lattice modifier to a mesh; its lattice is at rest and deforms nothing."""
     lattice = in_scene(bpy.data.objects.new("Cage", bpy.data.lattices.new("Cage")))
     lattice.location, lattice.scale = (0.0, 0.0, 0.9), (2.0, 2.0, 2.0)
     return modifier("LATTICE", object=lattice)(skin)

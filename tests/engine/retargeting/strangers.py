@@ -62,7 +62,7 @@ class Figure:
 
 
 def made(figure: Figure) -> Variant:
-    """Make a figure from a recipe."""
+    """Build an avatar with the proportions, clothes, rig and skin weights of ``figure``."""
     person = variants.canonical()
     stretches = {
         f"{limb}{half}.{side}": factor

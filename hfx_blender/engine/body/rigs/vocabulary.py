@@ -156,7 +156,10 @@ CONTEXT: Final = {
     "head": ("head", "neck", "jaw", "eye"),
     "face": ("jaw", "eye"),
 }
-"""Body part allowed as additional word, to the slots specified by the other words."""
+"""Word for a body part, to the slots whose bone names may contain the word in addition.
+
+``hand_index_finger`` names a finger, although ``hand`` alone names the hand.
+"""
 
 _LONG_SIDES: Final = frozenset(side for side in SIDES if len(side) > 3)
 _JOINT_WORDS: Final = frozenset().union(*SIDED, *CENTRE)
