@@ -66,7 +66,7 @@ def test_the_build_gives_a_library_that_the_package_loads(
 
 def test_every_function_that_python_calls_is_exported(built: Path) -> None:
     engine = Path(loading.__file__).parents[1]
-    wrappers = "\n".join(map(_text, [*engine.glob("native/*.py"), *engine.glob("contact/*.py")]))
+    wrappers = "\n".join(map(_text, engine.rglob("*.py")))
     code = "\n".join(map(_text, sources.files()))
     structures = set(re.findall(r"\}\s*(hfx_\w+);", code))
     called = set(re.findall(r"[.\"](hfx_\w+)", wrappers)) - structures - {sources.MARK}
