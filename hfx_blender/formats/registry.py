@@ -336,24 +336,13 @@ EXPORTED: Final = tuple(info.id for info in FORMATS.values() if info.dialog is n
 TARGETS: Final = tuple(info.id for info in FORMATS.values() if info.is_written)
 """Ids of the formats that a file can be converted to."""
 
-_REMOVED: Final = {
-    "ahap-sqrt": ("ahap", ".sqrt.ahap"),
-    "jsonl-compact": ("jsonl", ".compact.samples.jsonl"),
-    "wav24": ("wav", ".24bit.wav"),
-    "wavfloat": ("wav", ".float.wav"),
-}
-"""Formats that are read but no longer written: replacement format and own suffix, by id."""
-
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Raise UsageError for the first name of a removed format (with the replacement, even if in
-    ``known``) or outside ``known``; returns nothing. ``option``, such as ``--format``, begins the
-    message.
+    """Raise UsageError for the first name outside ``known``; returns nothing.
+
+    ``option``, such as ``--format``, begins the message.
     """
     for name in names:
-        if name in _REMOVED:
-            instead = _REMOVED[name][0]
-            raise UsageError(f"{option} {name}: is read, but no longer written; use {instead}")
         if name not in known:
             raise UsageError(f"{option} {name}: expected one of {', '.join(known)}")
 
@@ -362,15 +351,8 @@ def target_of(path: Path) -> FormatInfo:
     """Return the writable format whose suffix ends an output path, case-sensitive; the longest
     suffix wins.
 
-    Raises UsageError for an unknown suffix, a name of only a suffix, and a removed format's suffix
-    (with the replacement).
+    Raises UsageError for an unknown suffix, and for a name of only a suffix.
     """
-    for removed, (instead, suffix) in _REMOVED.items():
-        if path.name.endswith(suffix):
-            raise UsageError(
-                f"{path}: '{suffix}' was the suffix of {removed}, which is no longer written; use "
-                f"'{FORMATS[instead].suffix}', or '--to {instead}' with any name"
-            )
     targets = [FORMATS[id] for id in TARGETS]
     for info in sorted(targets, key=lambda each: -len(each.suffix)):
         if path.name.endswith(info.suffix) and path.name != info.suffix:

@@ -107,34 +107,6 @@ def test_a_format_needs_a_known_name_and_a_device():
     writing.check(["track", "hjif", "jsonl"], [])
 
 
-REMOVED = {
-    "ahap-sqrt": ("ahap", "x.sqrt.ahap"),
-    "jsonl-compact": ("jsonl", "x.compact.samples.jsonl"),
-    "wav24": ("wav", "x.24bit.wav"),
-    "wavfloat": ("wav", "x.float.wav"),
-}
-
-
-@pytest.mark.parametrize("name", REMOVED)
-def test_a_removed_format_names_its_replacement(tmp_path, capsys, name):
-    instead, file = REMOVED[name]
-    with track_of(tmp_path, "vibration", "volume", BEAT) as track:
-        source = str(track.path)
-    for arguments in (
-        ["export", "x.blend", "-f", f"track,{name}"],
-        ["convert", source, str(tmp_path / "x"), "--to", name, "--device", "back_pad"],
-        ["convert", source, str(tmp_path / file), "--device", "back_pad"],
-    ):
-        assert cli.run(arguments) == 2
-        (message,) = capsys.readouterr().err.splitlines()
-        assert (
-            name in message
-            and "no longer written" in message
-            and f"{instead}" in message.split("use ")[1]
-        )
-    assert [path.name for path in tmp_path.iterdir()] == [track.path.name]
-
-
 @pytest.mark.parametrize("target", ["haptic", "he", "he1", "openharmony", "openxr", "ahap", "hjif"])
 @pytest.mark.parametrize("source", ["haptic", "ahap", "he", "openxr", "tact"])
 def test_vibration_goes_from_format_to_format(tmp_path, source, target):
@@ -433,28 +405,12 @@ def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path)
         assert actual["Metadata"]["HfxFrequencyRangeHz"] == [80.0, 230.0]
 
 
-def test_square_roots_of_earlier_versions_are_read_back():
-    """Intensity 0 to 1 in a second, then a tick of 0.8: a quarter and a half of full scale in the
-    middle.
-    """
-    points = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 1.0, "ParameterValue": 1.0}]
-    curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
-    parts = [
-        {"Event": {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}},
-        {"ParameterCurve": {**curve, "ParameterCurveControlPoints": points}},
-    ]
-    level = [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}]
-    tick = {"Event": {"Time": 0.0, "EventType": "HapticTransient", "EventParameters": level}}
-    read = []
-    for pattern in (parts, [tick]):
-        for entry in pattern:
-            entry.get("Event", {}).setdefault("EventParameters", [])
-        law = {"HfxIntensityLaw": "square root"}
-        content = json.dumps({"Version": 1.0, "Metadata": law, "Pattern": pattern}).encode()
-        read += ahap.decode(content, "x.sqrt.ahap")[0]
-    times = np.array([0.0, 0.25, 0.5, 0.7, 0.99])
-    np.testing.assert_allclose(read[0].amplitude.at(times), times**2, atol=1e-3)
-    assert read[1].transients[0].amplitude == pytest.approx(0.64)
+def test_a_pattern_of_another_law_names_the_way_to_export_again():
+    """Intensities of the square-root law, read as amplitudes, would be twice as strong at 0.5."""
+    metadata = {"HfxIntensityLaw": "square root"}
+    content = json.dumps({"Version": 1.0, "Metadata": metadata, "Pattern": []}).encode()
+    with pytest.raises(InputError, match=r"x.ahap: Metadata: 'HfxIntensityLaw' is .*-f ahap"):
+        ahap.decode(content, "x.ahap")
 
 
 def test_a_step_is_no_error_of_the_keyframes(tmp_path):

@@ -27,7 +27,6 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.files import limits
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.glb import glb, glb_reader
 from hfx_blender.formats.jsonl import jsonl_samples
@@ -126,82 +125,12 @@ def test_spots_and_actuators_are_in_the_lines(tmp_path):
     assert values == [[pytest.approx(k / 20.0), pytest.approx(k / 10.0)] for k in range(10)]
 
 
-# By the format's page: gaps, changes of an earlier set, weights in 1/255, constant parameters.
-COMPACT_HEADER = {
-    "type": "header",
-    "format": "hfx-samples",
-    "version": 1,
-    "encoding": "compact",
-    "rate_hz": 25.0,
-    "duration_s": 0.12,
-    "models": [{"id": "m", "modality": "vibration", "hash": "0", "vertex_count": 9}],
-    "bodies": [{"id": "b", "name": "Zoë"}],
-    "effects": [
-        {
-            "id": "e",
-            "name": "Hum",
-            "modality": "vibration",
-            "kind": "painted",
-            "model": "m",
-            "is_contact": False,
-        }
-    ],
-}
-COMPACT_SAMPLE = {"type": "sample", "effect": 0, "body": 0}
-COMPACT_LINES = (
-    COMPACT_HEADER,
-    {"type": "set", "set": 0, "gaps": [3, 2], "weights": [255, 51]},
-    {**COMPACT_SAMPLE, "t": 0.0, "set": 0, "level": 1.0, "parameters": [10.0, 80.0]},
-    {"type": "set", "set": 1, "from": 0, "gaps": [3, 3], "weights": [0, 102]},
-    {**COMPACT_SAMPLE, "t": 0.04, "set": 1, "level": 0.5},
-    {**COMPACT_SAMPLE, "t": 0.08, "set": 0, "level": 0.5, "parameters": [4.0, 90.0]},
-)
-
-
-def test_compact_lines_of_earlier_versions_are_read(tmp_path):
-    path = tmp_path / "x.compact.samples.jsonl"
-    path.write_bytes(b"".join(map(encoded, COMPACT_LINES)))
-    header, *lines = jsonl_samples.read(path)
-    assert header == {key: item for key, item in COMPACT_HEADER.items() if key != "encoding"}
-    loud = {"amplitude_m_s2": 10.0, "frequency_hz": 80.0}
-    plain = {"type": "sample", "effect": "e", "body": "b"}
-    assert lines == [
-        {"type": "set", "set": 0, "vertices": [3, 5], "weights": [1.0, 0.2]},
-        {**plain, "t": 0.0, "set": 0, "level": 1.0, "parameters": loud},
-        {"type": "set", "set": 1, "vertices": [5, 6], "weights": [0.2, 0.4]},
-        {**plain, "t": 0.04, "set": 1, "level": 0.5, "parameters": loud},
-        {
-            **{**plain, "t": 0.08, "set": 0, "level": 0.5},
-            "parameters": {"amplitude_m_s2": 4.0, "frequency_hz": 90.0},
-        },
-    ]
-
-
-@pytest.mark.parametrize(
-    ("line", "change", "code"),
-    [
-        (1, {"weights": [255]}, "JSONL-SET-SIZE"),
-        (3, {"from": 7}, "JSONL-SET-FROM"),
-        (2, {"effect": 1}, "JSONL-SAMPLE-ID"),
-        (2, {"parameters": [1.0]}, "JSONL-SAMPLE-PARAMETERS"),
-        (1, {"gaps": [3, 9]}, "JSONL-SET-VERTEX"),
-    ],
-)
-def test_a_broken_rule_of_compact_lines_is_found(line, change, code):
-    lines = [*COMPACT_LINES]
-    lines[line] = {**lines[line], **change}
-    actual = jsonl_samples.validate(b"".join(map(encoded, lines)), "x")
-    assert code in [entry.code for entry in actual]
-
-
-def test_a_compact_file_cannot_ask_for_all_memory():
-    whole = {"type": "set", "set": 0, "gaps": [1] * 10_000, "weights": [255] * 10_000}
-    more = b"".join(
-        encoded({"type": "set", "set": k, "from": 0, "gaps": [], "weights": []})
-        for k in range(1, 40)
-    )
-    with limits.raised(1 / 64), pytest.raises(InputError, match="would take"):
-        jsonl_samples.validate(encoded(COMPACT_HEADER) + encoded(whole) + more, "x")
+def test_an_encoded_header_names_the_way_to_export_again(tmp_path):
+    path = tmp_path / "x.samples.jsonl"
+    path.write_bytes(encoded({"type": "header", "format": "hfx-samples", "encoding": "compact"}))
+    message = "line 1: 'encoding' is \"compact\", .*'hfx export SCENE.blend -f jsonl'"
+    with pytest.raises(InputError, match=f"{path.name}: {message}"):
+        list(jsonl_samples.read(path))
 
 
 @pytest.mark.parametrize(

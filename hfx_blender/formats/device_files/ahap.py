@@ -17,8 +17,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ...errors import InputError
 from ...files import limits
-from ...files.json_shapes import known_members
+from ...files.json_shapes import known_members, shown
 from ...files.strict_json import clean, parse, read_bytes
 from ..leniency import refuse_untolerated
 from ..registry import FORMATS
@@ -57,12 +58,10 @@ DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
 
 _OWN_PROJECT: Final = "HFX"
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores unknown keys
-_LAW_KEY: Final = "HfxIntensityLaw"
-_LINEAR, _SQUARE_ROOT = "linear", "square root"
-"""Laws from amplitude to intensity; earlier versions of HFX also wrote the square root."""
+_LAW_KEY: Final = "HfxIntensityLaw"  # of amplitude to intensity
+_LINEAR: Final = "linear"
 
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
-_CUTS: Final = 16  # straight pieces that approximate a squared line
 _SHORTEST_S: Final = 1e-3  # silence at the end, seconds
 _TRANSIENT_S: Final = 0.02  # duration of a tick, for the end of a pattern of ticks
 
@@ -85,22 +84,6 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
                 write_json(content, files[-1])
     return Written(
         tuple(files), notes=silent_note([signal.name for signal in signals if signal.is_silent])
-    )
-
-
-def _with_squares(signal: Signal) -> Signal:
-    """Square the amplitudes of envelope and ticks, as read from a file of the square-root law.
-
-    The square of a line is approximated by 16 straight pieces, within 0.001.
-    """
-    times, values = signal.amplitude.times_s, signal.amplitude.values
-    share = np.arange(_CUTS) / _CUTS
-    cut_times = (times[:-1, None] + np.diff(times)[:, None] * share).ravel()
-    cut_values = (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
-    return replace(
-        signal,
-        amplitude=Curve(np.append(cut_times, times[-1]), np.append(cut_values, values[-1]) ** 2.0),
-        transients=tuple(replace(tick, amplitude=tick.amplitude**2) for tick in signal.transients),
     )
 
 
@@ -230,7 +213,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Decode a pattern to a list of one signal, and the frequency range; audio events are left out.
 
     Losses are in ``left_out``, tolerated faults in ``notes``. Raises InputError for an unreadable
-    file, or errors not tolerated by Core Haptics.
+    file, errors not tolerated by Core Haptics, or a law of intensity other than linear.
     """
     document = parse(content, name)
     # Apple's reader accepts these faults; the limits bind writers only.
@@ -242,6 +225,12 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         document = completed(document)
         notes += refuse_untolerated(findings(document), name, lambda each: each.code in codes)
     metadata = document.get("Metadata")
+    law = metadata.get(_LAW_KEY, _LINEAR) if isinstance(metadata, dict) else _LINEAR
+    if law != _LINEAR:
+        raise InputError(
+            f"{name}: Metadata: '{_LAW_KEY}' is {shown(law)}, allowed is '{_LINEAR}'; export the "
+            "scene again with 'hfx export SCENE.blend -f ahap --device NAME'."
+        )
     frequencies = _range_of(metadata)
     entries = document["Pattern"]
     intensity = _control(entries, INTENSITY_CONTROL, 1.0)
@@ -291,8 +280,6 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((tick.time_s + _TRANSIENT_S for tick in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
-    if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == _SQUARE_ROOT:
-        signal = _with_squares(signal)
     left_out = tuple(f"{count} {loss}" for loss, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)

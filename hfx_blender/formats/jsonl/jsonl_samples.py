@@ -23,13 +23,24 @@ from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.render import blocks
 from ...engine.samples import SampleRun, Stream
 from ...engine.track import TrackHeader, TrackReader
+from ...errors import InputError
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, refuse_errors
-from ...files.json_shapes import Flag, Items, Number, Record, Shape, Table, Text, check, strict
+from ...files.json_shapes import (
+    Flag,
+    Items,
+    Number,
+    Record,
+    Shape,
+    Table,
+    Text,
+    check,
+    shown,
+    strict,
+)
 from ...files.strict_json import Place, clean, encoded, parse, read_data
 from ..registry import FORMATS
 from ..written import Written
-from . import jsonl_compact
 
 SUFFIX: Final = FORMATS["jsonl"].suffix
 FORMAT: Final = "hfx-samples"
@@ -266,26 +277,22 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """Faultless lines in the plain encoding, and all findings; no lines without a header.
+    """Lines without faults of structure, and all findings; no lines without a valid header.
 
-    Raises InputError for a line without valid JSON.
+    Raises InputError for a line without valid JSON, and for a header with an ``encoding``.
     """
     report = Report("JSONL")
     rules = _Rules(report)
     lines: list[dict[str, Any]] = []
-    decoder: jsonl_compact.CompactDecoder | None = None
     # Faulty lines are dropped from the result, but checking goes on with the next line.
     for k, text in enumerate(content.splitlines()):
-        location: Place = (None, f"line {k + 1}")
         value = parse(text, f"{name}, line {k + 1}")
-        if k == 0 and isinstance(value, dict) and value.get("encoding") == jsonl_compact.ENCODING:
-            decoder = jsonl_compact.CompactDecoder(value, name)
-            value = decoder.header
-        elif decoder is not None:
-            value = decoder.line(value, report, location)
-            if value is None:
-                continue
-        if rules.is_sound(value, k == 0, location):
+        if k == 0 and isinstance(value, dict) and "encoding" in value:
+            raise InputError(
+                f"{name}: line 1: 'encoding' is {shown(value['encoding'])}, allowed is a header "
+                "without it; export the scene again with 'hfx export SCENE.blend -f jsonl'."
+            )
+        if rules.is_sound(value, k == 0, (None, f"line {k + 1}")):
             lines.append(value)
         elif k == 0:  # without a header every other line would be reported
             return [], report.findings

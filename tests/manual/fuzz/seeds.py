@@ -22,7 +22,6 @@ from format_cases import signal as signal_of  # noqa: E402
 from mutation import png_part  # noqa: E402
 from readers import report_of  # noqa: E402
 from test_hjif import BEAT, sample, track_of  # noqa: E402
-from test_track_formats import COMPACT_LINES  # noqa: E402
 
 from hfx_blender.authoring.paths import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
@@ -30,7 +29,6 @@ from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_mod
 from hfx_blender.engine.rendering.render import renderers_of_track  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import DeviceRange, HapticMap  # noqa: E402
 from hfx_blender.files import resources  # noqa: E402
-from hfx_blender.files.strict_json import encoded  # noqa: E402
 from hfx_blender.formats import files, writing  # noqa: E402
 from hfx_blender.formats.glb import glb  # noqa: E402
 from hfx_blender.formats.pictures import texture_map  # noqa: E402
@@ -203,7 +201,6 @@ def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
             for path in written.files:
                 if path.suffix != glb.SUFFIX:
                     found[name].append(path.read_bytes())
-        found["jsonl"].append(b"".join(map(encoded, COMPACT_LINES)))
         device = load_device("oculus_touch")
         played = [(d, r.raster()) for d, r in renderers_of_track(track, [device])]
         (path,) = (
