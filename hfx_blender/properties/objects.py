@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -15,11 +17,10 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..authoring.responses import KINDS as FILTER_KINDS
 from ..engine.modality import MODALITIES, MODALITY_ITEMS
+from ..engine.response_filters.controls import CONTROLS, FilterKind
 from . import scenes, surface_properties
-from .response_properties import HfxResponseFilter
-
-_OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
 ROLES = (
     ("NONE", "None", "A normal object"),
@@ -68,6 +69,18 @@ TEMPERATURE_REFERENCES = (
 )
 
 
+OPERATIONS = (
+    ("multiply", "Multiply", "Multiply the result of the filters above"),
+    ("add", "Add", "Add to the result of the filters above"),
+    ("maximum", "Maximum", "Maximum of this and the result of the filters above"),
+)
+ABOUT_WHAT = (
+    ("centre", "Centre", "The volume's origin"),
+    ("axis", "Axis", "The volume's local Z axis"),
+)
+DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHAT)
+
+
 def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
     from ..authoring import volumes
 
@@ -84,61 +97,66 @@ def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
     bone_table.refresh(self.id_data)
 
 
-def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
+def _overridable(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
+    """Property of the type ``kind``, as FloatProperty, editable in library overrides."""
+    return kind(name=label, description=tip, override={"LIBRARY_OVERRIDABLE"}, **options)
+
+
+def _parameter(modality: str, name: str, label: str, tip: str) -> object:
     """Overridable float property with a parameter's default and range, its unit in the tooltip."""
-    parameter = {p.name: p for p in MODALITIES[modality].parameters}[name]
-    return FloatProperty(
-        name=label,
-        description=f"{tip} ({parameter.unit})",
+    parameter = next(p for p in MODALITIES[modality].parameters if p.name == name)
+    return _overridable(
+        FloatProperty,
+        label,
+        f"{tip} ({parameter.unit})",
         default=parameter.default,
         min=parameter.minimum,
         max=parameter.maximum,
-        **_OVERRIDABLE,
-        **options,
     )
 
 
-def _share(name: str, tip: str, default: float, **options: object) -> FloatProperty:
-    """Float property with slider from 0 to 1, editable in library overrides; ``tip``: tooltip."""
-    return FloatProperty(
-        name=name,
-        description=tip,
-        default=default,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        **_OVERRIDABLE,
-        **options,
+def _share(label: str, tip: str, default: float) -> object:
+    """Overridable float property with a slider from 0 to 1; ``tip`` is the tooltip."""
+    return _overridable(
+        FloatProperty, label, tip, default=default, min=0.0, max=1.0, subtype="FACTOR"
+    )
+
+
+def _length(label: str, tip: str, default: float, **options: object) -> object:
+    """Overridable float property in the scene's unit of length; ``tip`` is the tooltip."""
+    return _overridable(FloatProperty, label, tip, default=default, unit="LENGTH", **options)
+
+
+def _control(kind: str, control: str, label: str, tip: str, **options: object) -> object:
+    """Overridable float property with a filter control's default and range; lengths up to 1e6."""
+    info = next(info for info in CONTROLS[FilterKind(kind)] if info.name == control)
+    # Lengths are stored in Blender's units, for which a limit in metres has no meaning.
+    highest = 1e6 if options.get("unit") == "LENGTH" else info.maximum
+    return _overridable(
+        FloatProperty, label, tip, default=info.default, min=info.minimum, max=highest, **options
     )
 
 
 class HfxAvatarPart(bpy.types.PropertyGroup):
     """Further mesh of an avatar; the first mesh is a property of the body."""
 
-    mesh: PointerProperty(
-        name="Mesh",
-        description="A mesh of this body's avatar",
-        type=bpy.types.Object,
-        **_OVERRIDABLE,
+    mesh: _overridable(
+        PointerProperty, "Mesh", "A mesh of this body's avatar", type=bpy.types.Object
     )
 
 
 class HfxMappedBone(bpy.types.PropertyGroup):
     """Row of the bone table, named after a bone of the canonical skeleton."""
 
-    bone: StringProperty(
-        name="Bone",
-        description="The avatar's bone at this joint. Empty: this skin follows the parent joint",
+    bone: _overridable(
+        StringProperty,
+        "Bone",
+        "The avatar's bone at this joint. Empty: this skin follows the parent joint",
         update=_refresh_bones,
-        **_OVERRIDABLE,
     )
-    found: StringProperty(
-        name="Found", description="The automatically detected bone", **_OVERRIDABLE
-    )
-    follows: StringProperty(
-        name="Follows",
-        description="The bone that moves this skin without an assigned bone",
-        **_OVERRIDABLE,
+    found: _overridable(StringProperty, "Found", "The automatically detected bone")
+    follows: _overridable(
+        StringProperty, "Follows", "The bone that moves this skin without an assigned bone"
     )
 
 
@@ -150,39 +168,88 @@ class HfxActuatorValue(bpy.types.PropertyGroup):
     )
 
 
+class HfxResponseFilter(bpy.types.PropertyGroup):
+    """Contact response filter with the controls of all kinds. Lengths are in Blender units."""
+
+    kind: EnumProperty(
+        name="Kind", description="Function of the filter", items=FILTER_KINDS, default="impact"
+    )
+    operation: EnumProperty(
+        name="Operation",
+        description="Operation with the result of the filters above",
+        items=OPERATIONS,
+    )
+    about: EnumProperty(name="From", description="Reference of the measurement", items=ABOUT_WHAT)
+    domain: EnumProperty(name="Over", description="Variable of the sine", items=DOMAINS)
+    is_muted: BoolProperty(name="Mute", description="Leave this filter out")
+
+    influence: _control(
+        "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"
+    )
+    near: _control(
+        "distance", "near_m", "Near", "Largest distance of the first value", unit="LENGTH"
+    )
+    far: _control(
+        "distance", "far_m", "Far", "Smallest distance of the second value", unit="LENGTH"
+    )
+    near_value: _control(
+        "distance", "near_value", "Value Near", "Strength at the near end", subtype="FACTOR"
+    )
+    far_value: _control(
+        "distance", "far_value", "Value Far", "Strength at the far end", subtype="FACTOR"
+    )
+    still_speed: _control(
+        "speed", "still_m_s", "Still (m/s)", "Largest relative speed without a sensation"
+    )
+    full_speed: _control(
+        "speed", "full_m_s", "Full (m/s)", "Smallest relative speed of full strength"
+    )
+    attack: _control("impact", "attack_s", "Attack (s)", "Time constant of the rise")
+    decay: _control(
+        "impact", "decay_s", "Decay (s)", "Time constant of the decay. A short decay feels stiff"
+    )
+    reach: _control(
+        "proximity", "range_m", "Range", "Distance of the first sensation", unit="LENGTH"
+    )
+    exponent: _control("proximity", "exponent", "Exponent", "1: linear rise. Above 1: late rise")
+    frequency: _control("sine", "cycles", "Frequency (Hz)", "Oscillations per second")
+    wavelength: _length("Wavelength", "Wavelength", 0.1, min=1e-4, max=1000.0)
+    depth: _control(
+        "sine",
+        "depth",
+        "Depth",
+        "Amplitude: strength oscillates between 1 and 1 - depth",
+        subtype="FACTOR",
+    )
+    phase: _control("sine", "phase", "Phase (turns)", "Phase at the start")
+
+
 class HfxObjectProperties(bpy.types.PropertyGroup):
     """Haptic properties of an object. Parameters are in SI units and degrees Celsius."""
 
-    role: EnumProperty(
-        name="Role", description="Role of the object in haptics", items=ROLES, **_OVERRIDABLE
-    )
-    uid: StringProperty(
-        name="Id", description="Permanent id, independent of the object's name", **_OVERRIDABLE
+    role: _overridable(EnumProperty, "Role", "Role of the object in haptics", items=ROLES)
+    uid: _overridable(StringProperty, "Id", "Permanent id, independent of the object's name")
+
+    group: _overridable(
+        StringProperty, "Group", "Effects of a group share an expandable row of the list"
     )
 
-    group: StringProperty(
-        name="Group",
-        description="Effects of a group share an expandable row of the list",
-        **_OVERRIDABLE,
-    )
-
-    modality: EnumProperty(
-        name="Modality",
-        description="Kind of sensation, with its own parameters",
+    modality: _overridable(
+        EnumProperty,
+        "Modality",
+        "Kind of sensation, with its own parameters",
         items=MODALITY_ITEMS,
         update=_redraw_volume,
-        **_OVERRIDABLE,
     )
     kind: EnumProperty(
         name="Kind", description="Region of the effect", items=KINDS, default="VOLUME"
     )
-    activation: FloatProperty(
-        name="Activation",
-        description="Animated by clips. Without animation the effect is always on",
-        default=0.0,
+    activation: _overridable(
+        FloatProperty,
+        "Activation",
+        "Animated by clips. Without animation the effect is always on",
         min=0.0,
         max=1.0,
-        **_OVERRIDABLE,
     )
     intensity: _share("Intensity", "Share of the effect's full strength", 1.0)
     amplitude: _parameter("vibration", "amplitude_m_s2", "Amplitude", "Peak acceleration")
@@ -190,64 +257,50 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     pressure: _parameter("pressure", "pressure_kpa", "Pressure", "Pressure on the skin")
     temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
-    temperature_reference: EnumProperty(
-        name="Reference",
-        description="Neutral temperature, without a sensation",
+    temperature_reference: _overridable(
+        EnumProperty,
+        "Reference",
+        "Neutral temperature, without a sensation",
         items=TEMPERATURE_REFERENCES,
-        **_OVERRIDABLE,
     )
 
-    is_muted: BoolProperty(
-        name="Mute",
-        description="Disable this effect in live playback and exports",
-        default=False,
-        **_OVERRIDABLE,
-    )
-    is_solo: BoolProperty(
-        name="Solo", description="Disable effects that are not solo", default=False, **_OVERRIDABLE
-    )
+    is_muted: _overridable(BoolProperty, "Mute", "Disable this effect in live playback and exports")
+    is_solo: _overridable(BoolProperty, "Solo", "Disable effects that are not solo")
 
-    shape: EnumProperty(
-        name="Shape",
-        description="Shape of the volume. Drag the handles in the viewport to resize",
+    shape: _overridable(
+        EnumProperty,
+        "Shape",
+        "Shape of the volume. Drag the handles in the viewport to resize",
         items=SHAPES,
         default="SPHERE",
         update=_redraw_volume,
-        **_OVERRIDABLE,
     )
-    size: FloatVectorProperty(
-        name="Size",
-        description="Edge lengths of the box",
+    size: _overridable(
+        FloatVectorProperty,
+        "Size",
+        "Edge lengths of the box",
         default=(1.0, 1.0, 1.0),
         min=0.0,
         subtype="XYZ_LENGTH",
         unit="LENGTH",
         update=_redraw_volume,
-        **_OVERRIDABLE,
     )
-    radius: FloatProperty(
-        name="Radius",
-        description="Radius of the sphere, cylinder, capsule, or disc on the skin",
-        default=0.5,
+    radius: _length(
+        "Radius",
+        "Radius of the sphere, cylinder, capsule, or disc on the skin",
+        0.5,
         min=0.0,
-        unit="LENGTH",
         update=_redraw_volume,
-        **_OVERRIDABLE,
     )
-    height: FloatProperty(
-        name="Height",
-        description="Height along the local Z axis, including round ends",
-        default=2.0,
+    height: _length(
+        "Height",
+        "Height along the local Z axis, including round ends",
+        2.0,
         min=0.0,
-        unit="LENGTH",
         update=_redraw_volume,
-        **_OVERRIDABLE,
     )
-    falloff: EnumProperty(
-        name="Falloff",
-        description="Rise of the strength from the boundary inwards",
-        items=FALLOFFS,
-        **_OVERRIDABLE,
+    falloff: _overridable(
+        EnumProperty, "Falloff", "Rise of the strength from the boundary inwards", items=FALLOFFS
     )
     falloff_share: _share(
         "Falloff Share", "Depth of the rise, as a share of the way from boundary to core", 1.0
@@ -280,26 +333,23 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         type=HfxActuatorValue,
         override={"LIBRARY_OVERRIDABLE"},
     )
-    body: PointerProperty(
-        name="Body",
-        description="Body of the painted effect",
+    body: _overridable(
+        PointerProperty,
+        "Body",
+        "Body of the painted effect",
         type=bpy.types.Object,
         update=_store_body_name,
-        **_OVERRIDABLE,
     )
-    body_name: StringProperty(
-        name="Body's Name",
-        description="Name of the effect's body, also after deletion of the body. Empty: the only "
+    body_name: _overridable(
+        StringProperty,
+        "Body's Name",
+        "Name of the effect's body, also after deletion of the body. Empty: the only "
         "body of the scene",
-        **_OVERRIDABLE,
     )
     model_id: StringProperty(name="Model", description="Painted perceptual model")
     model_hash: StringProperty(name="Model Hash", description="Hash of the painted model's content")
-    avatar: PointerProperty(
-        name="Avatar",
-        description="Main mesh of this body's avatar",
-        type=bpy.types.Object,
-        **_OVERRIDABLE,
+    avatar: _overridable(
+        PointerProperty, "Avatar", "Main mesh of this body's avatar", type=bpy.types.Object
     )
     avatar_parts: CollectionProperty(
         name="Parts",
@@ -307,14 +357,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         type=HfxAvatarPart,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
-    follow: EnumProperty(
-        name="Follow", description="Source of the pose of this body", items=FOLLOWS, **_OVERRIDABLE
-    )
-    felt_layer: EnumProperty(
-        name="Layer",
-        description="Layer for haptics if clothes cover skin",
-        items=FELT_LAYERS,
-        **_OVERRIDABLE,
+    follow: _overridable(EnumProperty, "Follow", "Source of the pose of this body", items=FOLLOWS)
+    felt_layer: _overridable(
+        EnumProperty, "Layer", "Layer for haptics if clothes cover skin", items=FELT_LAYERS
     )
     bone_map: CollectionProperty(
         name="Bones",
@@ -322,11 +367,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         type=HfxMappedBone,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
-    fit_kept: PointerProperty(
-        name="Fit",
-        description="Storage of the fit of a library override. None: the armature",
+    fit_kept: _overridable(
+        PointerProperty,
+        "Fit",
+        "Storage of the fit of a library override. None: the armature",
         type=bpy.types.Mesh,
-        **_OVERRIDABLE,
     )
     bone_map_active: IntProperty(
         name="Row", description="Selected row of the bone table", options=set()

@@ -86,15 +86,11 @@ class HfxDeviceName(bpy.types.PropertyGroup):
     """Device of the user's registry, by name. The .blend stores no configuration."""
 
     is_muted: BoolProperty(
-        name="Mute",
-        description="Silence this device during live playback",
-        default=False,
-        update=_update_mutes,
+        name="Mute", description="Silence this device during live playback", update=_update_mutes
     )
     is_expanded: BoolProperty(
         name="Details",
         description="Show maker, placement and rendering scheme of the device",
-        default=False,
         options=set(),
     )
     scheme: EnumProperty(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 
 import bpy
 from bpy.props import (
@@ -49,14 +50,15 @@ def _request_update(self: HfxSurfaceProperties, _context: bpy.types.Context) -> 
     surface_updates.request(self.id_data)
 
 
-def _enum_value(name: str) -> int:
-    """Enum number of a material: CRC-32 of its name without the lowest bit."""
-    # Blender stores enum numbers: a position in the list would change with new materials.
-    return zlib.crc32(name.encode()) >> 1
+def _setting(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
+    """Property of the type ``kind``, as FloatProperty, whose changes update the maps."""
+    return kind(name=label, description=tip, update=_request_update, **options)
 
 
+# Blender stores the number of an enum item. A position in the list would change with each new
+# material, so the number is the CRC-32 of the name, without the lowest bit: Blender's are signed.
 PROCEDURALS = tuple(
-    (name, title, kind.title(), "NONE", _enum_value(name))
+    (name, title, kind.title(), "NONE", zlib.crc32(name.encode()) >> 1)
     for name, (kind, title) in MATERIAL_TITLES.items()
 )
 
@@ -64,140 +66,117 @@ PROCEDURALS = tuple(
 class HfxSurfaceProperties(bpy.types.PropertyGroup):
     """Settings of an object's surface, its maps and its renderer. Lengths are in millimetres."""
 
-    source: EnumProperty(
-        name="Source", description="Source of the relief", items=SOURCES, update=_request_update
+    source: _setting(EnumProperty, "Source", "Source of the relief", items=SOURCES)
+    uv_map: _setting(
+        StringProperty, "UV Map", "UV map of the surface. Empty: the map active for rendering"
     )
-    uv_map: StringProperty(
-        name="UV Map",
-        description="UV map of the surface. Empty: the map active for rendering",
-        update=_request_update,
-    )
-    resolution: IntProperty(
-        name="Resolution",
-        description="Texels along the longer edge of the map",
+    resolution: _setting(
+        IntProperty,
+        "Resolution",
+        "Texels along the longer edge of the map",
         default=512,
         min=8,
         max=4096,
-        update=_request_update,
     )
-    image: PointerProperty(
-        name="Image",
-        description="Image mapped onto the object by the UV map",
+    image: _setting(
+        PointerProperty, "Image", "Image mapped onto the object by the UV map", type=bpy.types.Image
+    )
+    image_kind: _setting(
+        EnumProperty, "Image Holds", "Meaning of the image's pixels", items=IMAGE_KINDS
+    )
+    roughness_image: _setting(
+        PointerProperty,
+        "Roughness",
+        "Roughness map. Dark is smooth. Without an image, roughness is 0.5",
         type=bpy.types.Image,
-        update=_request_update,
     )
-    image_kind: EnumProperty(
-        name="Image Holds",
-        description="Meaning of the image's pixels",
-        items=IMAGE_KINDS,
-        update=_request_update,
-    )
-    roughness_image: PointerProperty(
-        name="Roughness",
-        description="Roughness map. Dark is smooth. Without an image, roughness is 0.5",
-        type=bpy.types.Image,
-        update=_request_update,
-    )
-    scan_path: StringProperty(
-        name="Scan",
-        description="File of a scanned sample: a point cloud, or a height map",
+    scan_path: _setting(
+        StringProperty,
+        "Scan",
+        "File of a scanned sample: a point cloud, or a height map",
         subtype="FILE_PATH",
-        update=_request_update,
     )
-    scan_unit_mm: FloatProperty(
-        name="Unit (mm)",
-        description="Millimetres per unit of the scan's coordinates",
+    scan_unit_mm: _setting(
+        FloatProperty,
+        "Unit (mm)",
+        "Millimetres per unit of the scan's coordinates",
         default=1.0,
         min=1e-6,
         max=1e6,
-        update=_request_update,
     )
-    scan_size_mm: FloatVectorProperty(
-        name="Size (mm)",
-        description="Width and height of a scanned height map",
+    scan_size_mm: _setting(
+        FloatVectorProperty,
+        "Size (mm)",
+        "Width and height of a scanned height map",
         size=2,
         default=(50.0, 50.0),
         min=1e-3,
-        update=_request_update,
     )
-    procedural: EnumProperty(
-        name="Material",
-        description="Material of the library",
+    procedural: _setting(
+        EnumProperty,
+        "Material",
+        "Material of the library",
         items=PROCEDURALS,
         default="gravel-fine",
-        update=_request_update,
     )
-    seed: IntProperty(
-        name="Variant",
-        description="Random seed of the sample",
-        default=0,
-        min=0,
-        update=_request_update,
-    )
-    height_mm: FloatProperty(
-        name="Height (mm)",
-        description="Height of white above black, for images and for materials without relief. "
+    seed: _setting(IntProperty, "Variant", "Random seed of the sample", min=0)
+    height_mm: _setting(
+        FloatProperty,
+        "Height (mm)",
+        "Height of white above black, for images and for materials without relief. "
         "Negative values invert the relief",
         default=0.2,
         soft_min=-5.0,
         soft_max=5.0,
-        update=_request_update,
     )
-    use_own_scale: BoolProperty(
-        name="Own Scale",
-        description="Enter the size of a UV unit instead of measuring the object",
-        default=False,
-        update=_request_update,
+    use_own_scale: _setting(
+        BoolProperty, "Own Scale", "Enter the size of a UV unit instead of measuring the object"
     )
-    uv_mm: FloatVectorProperty(
-        name="UV Unit (mm)",
-        description="Width and height of one UV unit on the object",
+    uv_mm: _setting(
+        FloatVectorProperty,
+        "UV Unit (mm)",
+        "Width and height of one UV unit on the object",
         size=2,
         default=(100.0, 100.0),
         min=1e-3,
-        update=_request_update,
     )
 
-    blur_mm: FloatProperty(
-        name="Blur (mm)",
-        description="Standard deviation of the Gaussian blur before the slopes",
+    blur_mm: _setting(
+        FloatProperty,
+        "Blur (mm)",
+        "Standard deviation of the Gaussian blur before the slopes",
         default=0.1,
         min=0.0,
         soft_max=2.0,
         precision=3,
-        update=_request_update,
     )
-    full_slope: FloatProperty(
-        name="Full Slope",
-        description="Slope of full strength. One value for all materials keeps gravel stronger "
-        "than metal",
+    full_slope: _setting(
+        FloatProperty,
+        "Full Slope",
+        "Slope of full strength. One value for all materials keeps gravel stronger than metal",
         default=1.0,
         min=1e-4,
         soft_max=4.0,
         precision=3,
-        update=_request_update,
     )
-    lowest_hz: FloatProperty(
-        name="Lowest (Hz)",
-        description="Vibration frequency of the roughest texels",
+    lowest_hz: _setting(
+        FloatProperty,
+        "Lowest (Hz)",
+        "Vibration frequency of the roughest texels",
         default=80.0,
         min=1.0,
         max=1000.0,
-        update=_request_update,
     )
-    highest_hz: FloatProperty(
-        name="Highest (Hz)",
-        description="Vibration frequency of the smoothest texels",
+    highest_hz: _setting(
+        FloatProperty,
+        "Highest (Hz)",
+        "Vibration frequency of the smoothest texels",
         default=260.0,
         min=1.0,
         max=1000.0,
-        update=_request_update,
     )
-    use_steps: BoolProperty(
-        name="Noticeable Steps",
-        description="Round to just noticeable differences, 0.2 g and 40 Hz",
-        default=False,
-        update=_request_update,
+    use_steps: _setting(
+        BoolProperty, "Noticeable Steps", "Round to just noticeable differences, 0.2 g and 40 Hz"
     )
     renderer: EnumProperty(
         name="Renderer", description="Method of rendering the relief as vibration", items=RENDERERS
@@ -206,7 +185,6 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         name="Drive (1/mm)",
         description="c_v of the textile paper: share of full strength per mm of weighted height. "
         "0: the calibrated value",
-        default=0.0,
         min=0.0,
         soft_max=100.0,
     )
