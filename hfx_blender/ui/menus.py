@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Entries in Blender's own menus: Add > Haptic, File > Import and Export, context menus, NLA."""
+"""Entries in Blender's own menus and in the 3D viewport's header.
+
+The menus are Add > Haptic, File > Import and Export, context menus, and the NLA editor's Add. The
+header shows the next step from a haptic body to an exported effect.
+"""
 
 from __future__ import annotations
 
 import bpy
 
+from ..authoring import clips
+from ..authoring.areas import painting
+from ..authoring.effects import effects, swarms
 from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import active_armature, active_body, active_effect
 from ..properties.objects import SHAPES
@@ -103,7 +110,50 @@ def draw_import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.import_hjif", text="Haptics (.hjif)")
 
 
+def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> bool:
+    """Draw the button of the next step until the scene has an effect; returns True if drawn."""
+    scene = context.scene
+    if not effects.bodies_of(scene):
+        if active_armature(context) is not None:
+            layout.operator("hfx.mark_body", icon="ADD")
+        else:
+            layout.operator(
+                "hfx.add_avatar", text="Add Built-In Avatar", icon="OUTLINER_OB_ARMATURE"
+            )
+    elif not swarms.listed_effects(scene):
+        layout.operator_menu_enum(
+            "hfx.add_painted", "modality", text="Paint an Effect", icon="BRUSH_DATA"
+        ).paint = True
+    else:
+        return False
+    return True
+
+
+def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw the next step of the active effect: paint, transfer the area, add a clip, export."""
+    effect = active_effect(context)
+    if effect is None:
+        return
+    if effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
+        layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
+    elif effects.has_other_area(effect):
+        layout.operator("hfx.area_keep", icon="FORWARD")
+    elif not clips.strips_of(effect):
+        layout.operator("hfx.add_clip", icon="NLA")
+    else:
+        layout.operator("hfx.export", icon="EXPORT")
+
+
+def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    active = context.object
+    if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
+        self.layout.operator("hfx.paint_end", icon="CHECKMARK")
+    elif effects.bodies_of(context.scene) and not draw_first_step(context, self.layout):
+        _draw_further(context, self.layout)
+
+
 _ENTRIES = {
+    "VIEW3D_HT_header": draw_header,
     "VIEW3D_MT_add": draw_add_menu,
     "VIEW3D_MT_object_context_menu": draw_object_menu,
     "OUTLINER_MT_object": draw_object_menu,

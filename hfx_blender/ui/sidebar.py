@@ -1,19 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base class and text helper of the panels in the sidebar's HFX tab."""
+"""Base class of the panels in the sidebar's HFX tab, and rows that several panels draw."""
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
+from typing import ClassVar
 
 import bpy
 
 
 class HfxPanel:
-    """Base of the panels in the HFX tab."""
+    """Base of the panels in the HFX tab. A panel is hidden while its ``subject`` is None."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "HFX"
+    subject: ClassVar[Callable[[bpy.types.Context], object]] = staticmethod(lambda context: context)
+    """Function of the context for the object that the panel shows; by default never None."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.subject(context) is not None
+
+
+def draw_with_unit(layout: bpy.types.UILayout, data: object, name: str, text: str) -> None:
+    """Draw a number with a label before its value, and the keyframe button."""
+    row = layout.row(align=True)
+    row.use_property_split = False  # split labels are too narrow for units
+    row.prop(data, name, text=text)
+    row.prop_decorator(data, name)
 
 
 def draw_text(

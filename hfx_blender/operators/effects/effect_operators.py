@@ -1,18 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects: add a volume, a volume with the shape of a mesh, a painted effect."""
+"""Effects: addition of volumes, painted effects and vector sensations; contact responses."""
 
 from __future__ import annotations
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
+from ...authoring import responses
 from ...authoring.effects import effects
+from ...authoring.paths import vector_sensations
+from ...authoring.responses import KINDS
 from ...blender.scene_info import metres_of
-from ...engine.modality import MODALITY_ITEMS
+from ...engine.modality import MODALITIES, MODALITY_ITEMS
+from ...errors import InputError
+from ...export import response_baking
+from ...files import resources
 from ...properties.objects import SHAPES
-from ..shared import ON_MESH, HfxOperator, OnBodyOperator, active_effect, select_only, target_body
+from ..shared import (
+    ON_MESH,
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    active_effect,
+    kept_items,
+    select_only,
+    target_body,
+)
 
 _NAME_TIP = "Name in the Outliner; empty: the kind of effect"
+
+
+def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Active effect, as of ``shared.active_effect``, if a haptic volume; otherwise None."""
+    effect = active_effect(context)
+    return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
+
+
+def active_vector(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Active effect if a vector sensation (a curve for each actuator); otherwise None."""
+    effect = active_effect(context)
+    return effect if effect is not None and effect.hfx.kind == "ACTUATORS" else None
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
@@ -74,7 +101,13 @@ class HFX_OT_add_volume(HfxOperator):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
-        self._use_metres(1.0 / metres_of(context.scene))
+        # Defaults are metres; a length that is not set is converted to the scene's unit.
+        units_a_metre = 1.0 / metres_of(context.scene)
+        for name in ("radius", "height"):
+            if not self.properties.is_property_set(name):
+                setattr(self, name, getattr(self, name) * units_a_metre)
+        if not self.properties.is_property_set("size"):
+            self.size = [edge * units_a_metre for edge in self.size]
         effect = effects.add_volume(context.scene, self.modality, self.shape, self.name or None)
         effect.hfx.size = self.size
         effect.hfx.radius = self.radius
@@ -83,14 +116,6 @@ class HFX_OT_add_volume(HfxOperator):
         _show_wire_colours(context)
         select_only(context, effect)
         return ""
-
-    def _use_metres(self, units_a_metre: float) -> None:
-        """Convert the defaults of unset lengths, in metres, to the scene's unit, in place."""
-        for name in ("radius", "height"):
-            if not self.properties.is_property_set(name):
-                setattr(self, name, getattr(self, name) * units_a_metre)
-        if not self.properties.is_property_set("size"):
-            self.size = [edge * units_a_metre for edge in self.size]
 
 
 class HFX_OT_volume_from_mesh(HfxOperator):
@@ -147,13 +172,167 @@ class HFX_OT_make_editable(HfxOperator):
 
     bl_idname = "hfx.make_editable"
     bl_label = "Make Editable"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        effect = active_effect(context)
-        is_locked = effect is not None and effects.is_locked(effect)
-        return cls.needs(is_locked, "Select an effect that belongs to a linked file")
+    requires = (
+        (
+            lambda context: active_effect(context) and effects.is_locked(active_effect(context)),
+            "Select an effect that belongs to a linked file",
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         active_effect(context).override_library.is_system_override = False
         return ""
+
+
+@kept_items
+def _devices() -> EnumItems:
+    from ...devices.configuration import list_devices
+
+    return [(name, name, "") for name in list_devices(resources.user_devices())]
+
+
+_MODALITIES = (
+    ("FIRST", "Its First", "Of the device's first actuator"),
+    *((modality.name, modality.title, modality.devices) for modality in MODALITIES.values()),
+)
+
+
+class HFX_OT_add_vector_sensation(OnBodyOperator):
+    """Add an effect with a curve for each actuator of one device. Other devices ignore the
+    effect
+    """
+
+    bl_idname = "hfx.add_vector_sensation"
+    bl_label = "Vector Sensation"
+    bl_property = "device"
+
+    device: EnumProperty(
+        name="Device", description="Device whose actuators are driven", items=_devices
+    )
+    modality: EnumProperty(
+        name="Actuators",
+        description="Modality of the device's actuators to drive",
+        items=_MODALITIES,
+    )
+    name: StringProperty(
+        name="Name", description="Name in the Outliner; empty: the name of the device"
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...devices.configuration import load_device
+
+        effect = vector_sensations.add(
+            context.scene,
+            load_device(self.device, resources.user_devices()),
+            target_body(context),
+            modality=None if self.modality == "FIRST" else self.modality,
+            name=self.name or None,
+        )
+        select_only(context, effect)
+        return f"'{effect.name}': {len(effect.hfx.drive)} actuators, all at 0"
+
+
+class HFX_OT_key_actuators(HfxOperator):
+    """Insert a keyframe for every actuator of the vector sensation at the current frame"""
+
+    bl_idname = "hfx.key_actuators"
+    bl_label = "Key All Actuators"
+
+    value: FloatProperty(
+        name="Value",
+        description="Value of all actuators; -1: the current values",
+        default=-1.0,
+        min=-1.0,
+        max=1.0,
+    )
+    requires = ((active_vector, "Select a vector sensation"),)
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = active_vector(context)
+        if effect.library is not None:
+            raise InputError(f"'{effect.name}' is linked from another file.")
+        for k, actuator in enumerate(effect.hfx.drive):
+            if self.value >= 0.0:
+                actuator.value = self.value
+            effect.keyframe_insert(f"hfx.drive[{k}].value", frame=context.scene.frame_current)
+        return ""
+
+
+class _OnVolume(HfxOperator):
+    requires = ((active_volume, "Select a haptic volume"),)
+
+
+class _OnFilter(HfxOperator):
+    requires = (
+        (
+            lambda context: active_volume(context) and active_volume(context).hfx.response,
+            "Add a filter first",
+        ),
+    )
+
+
+class HFX_OT_add_response_filter(_OnVolume):
+    """Add a filter to the volume's contact response"""
+
+    bl_idname = "hfx.add_response_filter"
+    bl_label = "Add Filter"
+
+    kind: EnumProperty(
+        name="Kind", description="Function of the filter", items=KINDS, default="impact"
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        responses.add_filter(active_volume(context), self.kind)
+        return ""
+
+
+class HFX_OT_remove_response_filter(_OnFilter):
+    """Remove the active filter with the filter's animation"""
+
+    bl_idname = "hfx.remove_response_filter"
+    bl_label = "Remove Filter"
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = active_volume(context)
+        last = len(effect.hfx.response) - 1
+        responses.remove_filter(effect, min(effect.hfx.response_active, last))
+        return ""
+
+
+class HFX_OT_move_response_filter(_OnFilter):
+    """Move the selected filter; filters work from top to bottom"""
+
+    bl_idname = "hfx.move_response_filter"
+    bl_label = "Move Filter"
+
+    direction: EnumProperty(
+        name="Direction",
+        description="Where to",
+        items=(("UP", "Up", "To work earlier"), ("DOWN", "Down", "To work later")),
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect, step = active_volume(context), -1 if self.direction == "UP" else 1
+        active = effect.hfx.response_active
+        responses.move_filter(effect, active, active + step)
+        return ""
+
+
+class HFX_OT_bake_response(_OnVolume):
+    """Bake the contact response to keyframes, one on each frame of the scene"""
+
+    bl_idname = "hfx.bake_response"
+    bl_label = "Bake Response to Keyframes"
+
+    target: EnumProperty(name="To", description="Keyframed property", items=response_baking.TARGETS)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self)
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = response_baking.bake(context.scene, active_volume(context), self.target)
+        return f"{count} keys"

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of the active haptic effect, its contact response, and the export."""
+"""Panels of the active effect: parameters, contact response, painted area, path, actuators."""
 
 from __future__ import annotations
 
 import bpy
 
 from ...authoring import responses
-from ...authoring.areas.painting import PAINTED_EFFECT
+from ...authoring.areas.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.effects import effects
+from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
-from ...engine.modality import MODALITIES, Parameter
-from ...operators.effects.response import active_volume
-from ...operators.export_operator import draw_devices, last_written
-from ...operators.shared import active_effect
-from ..sidebar import HfxPanel, draw_text
+from ...engine.modality import MODALITIES
+from ...errors import InputError
+from ...operators.effects.effect_operators import active_vector, active_volume
+from ...operators.paths.path_drawing import MODES
+from ...operators.paths.path_operators import active_spot
+from ...operators.shared import active_effect, painted_effect
+from ..sidebar import HfxPanel, draw_text, draw_with_unit
 from .effects_panel import draw_moving
 
 _DIMENSIONS = {
@@ -56,77 +59,29 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         row.alert = hfx.intensity <= 0.0  # a silent effect
         row.prop(hfx, "intensity")
         for control in MODALITIES[hfx.modality].controls:
-            _draw_parameter(layout, hfx, control)
+            label = hfx.bl_rna.properties[control.prop].name
+            draw_with_unit(layout, hfx, control.prop, f"{label} ({control.symbol})")
         if hfx.modality == "temperature":
             layout.prop(hfx, "temperature_reference")
         if hfx.kind == "VOLUME":
-            _draw_volume(layout, hfx)
+            if hfx.shape != "MESH":
+                layout.prop(hfx, "shape")
+            for name in _DIMENSIONS[hfx.shape]:
+                layout.prop(hfx, name)
+            _draw_falloff(layout, hfx)
         else:
             layout.prop(hfx, "body")
             if effects.body_in(context.scene, effect) is None:
                 draw_moving(context, layout, "ACTIVE")
 
 
-def _draw_parameter(
-    layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, control: Parameter
-) -> None:
-    name = control.prop
-    row = layout.row(align=True)
-    row.use_property_split = False  # split labels are too narrow for units
-    label = hfx.bl_rna.properties[name].name
-    row.prop(hfx, name, text=f"{label} ({control.symbol})")
-    row.prop_decorator(hfx, name)
-
-
-def _draw_volume(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
-    if hfx.shape != "MESH":
-        layout.prop(hfx, "shape")
-    for name in _DIMENSIONS[hfx.shape]:
-        layout.prop(hfx, name)
+def _draw_falloff(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
     layout.prop(hfx, "falloff")
     if hfx.falloff != "none":
         layout.prop(hfx, "falloff_share")
 
 
-class HFX_PT_export(HfxPanel, bpy.types.Panel):
-    """Export the haptic effects to files"""
-
-    bl_label = "Haptic Export"
-    bl_order = 5
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        draw_devices(context, layout)
-        layout.operator("hfx.export", icon="EXPORT")
-        for written in last_written:
-            row = layout.row(align=True)
-            files = "1 file" if written.count == 1 else f"{written.count} files"
-            row.label(
-                text=f"Wrote {files}{written.warned}",
-                icon="ERROR" if written.warnings else "CHECKMARK",
-            )
-            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
-                written.folder
-            )
-
-
-class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
-    """Resolution of the recording in time and space"""
-
-    bl_label = "Sampling"
-    bl_parent_id = "HFX_PT_export"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.prop(context.scene.hfx, "rate")
-        layout.prop(context.scene.hfx, "tolerance")
-        if context.scene.hfx.tolerance == "CUSTOM":
-            layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
-
-
-_ICONS = {
+_FILTER_ICONS = {
     "distance": "DRIVER_DISTANCE",
     "speed": "FORCE_DRAG",
     "impact": "MOD_PHYSICS",
@@ -150,7 +105,7 @@ class HFX_UL_response(bpy.types.UIList):
     ) -> None:
         row = layout.row(align=True)
         row.active = not item.is_muted
-        row.prop(item, "name", text="", emboss=False, icon=_ICONS[item.kind])
+        row.prop(item, "name", text="", emboss=False, icon=_FILTER_ICONS[item.kind])
         row.prop(item, "influence", text="", emboss=False)
         icon = "CHECKBOX_DEHLT" if item.is_muted else "CHECKBOX_HLT"
         row.prop(item, "is_muted", text="", icon=icon, emboss=False, invert_checkbox=True)
@@ -163,9 +118,7 @@ class HFX_PT_response(HfxPanel, bpy.types.Panel):
     bl_order = 2
     bl_options = {"DEFAULT_CLOSED"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_volume(context) is not None
+    subject = staticmethod(active_volume)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, hfx = self.layout, active_volume(context).hfx
@@ -199,3 +152,127 @@ class HFX_PT_response(HfxPanel, bpy.types.Panel):
             column.prop(settings, "domain")
         for name in responses.properties_of(settings):
             column.prop(settings, name)
+
+
+class HFX_PT_area(HfxPanel, bpy.types.Panel):
+    """The area of the active painted effect"""
+
+    bl_label = "Painted Area"
+    bl_order = 2
+
+    subject = staticmethod(painted_effect)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        effect = painted_effect(context)
+        canvas = canvas_of(effect)
+        if canvas is None and effects.has_other_area(effect):
+            column = layout.column()
+            column.alert = True
+            draw_text(context, column, "Painted for another modality: not felt", "ERROR")
+            layout.operator("hfx.area_keep", icon="FORWARD")
+        row = layout.row()
+        row.scale_y = 1.3
+        if canvas is None:
+            row.operator("hfx.paint_begin", icon="BRUSH_DATA")
+        else:
+            row.operator("hfx.paint_end", icon="CHECKMARK")
+            layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
+        layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
+        row = layout.row(align=True)
+        for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):
+            row.operator("hfx.area_filter", text=label).action = action
+        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
+
+
+class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
+    """The whole area: turned round, emptied, from elsewhere, to another effect"""
+
+    bl_label = "More"
+    bl_parent_id = "HFX_PT_area"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        for action, label in (("invert", "Invert"), ("clear", "Clear")):
+            row.operator("hfx.area_filter", text=label).action = action
+        column = layout.column(align=True)
+        column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
+        column.operator("hfx.area_from_image", icon="IMAGE_DATA")
+        column = layout.column(align=True)
+        column.operator("hfx.save_area", icon="FILE_TICK")
+        column.operator("hfx.area_copy", icon="COPYDOWN")
+        column.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
+
+
+_PATH_ICONS = {
+    "PLACE": "PIVOT_CURSOR",
+    "STRAIGHT": "IPO_LINEAR",
+    "CURVE": "IPO_BEZIER",
+    "FREEHAND": "GREASEPENCIL",
+    "RECORD": "REC",
+}
+
+
+class HFX_PT_path(HfxPanel, bpy.types.Panel):
+    """Position of the point on the skin, and its path"""
+
+    bl_label = "Point on the Skin"
+    bl_order = 2
+
+    subject = staticmethod(active_spot)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        effect = active_spot(context)
+        layout.prop(effect.hfx, "radius")
+        _draw_falloff(layout, effect.hfx)
+        layout.prop(effect.hfx, "path_position")
+        try:
+            length = paths.length_m(effect)
+        except InputError as error:
+            layout.label(text=str(error), icon="ERROR")
+            length = 0.0
+        layout.label(
+            text=f"Path of {100.0 * length:.0f} cm" if length else "Does not move: draw a path",
+            icon="CURVE_PATH",
+        )
+        layout.operator_context = "INVOKE_DEFAULT"
+        row = layout.row(align=True)
+        row.operator("hfx.slide_spot", text="Slide", icon="VIEW_PAN")
+        row.operator("hfx.resize_spot", text="Resize", icon="CON_SIZELIMIT")
+        row.operator("hfx.key_spot", text="", icon="KEY_HLT")
+        grid = layout.grid_flow(columns=2, align=True, even_columns=True)
+        for mode, label, _ in MODES:
+            grid.operator("hfx.draw_path", text=label, icon=_PATH_ICONS[mode]).mode = mode
+        grid.operator_menu_enum(
+            "hfx.path_from_library", "name", text="Library", icon="ASSET_MANAGER"
+        )
+        row = layout.row(align=True)
+        row.operator("hfx.move_along_path", text="Move", icon="PLAY")
+        row.operator("hfx.reverse_path", text="Reverse", icon="ARROW_LEFTRIGHT")
+        row.operator("hfx.mirror_path", text="Mirror", icon="MOD_MIRROR")
+        row = layout.row(align=True)
+        row.operator("hfx.load_path", text="Load", icon="IMPORT")
+        row.operator("hfx.save_path", text="Save", icon="EXPORT")
+
+
+class HFX_PT_vector(HfxPanel, bpy.types.Panel):
+    """The strength of each actuator; the dots set keyframes"""
+
+    bl_label = "Vector Sensation"
+    bl_order = 2
+
+    subject = staticmethod(active_vector)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        effect = active_vector(context)
+        layout.label(text=f"On '{effect.hfx.device}' only", icon="OUTLINER_OB_FORCE_FIELD")
+        column = layout.column(align=True)
+        for actuator in effect.hfx.drive:
+            column.prop(actuator, "value", text=actuator.name, slider=True)
+        layout.operator("hfx.key_actuators", icon="KEY_HLT")

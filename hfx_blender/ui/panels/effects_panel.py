@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of all effects of the scene, and of the active effect's clips."""
+"""Panels of the scene: all effects, clips, export, sound and video."""
 
 from __future__ import annotations
 
 import bpy
 
-from ...authoring import clips
+from ...authoring import clips, media
 from ...authoring.effects import effects, swarms
+from ...blender import compat
 from ...operators.effects.clip_operators import draw_clip_buttons
+from ...operators.export_operator import draw_devices, last_written
 from ...operators.shared import active_armature, active_effect
 from ...playback.preview.preview import preview
-from .. import next_step
+from ..menus import draw_first_step
 from ..sidebar import HfxPanel, draw_text
-from . import clip_rows, effect_list
+from . import list_rows
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
@@ -30,12 +32,8 @@ _OUTSIDE = {
 
 def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
     """Draw the warning of effects without a body; with bodies in the scene, a button or menu to
-    assign one.
-
-    Parameters
-    ----------
-    which : str
-        Effects to assign, a value of ``hfx.move_to_body``.
+    assign one. ``which`` names the effects, as the property of ``hfx.move_to_body``: "ACTIVE" is
+    the active effect, any other value all effects of deleted bodies.
     """
     column = layout.column()
     column.alert = True
@@ -86,7 +84,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
         listed = swarms.listed_effects(context.scene)
         if listed:
-            effect_list.draw(context, layout)
+            list_rows.draw_effects(context, layout)
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
         elif context.window_manager.hfx_preview and listed:
@@ -98,7 +96,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, _NO_EFFECT, "INFO")
         row = layout.row()
         row.scale_y = 1.3
-        next_step.draw_first(context, row)
+        draw_first_step(context, row)
         row = layout.row(align=True)
         row.menu("HFX_MT_add", text="Add", icon="ADD")
         if listed:
@@ -119,9 +117,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
     bl_label = "Clips"
     bl_order = 3
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_effect(context) is not None
+    subject = staticmethod(active_effect)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -132,7 +128,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
             layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if strips and len(clip_rows.active_group()) > 1:
+        if strips and len(list_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
         for (_, strip), times in zip(strips, context.window_manager.hfx_clips, strict=False):
@@ -168,3 +164,75 @@ def _draw_clip(
         column.prop(times, "fade_in")
         column.prop(times, "fade_out")
     column.prop(strip, "repeat", text="Repeat")
+
+
+class HFX_PT_export(HfxPanel, bpy.types.Panel):
+    """Export the haptic effects to files"""
+
+    bl_label = "Haptic Export"
+    bl_order = 5
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        draw_devices(context, layout)
+        layout.operator("hfx.export", icon="EXPORT")
+        for written in last_written:
+            row = layout.row(align=True)
+            files = "1 file" if written.count == 1 else f"{written.count} files"
+            row.label(
+                text=f"Wrote {files}{written.warned}",
+                icon="ERROR" if written.warnings else "CHECKMARK",
+            )
+            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
+                written.folder
+            )
+
+
+class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
+    """Resolution of the recording in time and space"""
+
+    bl_label = "Sampling"
+    bl_parent_id = "HFX_PT_export"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(context.scene.hfx, "rate")
+        layout.prop(context.scene.hfx, "tolerance")
+        if context.scene.hfx.tolerance == "CUSTOM":
+            layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
+
+
+class HFX_PT_media(HfxPanel, bpy.types.Panel):
+    """Sound and video to be heard and seen with the haptics"""
+
+    bl_label = "Sound and Video"
+    bl_order = 8
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.add_sound", icon="SOUND")
+        row.operator("hfx.add_video", icon="FILE_MOVIE")
+        editor = context.scene.sequence_editor
+        sounds = [s for s in compat.strips(editor) if s.type == "SOUND"] if editor else []
+        for strip in sounds:
+            column = layout.box().column(align=True)
+            row = column.row(align=True)
+            row.prop(strip, "name", text="", icon="SOUND")
+            row.prop(strip, "mute", text="", icon="HIDE_ON" if strip.mute else "HIDE_OFF")
+            row = column.row(align=True)
+            row.prop(strip, "frame_start", text="Start")
+            row.prop(strip, "volume")
+        for owner in media.videos_of(context.scene):
+            is_world = isinstance(owner, bpy.types.World)
+            column = layout.box().column(align=True)
+            row = column.row(align=True)
+            row.prop(owner, "name", text="", icon="WORLD" if is_world else "IMAGE_DATA")
+            if not is_world:
+                row.prop(owner, "hide_viewport", text="")
+            column.prop(owner, f'["{media.START}"]', text="Start")
+        if sounds:
+            layout.prop(context.scene, "sync_mode", text="Playback")

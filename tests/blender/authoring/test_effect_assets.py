@@ -12,7 +12,7 @@ import pytest
 from hfx_blender.authoring.effects import effect_assets, effect_exchange, effects
 from hfx_blender.authoring.effects.effect_file import VolumeRecipe
 from hfx_blender.files import resources
-from hfx_blender.ui import asset_library
+from hfx_blender.operators.effects import asset_browser
 
 
 @pytest.fixture
@@ -107,13 +107,13 @@ def test_the_library_is_there_while_the_add_on_is_and_gone_afterwards(registered
     libraries = bpy.context.preferences.filepaths.asset_libraries
 
     def ours() -> list[Any]:
-        return [item for item in libraries if item.name == asset_library.NAME]
+        return [item for item in libraries if item.name == asset_browser.LIBRARY_NAME]
 
     others = len(libraries) - len(ours())
-    asset_library.unregister()
+    asset_browser.unregister()
     assert ours() == [] and len(libraries) == others
-    asset_library.register()
-    asset_library.register()  # state after a crash of Blender
+    asset_browser.register()
+    asset_browser.register()  # state after a crash of Blender
     (library,) = ours()
     assert Path(library.path).samefile(resources.effect_library())
     assert library.import_method == "APPEND"

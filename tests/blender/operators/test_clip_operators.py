@@ -16,7 +16,7 @@ from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.reading.description import activation
 from hfx_blender.reading.live.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
-from hfx_blender.ui.panels import clip_rows
+from hfx_blender.ui.panels import list_rows
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_an_envelope_is_what_the_effect_is_evaluated_to(effect: Any) -> None:
 def test_times_of_clips_are_in_the_unit_of_the_scene(effect: Any) -> None:
     bpy.context.view_layer.objects.active = effect
     clips.add_clip(effect, 12, 60, fade_in=6)
-    clip_rows.refresh()
+    list_rows.refresh()
     (row,) = bpy.context.window_manager.hfx_clips
     assert (row.start, row.end, row.fade_in) == (12.0, 60.0, 6.0)
     scene = bpy.context.scene
@@ -135,7 +135,7 @@ def test_seconds_count_from_the_first_frame_as_in_the_track(effect: Any, tmp_pat
     scene.frame_start, scene.frame_end = 25, 120  # 24 frames a second
     bpy.context.view_layer.objects.active = effect
     clips.add_clip(effect, 61, 85)
-    clip_rows.refresh()
+    list_rows.refresh()
     (row,) = bpy.context.window_manager.hfx_clips
     scene.hfx.time_unit = "SECONDS"
     assert (row.start, row.end) == (1.5, 2.5)

@@ -10,11 +10,11 @@ import numpy as np
 
 from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects, response_recipes, swarms
-from hfx_blender.ui.panels import effect_list
+from hfx_blender.ui.panels import list_rows
 
 
 def rows() -> list[tuple[str, str]]:
-    effect_list.refresh()
+    list_rows.refresh()
     return [(row.effect, row.group) for row in bpy.context.window_manager.hfx_rows]
 
 

@@ -16,8 +16,8 @@ import pytest
 import hfx_blender
 from hfx_blender import cli
 from hfx_blender.processes import start
-from hfx_blender.ui import menus, next_step
-from hfx_blender.ui.panels import clip_rows, effect_panel, effects_panel, paint_panel
+from hfx_blender.ui import menus
+from hfx_blender.ui.panels import effect_panel, effects_panel, list_rows
 
 
 @pytest.fixture
@@ -249,14 +249,14 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     bpy.ops.hfx.add_painted(modality="pressure")
     shown = drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
     assert "body" in shown
-    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    area = drawn(effect_panel.HFX_PT_area.draw, bpy.context)
     assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter"} <= set(area)
-    assert "hfx.area_copy" in drawn(paint_panel.HFX_PT_area_transfer.draw, bpy.context)
+    assert "hfx.area_copy" in drawn(effect_panel.HFX_PT_area_transfer.draw, bpy.context)
     bpy.ops.hfx.paint_begin()
     assert drawn(effect_panel.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
-    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    area = drawn(effect_panel.HFX_PT_area.draw, bpy.context)
     assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
-    assert drawn(next_step.draw_header, bpy.context) == ["hfx.paint_end"]
+    assert drawn(menus.draw_header, bpy.context) == ["hfx.paint_end"]
 
 
 def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
@@ -269,16 +269,16 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     bpy.ops.hfx.add_clip()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert "time_unit" in shown and "repeat" not in shown
-    clip_rows.refresh()
+    list_rows.refresh()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)
 
 
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
-    shown = drawn(effect_panel.HFX_PT_export.draw, bpy.context)
+    shown = drawn(effects_panel.HFX_PT_export.draw, bpy.context)
     assert shown[:3] == ["is_exported", "hfx.live_add", "hfx.export"]
-    assert drawn(effect_panel.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
+    assert drawn(effects_panel.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus.draw_add_menu, bpy.context) == ["HFX_MT_add"]
     assert drawn(menus.draw_export_menu, bpy.context) == ["hfx.export"]

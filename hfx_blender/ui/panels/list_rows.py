@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""List of all effects of a scene; effects of one group (rain, a sensation) are an expandable row.
+"""Rows of the sidebar: list of all effects of a scene, and times of the active effect's clips.
 
-The rows are rebuilt after a check of the scene, if its effects have changed. They are stored in the
-window manager, not in files.
+Effects of one group (rain, a sensation) are an expandable row. NLA strips cannot have custom
+properties, so their times in the scene's unit are properties of rows. All rows are stored in the
+window manager, not in files, and rebuilt after a check of the scene, if effects or the number of
+clips have changed.
 """
 
 from __future__ import annotations
@@ -10,13 +12,21 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    FloatProperty,
+    IntProperty,
+    StringProperty,
+)
 
 from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...blender.events import push_undo_soon
+from ...blender.scene_info import frame_at, frames_per_shown_unit, shown_time
 from ...engine.modality import MODALITIES
 from ...errors import InputError
+from ...operators.effects.clip_operators import TIMES, label_of
 from ...operators.shared import active_effect, select_only, to_object_mode
 from ...playback.preview.preview import preview
 
@@ -45,15 +55,24 @@ def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
 
 
 def refresh() -> None:
-    """Rebuild the rows if the scene's effects have changed; never call this while Blender draws."""
-    rows, new_rows = bpy.context.window_manager.hfx_rows, rows_of(bpy.context.scene)
-    if [(row.effect, row.group) for row in rows] == new_rows:
-        return
-    rows.clear()
-    for effect, group in new_rows:
-        row = rows.add()
-        row.name, row.effect, row.group = effect or group, effect, group
-    preview.redraw()
+    """Rebuild rows if the scene's effects, or the number of the active effect's clips, have
+    changed; never call this while Blender draws.
+    """
+    manager = bpy.context.window_manager
+    new_rows = rows_of(bpy.context.scene)
+    if [(row.effect, row.group) for row in manager.hfx_rows] != new_rows:
+        manager.hfx_rows.clear()
+        for effect_name, group in new_rows:
+            row = manager.hfx_rows.add()
+            row.name, row.effect, row.group = effect_name or group, effect_name, group
+        preview.redraw()
+    effect = active_effect(bpy.context)
+    count = 0 if effect is None else len(clips.strips_of(effect))
+    if len(manager.hfx_clips) != count:
+        manager.hfx_clips.clear()
+        for _ in range(count):
+            manager.hfx_clips.add()
+        preview.redraw()
 
 
 def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
@@ -65,11 +84,6 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     if row.effect:  # effects of a swarm
         return [effect for effect in listed if effect.name == row.effect]
     return [effect for effect in listed if effects.group_of(effect) == row.group]
-
-
-def _has_clip_outside(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
-    strips = (strip for _, strip in clips.strips_of(effect))
-    return any(clips.outside_scene(scene, strip) is not None for strip in strips)
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
@@ -138,9 +152,10 @@ class HFX_UL_effects(bpy.types.UIList):
             return
         line = layout.row(align=True)
         title = line.row(align=True)
-        title.alert = any(effects.needs_body(context.scene, effect) for effect in row_effects) or (
-            bool(row.effect) and _has_clip_outside(context.scene, row_effects[0])
-        )
+        strips = clips.strips_of(row_effects[0]) if row.effect else []
+        title.alert = any(
+            effects.needs_body(context.scene, effect) for effect in row_effects
+        ) or any(clips.outside_scene(context.scene, strip) is not None for _, strip in strips)
         if row.effect:
             if row.group:
                 title.label(text="", icon="BLANK1")
@@ -198,7 +213,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
         push_undo_soon()
 
 
-def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+def draw_effects(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     """Draw the list with a height for the shown rows, three to ten."""
     manager = context.window_manager
     shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
@@ -208,15 +223,92 @@ def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     )
 
 
+def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
+    effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
+    index = next(k for k, candidate in enumerate(rows) if candidate == row)
+    strips = [] if effect is None else clips.strips_of(effect)
+    return strips[index][1] if index < len(strips) else None
+
+
+def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
+    """Property of a row for attribute ``of_strip`` of its NLA strip, in the scene's time unit; 0
+    without a strip.
+    """
+    is_length = time.startswith("fade")
+
+    def get(row: HfxClipRow) -> float:
+        strip = _strip(row)
+        if strip is None:
+            return 0.0
+        frame = getattr(strip, of_strip)
+        return frame / _frames() if is_length else shown_time(bpy.context.scene, frame)
+
+    def set_time(row: HfxClipRow, value: float) -> None:
+        strip = _strip(row)
+        if strip is not None:
+            frame = value * _frames() if is_length else frame_at(bpy.context.scene, value)
+            setattr(strip, of_strip, frame)
+            preview.schedule_check()
+            push_undo_soon()
+
+    return FloatProperty(
+        name=label_of(time), description=TIMES[time], get=get, set=set_time, **limits
+    )
+
+
+def _frames() -> float:
+    """Frames per unit of the displayed times."""
+    return frames_per_shown_unit(bpy.context.scene)
+
+
+def active_group() -> list[bpy.types.Object]:
+    """Listed effects of the active effect's group; empty without a group."""
+    effect = active_effect(bpy.context)
+    name = "" if effect is None else effects.group_of(effect)
+    listed = swarms.listed_effects(bpy.context.scene) if name else []
+    return [member for member in listed if effects.group_of(member) == name]
+
+
+def _start(_manager: object) -> float:
+    starts = [
+        strip.frame_start for effect in active_group() for _, strip in clips.strips_of(effect)
+    ]
+    return shown_time(bpy.context.scene, min(starts)) if starts else 0.0
+
+
+def _set_start(manager: object, value: float) -> None:
+    clips.shift_times(active_group(), (value - _start(manager)) * _frames())
+    preview.schedule_check()
+    push_undo_soon()
+
+
+class HfxClipRow(bpy.types.PropertyGroup):
+    """Times of a clip in the scene's unit."""
+
+    start: _time("start", "frame_start_ui")
+    end: _time("end", "frame_end_ui")
+    fade_in: _time("fade_in", "blend_in", min=0.0)
+    fade_out: _time("fade_out", "blend_out", min=0.0)
+
+
 def register() -> None:
     bpy.types.WindowManager.hfx_rows = CollectionProperty(type=HfxEffectRow)
     bpy.types.WindowManager.hfx_row = IntProperty(
         name="Effect", description="Select the effect", get=_active_row, set=_select_row
+    )
+    bpy.types.WindowManager.hfx_clips = CollectionProperty(type=HfxClipRow)
+    bpy.types.WindowManager.hfx_group_start = FloatProperty(
+        name="Start of the Group",
+        description="Start of the group's first clip; all its clips and keyframes move along",
+        get=_start,
+        set=_set_start,
     )
     preview.on_scene_checked.append(refresh)
 
 
 def unregister() -> None:
     preview.on_scene_checked.remove(refresh)
+    del bpy.types.WindowManager.hfx_group_start
+    del bpy.types.WindowManager.hfx_clips
     del bpy.types.WindowManager.hfx_row
     del bpy.types.WindowManager.hfx_rows

@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Replaces sensations dropped from the Asset Browser by effects, in one undo step."""
+"""Sensations in the Asset Browser: their library, and replacement of dropped assets by effects.
+
+While HFX is enabled, the user's preferences list the library of built-in sensations. A dropped
+asset and the effects in its place are one undo step.
+"""
 
 from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
 
 import bpy
 from bpy.app.handlers import persistent
@@ -9,8 +16,11 @@ from bpy.app.handlers import persistent
 from ...authoring.effects import effect_assets
 from ...blender.events import add_handlers, call_soon, remove_handlers
 from ...errors import HfxError
+from ...files import resources
 from ...text import printable
 from ..shared import HfxOperator, select_only
+
+LIBRARY_NAME = "HFX Haptics"
 
 
 class HFX_OT_place_dropped(HfxOperator):
@@ -50,9 +60,20 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
             return
 
 
+def _step_further(step: str) -> None:
+    """Undo or redo a further step, as ``step`` says, if the scene has a dropped asset."""
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        operator = getattr(bpy.ops.ed, step)
+        if effect_assets.dropped_objects(bpy.context.scene) and operator.poll():
+            operator()
+
+
+_undo_further, _redo_further = partial(_step_further, "undo"), partial(_step_further, "redo")
+
+
+# Blender pushes an undo step of the drop itself, with the bare asset: both directions skip it.
 @persistent
 def _on_undo(*_: object) -> None:
-    # Replace the undo step of the drop, which has the bare asset.
     if effect_assets.dropped_objects(bpy.context.scene):
         call_soon(_undo_further)
 
@@ -64,6 +85,7 @@ def _on_redo(*_: object) -> None:
 
 
 def _take() -> float | None:
+    """Timer: place the dropped sensations; again in 0.1 s while an asset is being dragged."""
     if bpy.app.timers.is_registered(_undo_further) or bpy.app.timers.is_registered(_redo_further):
         return None
     manager = bpy.context.window_manager
@@ -77,29 +99,27 @@ def _take() -> float | None:
     return None
 
 
-def _undo_further() -> None:
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-        if effect_assets.dropped_objects(bpy.context.scene) and bpy.ops.ed.undo.poll():
-            bpy.ops.ed.undo()
-
-
-def _redo_further() -> None:
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-        if effect_assets.dropped_objects(bpy.context.scene) and bpy.ops.ed.redo.poll():
-            bpy.ops.ed.redo()
-
-
-_HANDLERS = {
-    "depsgraph_update_post": _on_update,
-    "undo_post": _on_undo,
-    "redo_post": _on_redo,
-}
+_HANDLERS = {"depsgraph_update_post": _on_update, "undo_post": _on_undo, "redo_post": _on_redo}
 
 
 def register() -> None:
+    with suppress(HfxError):  # an installation without the library
+        folder = resources.effect_library()
+        if (folder / effect_assets.LIBRARY_FILE).is_file():
+            _remove_library()  # left by another version, or after a crash
+            libraries = bpy.context.preferences.filepaths.asset_libraries
+            library = libraries.new(name=LIBRARY_NAME, directory=str(folder))
+            library.import_method = "APPEND"
     if not bpy.app.background:  # where timers never fire
         add_handlers(_HANDLERS)
 
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
+    _remove_library()
+
+
+def _remove_library() -> None:
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    for library in [library for library in libraries if library.name == LIBRARY_NAME]:
+        libraries.remove(library)
