@@ -6,27 +6,24 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ...engine.arrays import F64
 from ...engine.rendering.device_config import DeviceConfig
+from ..workers.script_process import ScriptProcess, ScriptRefusedError
 from .clock import SYSTEM, Clock
-from .delay_queue import DelayQueue
 from .guard import Guard
-from .output import Output, OutputLostError, SoundingOutput
-from .pacing import Pace, Ramp, tick_s
+from .output import PATIENCE_S, Output, OutputLostError, SoundingOutput
+from .pacing import DelayQueue, Pace, Ramp, tick_s
 from .time_on import BudgetUse
 from .tones import Sounding
 
 STOPS: Final = 3
 """Number of times that stop bytes are sent: a lost or garbled copy must not matter."""
-
-PATIENCE_S: Final = 0.1
-"""Time limit of an output for handing over values, seconds; a slower output counts as stuck."""
 
 PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
@@ -56,37 +53,18 @@ class Question(NamedTuple):
     number: int  # rising
 
 
-class Script(Protocol):
-    """Interface of a device's script, implemented by :class:`.script_process.ScriptProcess`."""
-
-    def start(self) -> None: ...
-
-    def ask(self, haptics: bytes, answer: Callable[[F64], None]) -> None: ...
-
-    def is_overdue(self, now_s: float) -> bool: ...
-
-    def close(self) -> None: ...
-
-
 class DeviceThread:
     """Sends a device's newest values to an output in a thread.
 
     A second thread sends only stop bytes, so that a stop never waits for a stalled send.
 
-    Parameters
-    ----------
-    number : int
-        The device's number in messages.
-    open_output : callable
-        Opens the output; called in this thread, as opening may take seconds.
-    report : callable
-        ``report(event, device, text="", ...)``; must not block.
-    offset_s : float
-        Delay of all values, seconds, for synchrony with sound and picture.
-    budgets : callable, optional
-        Takes the label of the device that a server chose ("" without a server) and returns a
-        context manager with the device's duty budgets. Called in this thread, after the output
-        is open. None: budgets that last as long as this thread.
+    ``number``: the device's number in messages.
+    ``open_output``: opens the output; called in this thread, as opening may take seconds.
+    ``report``: called as ``report(event, device, text="", ...)``; must not block.
+    ``offset_s``: delay of all values, seconds, for synchrony with sound and picture.
+    ``budgets``: takes the label of the device that a server chose ("" without a server) and
+    returns a context manager with the device's duty budgets. Called in this thread, after the
+    output is open. None: budgets that last as long as this thread.
     """
 
     def __init__(
@@ -102,7 +80,7 @@ class DeviceThread:
     ) -> None:
         self.number = number
         self.device = device
-        self.script: Script | None = None
+        self.script: ScriptProcess | None = None
         self._offset_s = offset_s
         self._clock = clock
         self._open_output = open_output
@@ -159,13 +137,10 @@ class DeviceThread:
     def feed(self, values: F64, question: Question | None = None) -> None:
         """Queue the newest frame; ignored unless the device is armed.
 
-        Parameters
-        ----------
-        values : (columns,) or with tones behind, as :func:`.tones.frame_of` makes it
-            A wrong number of entries is a fault and stops the device.
-        question : Question, optional
-            Request that is answered. The frame is discarded if a pause or stop came after the
-            request, or if a newer request has been answered. None: a request of this moment.
+        ``values``: (columns,), or a row of :func:`.tones.frame_of`. A wrong number of entries is a
+        fault and stops the device.
+        ``question``: request that is answered. The frame is discarded if a pause or stop came after
+        the request, or if a newer request has been answered. None: a request of this moment.
         """
         now = self._clock.now()
         with self._wake:
@@ -352,9 +327,12 @@ class DeviceThread:
         try:
             output = self._open_output()
             if self._budgets is not None and self._guard.has_time_limit:
-                with closing_unless_done(output):
+                try:
                     label = str(getattr(output, "chosen_device", ""))
                     self._guard.share(claims.enter_context(self._budgets(label)))
+                except BaseException:
+                    output.close()
+                    raise
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
             return
@@ -487,19 +465,15 @@ class DeviceThread:
         values sent. Returns False, with nothing sent, if the device is not armed, has no output,
         was paused or stopped after ``generation``, or if ``now`` is more than 0.26 s ago.
 
-        Parameters
-        ----------
-        step_s : float
-            Time since the last turn, seconds, for the guard: slew rates and rests.
-        newest : (columns,) or (columns + tones,), optional
-            Frame that the ramp starts to approach, control values followed by values of tones for
-            actuators driven as sound; None continues the present ramp.
-        generation : int
-            ``self.generation`` at the start of the turn.
+        ``step_s``: time since the last turn, seconds, for the guard: slew rates and rests.
+        ``newest``: frame that the ramp starts to approach, control values followed by values of
+        tones for actuators driven as sound; None continues the present ramp.
+        ``generation``: ``self.generation`` at the start of the turn.
         """
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         ramped = self._ramp.at(now)
+        # The guard limits plain values, so an actuator with tones counts with their total.
         ramped = self._sounding.totals(self._ramp.share, ramped)
         paced = self._with_pulse(self._pace.paced(ramped, now), now)
         with self._port:
@@ -568,17 +542,3 @@ class DeviceThread:
         if levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)
-
-
-@contextmanager
-def closing_unless_done(output: Output) -> Iterator[None]:
-    """Context manager: close an output after an exception in the block, and raise again."""
-    try:
-        yield
-    except BaseException:
-        output.close()
-        raise
-
-
-class ScriptRefusedError(Exception):
-    """Raised for a device's script that may not run: not approved, or faulty too often."""

@@ -233,11 +233,32 @@ class DutyBudgetStore:
                 self._save(identity, entry)
 
     def _save(self, identity: str, entry: _StoredBudget) -> None:
+        """Write a changed budget to its file; a failure keeps it as changed for the next call."""
         state = _state(entry.budget)
         if state == entry.written:
             return
+        names, load, is_cooling, is_idle, idle_since_s, unknown_s = state
+        now_s = self._clock.now()
+        # The monotonic clock starts at 0 with the computer: rests are stored as durations, and
+        # both clocks of the writing limit the rest that the next process counts.
+        content = {
+            "device": identity,
+            "slots": names,
+            "filled": load,
+            "is_resting": is_cooling,
+            "is_open": not all(is_idle),
+            "idle_s": [
+                max(now_s - since_s, 0.0) if idle and math.isfinite(since_s) else 0.0
+                for idle, since_s in zip(is_idle, idle_since_s, strict=True)
+            ],
+            "unknown_s": unknown_s,
+            "wall_s": time.time(),
+            "monotonic_s": now_s,
+        }
         try:
-            _write(entry.path, identity, state, self._clock.now())
+            entry.path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_file(entry.path) as file:
+                file.write(json.dumps(content).encode())
         except (HfxError, OSError) as error:
             if not self._has_warned:
                 self._has_warned = True
@@ -292,27 +313,6 @@ def _state(budget: DutyBudget) -> tuple[Any, ...]:
             tuple(budget.idle_since_s.tolist()),
             tuple(budget.unknown_s.tolist()),
         )
-
-
-def _write(path: Path, identity: str, state: tuple[Any, ...], now_s: float) -> None:
-    names, load, is_cooling, is_idle, idle_since_s, unknown_s = state
-    content = {
-        "device": identity,
-        "slots": names,
-        "filled": load,
-        "is_resting": is_cooling,
-        "is_open": not all(is_idle),
-        "idle_s": [
-            max(now_s - since_s, 0.0) if idle and math.isfinite(since_s) else 0.0
-            for idle, since_s in zip(is_idle, idle_since_s, strict=True)
-        ],
-        "unknown_s": unknown_s,
-        "wall_s": time.time(),
-        "monotonic_s": now_s,
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as file:
-        file.write(json.dumps(content).encode())
 
 
 def _read(path: Path, now_s: float) -> DutyBudget:

@@ -83,6 +83,7 @@ class Channels:
         """
         if columns.shape != (self._width,):
             raise ValueError(f"values: expected ({self._width},), got {columns.shape}")
+        # A NaN or a value beyond the limits must never reach the cast to whole numbers.
         row = limited(
             columns[self._columns, None],
             self._lowest[:, None],
@@ -159,6 +160,7 @@ class FrameEncoder:
         if isinstance(how, TextEncoder):
             line = how.start + how.separator.join(str(int(number)) for number in numbers)
             return line.encode("ascii") + b"\n"
+        # Numbers are at most ``full_scale``, which fits the configured type.
         body = numbers.astype(_NUMPY_TYPES[how.number]).tobytes()
         # The checksum covers the numbers, without header and footer.
         check = {

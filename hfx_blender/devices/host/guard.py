@@ -71,33 +71,26 @@ class Guard:
             Time since the last call, seconds. 0, negative or NaN: no strength rises, and no time
             counts as rest.
         """
-        values = _as_numbers(wanted, len(self.neutral))
+        # A wrong number of entries becomes NaN, which silences all actuators below.
+        values = as_row(wanted)
+        if values.shape != self.neutral.shape:
+            values = np.full(len(self.neutral), np.nan)
         step_s = step_s if step_s > 0.0 and np.isfinite(step_s) else 0.0
+        # Finite numbers and range: one row for each actuator, its strength in column 0.
         safe = self._limits.by_actuator(values)
         silent = self._silent[:, 0]
+        # Slew rate, which limits the distance from silence, never a fall towards silence. Without
+        # the test of the time, an infinite slew rate times 0 would be NaN.
         rise_s = min(step_s, LONGEST_RISE_S)
-        # Without the test, an infinite slew rate times 0 would be NaN.
         rise = self._slew_per_s * rise_s if rise_s else np.zeros(len(silent))
-        safe[:, 0] = _slewed(self._given, safe[:, 0], silent, rise)
+        before, after = self._given - silent, safe[:, 0] - silent
+        # A change of sign passes through silence, and the whole rise is counted from there.
+        most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise
+        is_slow = np.abs(after) <= most
+        limited = silent + np.sign(after) * np.where(is_slow, 0.0, most)
+        safe[:, 0] = np.where(is_slow, safe[:, 0], limited)
+        # Time on comes last: only strengths that are really sent are charged.
         is_blocked = self._time_on.blocked(safe[:, 0] != silent, step_s)
         safe[is_blocked] = self._silent[is_blocked]
         self._given = safe[:, 0].copy()
         return self._limits.joined(safe)
-
-
-def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Convert any input to float64 (count,); all NaN unless it is a row of ``count`` numbers."""
-    values = as_row(wanted)
-    return values if values.shape == (count,) else np.full(count, np.nan)
-
-
-def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
-    """Limit strengths ``wanted`` (A,) to at most ``rise`` (A,) farther from ``silent`` than
-    ``given``; towards silence without limit. After a change of sign the whole rise counts from
-    silence.
-    """
-    before, after = given - silent, wanted - silent
-    # A change of sign passes through silence, and the whole rise is counted from there.
-    most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise
-    is_slow = np.abs(after) <= most
-    return np.where(is_slow, wanted, silent + np.sign(after) * np.where(is_slow, 0.0, most))

@@ -20,14 +20,11 @@ import sys
 import threading
 import time
 from collections import deque
-from contextlib import AbstractContextManager
 from functools import partial
 from math import isnan
 from pathlib import Path
-from types import FrameType
 from typing import Any, BinaryIO, Final
 
-from ...engine.rendering.device_config import DeviceConfig
 from ...errors import InputError
 from ...files import resources
 from ...processes.messages import (
@@ -44,13 +41,12 @@ from ..workers.message_bodies import decode_values
 from ..workers.render_process import Questions, RenderProcess
 from ..workers.script_process import ScriptProcess
 from .clock import SYSTEM, Clock
-from .delay_queue import MAX_OFFSET_S
 from .device_thread import FREEZE_S, DeviceThread
 from .duty_budget_store import DutyBudgetStore, identities
 from .opening import open_output
 from .output import Output
+from .pacing import MAX_OFFSET_S
 from .process_watch import await_end
-from .time_on import BudgetUse
 
 HEARTBEAT_S: Final = 0.25
 """Longest time between two messages, seconds; after a longer one Blender counts as frozen."""
@@ -146,7 +142,8 @@ class Host:
         with self._wake:
             self.end_reason = end
             self._wake.notify()
-        # In this thread: the main thread may wake up late.
+        # In this thread: the main thread may wake up late. A copy of the threads, as a CONNECT may
+        # add a thread.
         for thread in list(self.device_threads.values()):
             thread.stop(end)
 
@@ -174,16 +171,19 @@ class Host:
             self._connect(message.device, decode_json(message.body))
             return
         if kind is MessageKind.MOMENT:
+            # Numbered now: an answer is void if a stop or pause arrives before the answer.
             playing = [(n, thread) for n, thread in self.device_threads.items() if thread.is_armed]
             questions = {number: thread.question(read_s) for number, thread in playing}
             self.rendering.show(message.body, questions)
             return
         if message.device == EVERY_DEVICE:
+            # An unsent moment would start the devices again after the silence.
             if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
                 self.rendering.forget()
             threads = list(self.device_threads.values())
         else:
             threads = [x for x in (self.device_threads.get(message.device),) if x is not None]
+        # The threads come first: devices are silent before the render worker gets a new scene.
         for thread in threads:
             self._pass_on(thread, message, read_s)
         if kind is MessageKind.STOP:
@@ -264,12 +264,13 @@ class Host:
         except (InputError, OSError) as error:
             self._report("lost", number, text=str(error))
             return
-        output = request.get("output")
+        output, script = request.get("output"), request.get("script")
+        target = output if isinstance(output, dict) else {}
 
         def opened() -> Output:
             if before is not None:
                 before.wait_closed()  # both may use the same port
-            return open_output(device, output if isinstance(output, dict) else {})
+            return open_output(device, target)
 
         thread = DeviceThread(
             number,
@@ -278,27 +279,18 @@ class Host:
             self._report,
             offset_s=_offset_s(request),
             clock=self._clock,
-            budgets=partial(self._budgets_of, device, output if isinstance(output, dict) else {}),
+            # Not before the output is open: a server chooses the device, which has the budget.
+            budgets=lambda label: self._budgets.claimed(identities(device, target, label)),
         )
-        self._add_script(thread, request)
+        if isinstance(script, dict):
+            thread.script = ScriptProcess(
+                {**script, "device": request.get("configuration"), "folder": folder},
+                thread.fault,
+                lambda text: self._report("log", number, text=text),
+                self._clock,
+            )
         self.device_threads[number] = thread
         thread.start()
-
-    def _budgets_of(
-        self, device: DeviceConfig, target: dict[str, Any], label: str
-    ) -> AbstractContextManager[list[BudgetUse]]:
-        return self._budgets.claimed(identities(device, target, label))
-
-    def _add_script(self, thread: DeviceThread, request: dict[str, Any]) -> None:
-        script = request.get("script")
-        if not isinstance(script, dict):
-            return
-        thread.script = ScriptProcess(
-            {**script, "device": request.get("configuration"), "folder": request.get("folder")},
-            thread.fault,
-            lambda text: self._report("log", thread.number, text=text),
-            self._clock,
-        )
 
     def watch(self) -> None:
         """Call :meth:`check_deadlines` about every 20 ms, until a signal or :attr:`end_reason`."""
@@ -366,12 +358,7 @@ def _offset_s(request: dict[str, Any]) -> float:
 
 
 _signals: list[int] = []
-"""Received signals to end this process. Their handler only appends: an exception could leave a
-lock held."""
-
-
-def _note_signal(number: int, _frame: FrameType | None) -> None:
-    _signals.append(number)
+"""Received signals to end this process."""
 
 
 def main() -> None:
@@ -379,7 +366,8 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _note_signal)
+            # The handler only appends: an exception could leave a lock held.
+            signal.signal(getattr(signal, name), lambda number, _frame: _signals.append(number))
     # Events get a copy of standard output; prints of libraries go to standard error, not between
     # the events.
     events = os.fdopen(os.dup(1), "wb")

@@ -51,7 +51,14 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
             raise OutputLostError("A CSV log needs the path of a new file.")
         return CsvLog(device, Path(path))
     if kind == "audio":
-        return _audio(device, target)
+        from ..transports.sound_card import SoundCard
+
+        interface, first = target.get("interface", ""), target.get("first_channel", 1)
+        if not isinstance(interface, str):
+            raise OutputLostError("The name of a sound card must be text.")
+        if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
+            raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
+        return SoundCard(device, interface, first)
     if kind not in KINDS:
         raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):
@@ -69,18 +76,10 @@ def kind_of(device: DeviceConfig) -> str | None:
     return "udp" if isinstance(device.output.encoder, OscEncoder) else "websocket"
 
 
-def _audio(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    from ..transports.sound_card import SoundCard
-
-    interface, first = target.get("interface", ""), target.get("first_channel", 1)
-    if not isinstance(interface, str):
-        raise OutputLostError("The name of a sound card must be text.")
-    if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
-        raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
-    return SoundCard(device, interface, first)
-
-
 def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    """Open the serial port ``port`` of a target for a device with a serial transport, and choose
+    the output by its encoder. OutputLostError as of :class:`SerialPort` or the board.
+    """
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert isinstance(transport, SerialTransport)
@@ -94,9 +93,13 @@ def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 
 def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    """Connect to host and port of a target, by default those of the device's transport.
+    OutputLostError: the host is not local, the port is not 1 to 65535, or no connection.
+    """
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert not isinstance(transport, SerialTransport)
+    # A target may come from a .blend file, which must not reach hosts on the internet.
     host = target.get("host", transport.host)
     port = target.get("port", transport.port)
     if not isinstance(host, str) or not is_local(host):

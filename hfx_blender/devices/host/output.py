@@ -9,6 +9,10 @@ from ...engine.arrays import F64
 from ...text import printable
 from .tones import Tones
 
+PATIENCE_S: Final = 0.1
+"""Time limit of an output for handing over values, seconds; a slower output counts as stuck. Also
+the time limit of a device's script for an answer."""
+
 _SHOWN: Final = 60
 
 

@@ -35,22 +35,13 @@ class DutyBudget:
     A slot is a physical actuator; several configurations may number the same slot differently.
     Sequences have an entry for each slot. :attr:`lock` has to be held for all access.
 
-    Parameters
-    ----------
-    load : sequence of float
-        0 rested, 1 exhausted.
-    is_cooling : sequence of bool
-        True: the slot has to stay silent until load 0.
-    names : sequence of str
-        Names of the slots.
-    idle_s : sequence of float
-        Rest before ``idle_since_s`` that has not been counted, seconds.
-    unknown_s : sequence of float
-        Time before ``idle_since_s`` in which the slot may have been on, seconds.
-    others : float
-        Load of slots that are not in ``names``; such slots have to cool at 1.
-    idle_since_s : float
-        Time of the last silence, by the clock of the output process; inf: not known.
+    ``load``: 0 rested, 1 exhausted.
+    ``is_cooling``: True for a slot that has to stay silent until load 0.
+    ``names``: names of the slots.
+    ``idle_s``: rest before ``idle_since_s`` that has not been counted, seconds.
+    ``unknown_s``: time before ``idle_since_s`` in which the slot may have been on, seconds.
+    ``others``: load of slots that are not in ``names``; such slots have to cool at 1.
+    ``idle_since_s``: time of the last silence by the output process's clock; inf: not known.
     """
 
     def __init__(
@@ -71,7 +62,7 @@ class DutyBudget:
         self.unknown_s: F64 = np.array(unknown_s, np.float64)
         self.slots = {name: slot for slot, name in enumerate(names)}
         self._others, self._others_since_s = others, idle_since_s
-        self.on_begin: Callable[[], None] = _no_callback
+        self.on_begin: Callable[[], None] = lambda: None
         self.players: dict[TimeOn, Slots] = {}
 
     def slots_of(self, names: Sequence[str]) -> I64:
@@ -120,13 +111,9 @@ class BudgetUse(NamedTuple):
 class TimeOn:
     """Use of a device's duty budgets by a connection, called a *player* of the budgets.
 
-    Parameters
-    ----------
-    kinds : sequence of ActuatorType
-        Types of the A actuators.
-    uses : sequence of BudgetUse
-        Budgets that are all charged, and each of which can block an actuator. Empty: a new budget
-        of this object.
+    ``kinds``: types of the A actuators.
+    ``uses``: budgets that are all charged, and each of which can block an actuator. Empty: a new
+    budget of this object.
     """
 
     def __init__(self, kinds: Sequence[ActuatorType], uses: Sequence[BudgetUse] = ()) -> None:
@@ -138,7 +125,9 @@ class TimeOn:
         with np.errstate(divide="ignore"):
             self._empties_per_s = 1.0 / rest_s
         self._budgets: list[tuple[DutyBudget, I64]] = []  # slot numbers of the A actuators
-        for budget, names in uses or (private_use(self._count),):
+        # Without given uses, a new budget with a slot for each actuator.
+        own = BudgetUse(DutyBudget(), [str(number) for number in range(self._count)])
+        for budget, names in uses or (own,):
             with budget.lock:
                 self._budgets.append((budget, budget.slots_of(names)))
         self._lock = threading.Lock()  # the stop thread calls end()
@@ -197,37 +186,35 @@ class TimeOn:
         ``is_requested`` (A,) bool: actuators to be on from now to the next call.
         ``step_s``: time since the last call, seconds; 0: not known.
         """
-        if not self.is_limited:
-            return np.zeros(self._count, np.bool_)
-        with self._lock:
-            return self._blocked(is_requested, step_s)
-
-    def _blocked(self, is_requested: Bool, step_s: float) -> Bool:
-        length_s = step_s if step_s > 0.0 else UNSURE_S
         is_blocked = np.zeros(self._count, np.bool_)
-        for budget, slots in self._budgets:
-            with budget.lock:
-                # The last step is charged in advance; a longer step than expected costs the rest.
-                self._fill(budget, slots, self._is_on, np.maximum(length_s - self._paid_s, 0.0))
-                # Blocked already if the load would exceed 1 within the coming step.
-                would_be = budget.load[slots] + length_s * self._fills_per_s
-                is_exhausted = is_requested & (would_be > 1.0 + _ROUNDING)
-                budget.is_cooling[slots[is_exhausted]] = True
-                is_blocked |= budget.is_cooling[slots]
-        is_on = is_requested & ~is_blocked
-        for budget, slots in self._budgets:
-            with budget.lock:
-                self._fill(budget, slots, is_on, length_s)
-                budget.players.setdefault(self, Slots(slots, slots[is_on]))
-                is_busy = budget.is_on_for_others(self)
-                is_busy[slots[self._is_on | is_on]] = True
-                # Only the first of several players of a slot counts rest: no time counts twice.
-                is_busy |= budget.is_used_before(self)
-                rests = ~is_busy[slots]
-                self._empty(budget, slots[rests], np.full(self._count, step_s), rests)
-                budget.players[self] = Slots(slots, slots[is_on])
-        self._is_on = is_on
-        self._paid_s = np.where(is_on, length_s, 0.0)
+        if not self.is_limited:
+            return is_blocked
+        length_s = step_s if step_s > 0.0 else UNSURE_S
+        with self._lock:
+            # Two passes: an actuator blocked by one budget is off, and charges no other budget.
+            for budget, slots in self._budgets:
+                with budget.lock:
+                    # The last step is charged in advance; a longer step costs the difference.
+                    self._fill(budget, slots, self._is_on, np.maximum(length_s - self._paid_s, 0.0))
+                    # Blocked already if the load would exceed 1 within the coming step.
+                    would_be = budget.load[slots] + length_s * self._fills_per_s
+                    is_exhausted = is_requested & (would_be > 1.0 + _ROUNDING)
+                    budget.is_cooling[slots[is_exhausted]] = True
+                    is_blocked |= budget.is_cooling[slots]
+            is_on = is_requested & ~is_blocked
+            for budget, slots in self._budgets:
+                with budget.lock:
+                    self._fill(budget, slots, is_on, length_s)
+                    budget.players.setdefault(self, Slots(slots, slots[is_on]))
+                    is_busy = budget.is_on_for_others(self)
+                    is_busy[slots[self._is_on | is_on]] = True
+                    # Only the first of several players of a slot counts rest: no time counts twice.
+                    is_busy |= budget.is_used_before(self)
+                    rests = ~is_busy[slots]
+                    self._empty(budget, slots[rests], np.full(self._count, step_s), rests)
+                    budget.players[self] = Slots(slots, slots[is_on])
+            self._is_on = is_on
+            self._paid_s = np.where(is_on, length_s, 0.0)
         return is_blocked
 
     def _fill(self, budget: DutyBudget, slots: I64, is_on: Bool, length_s: float | F64) -> None:
@@ -251,12 +238,3 @@ class TimeOn:
         load = budget.load[slots] - np.minimum(less, budget.load[slots])
         budget.load[slots] = np.where(load < _ROUNDING, 0.0, load)
         budget.is_cooling[slots] &= budget.load[slots] > 0.0
-
-
-def private_use(count: int) -> BudgetUse:
-    """New unshared budget, with a slot for each of ``count`` actuators."""
-    return BudgetUse(DutyBudget(), [str(number) for number in range(count)])
-
-
-def _no_callback() -> None:
-    """Do nothing; default of callbacks."""

@@ -157,15 +157,11 @@ class Sounding:
         """Tones to send at a share of the ramp, limited by the guard and to each actuator's range.
 
         Actuators without a tone get the single tone :data:`LONE` of their values, as of a test
-        pulse. The result is also the start of the next ramp.
+        pulse. The tones before the limits are the start of the next ramp.
 
-        Parameters
-        ----------
-        share : float
-            Share of the ramp to the newest frame, 0..1.
-        wanted, passed : (columns,) float64
-            Values before the guard, as returned by :meth:`totals`, and after the guard. Amplitudes
-            are scaled by the ratio.
+        ``share``: share of the ramp to the newest frame, 0..1.
+        ``wanted``, ``passed`` (columns,): values before the guard, as returned by :meth:`totals`,
+        and after the guard; amplitudes are scaled by the ratio.
         """
         self._here = _between(self._from, self._to, share)
         requested, limited_ = wanted[self.columns], passed[self.columns]

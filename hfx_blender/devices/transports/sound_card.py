@@ -2,14 +2,16 @@
 """Output to a multichannel sound card through PortAudio: one channel for each vibration actuator.
 
 Actuators with a waveform play the sum of their tones, the rest a single tone of the values.
-A tone is a sine, or the waveform of the actuator's type. The package ``sounddevice`` contains
-PortAudio for Windows and macOS and uses the system's library on Linux.
+A tone is a sine, or the waveform of the actuator's type, of a phase-continuous oscillator whose
+samples are equal for any size of blocks. The package ``sounddevice`` contains PortAudio for Windows
+and macOS and uses the system's library on Linux.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Final
 
@@ -18,8 +20,16 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...engine.rendering.conditioning.drive import driven
+from ...engine.rendering.conditioning.waveform import (
+    Waveform,
+    cycles_on_the_way,
+    cycles_since_the_beginning,
+    cycles_until_it_repeats,
+    kept_through_silence,
+    kinds_of,
+    waves,
+)
 from ...engine.rendering.device_config import DeviceConfig
-from ..host.oscillators import SumOfTones
 from ..host.output import OutputLostError
 from ..host.tones import LONE, Tones
 from .reservations import Keys, release, reserve
@@ -31,6 +41,126 @@ which goes on if a device thread hangs."""
 MAX_FREQUENCY_HZ: Final = 1000.0
 RATE_HZ: Final = 48_000
 """Sample rate."""
+
+RAMP_S: Final = 0.005
+"""Duration of ramps to new amplitudes and frequencies, seconds; avoids clicks."""
+
+
+class Oscillators:
+    """Oscillators of C channels, all silent at first.
+
+    ``waveforms``: waveform of each channel: sine, square or noise.
+    ``rate_hz``: sample rate.
+    ``begins_at``: number of samples played before, for the phase at a start from silence:
+    oscillators of equal frequency are in phase.
+    """
+
+    def __init__(
+        self, waveforms: Sequence[Waveform], rate_hz: float, *, begins_at: int = 0
+    ) -> None:
+        self._rate_hz = rate_hz
+        self._kinds = kinds_of(waveforms)
+        # Phases are kept modulo the period of the waveform, as large numbers lose precision.
+        self._repeats = cycles_until_it_repeats(self._kinds)
+        channels = len(waveforms)
+        self._steps = max(1, round(RAMP_S * rate_hz))
+        self._played = begins_at  # samples altogether
+        self._cycles = np.zeros(channels)  # phase at the start of the ramp, modulo repeats
+        # Start and target of the ramp: rows of amplitude and frequency.
+        self._from = np.zeros((2, channels))
+        self._to = np.zeros((2, channels))
+        self._done = self._steps  # samples since the start of the ramp
+
+    @property
+    def is_silent(self) -> bool:
+        """Test that all channels are silent and no ramp goes on."""
+        return self._done >= self._steps and not self._to[0].any()
+
+    def aim(self, amplitudes: F64, frequencies_hz: F64) -> None:
+        """Start a ramp to new amplitudes and frequencies.
+
+        ``amplitudes`` (C,): clipped to 0..1 of full scale.
+        ``frequencies_hz`` (C,): clipped to 0..half the sample rate.
+        A channel with a non-finite entry is silent.
+        """
+        target = np.array([amplitudes, frequencies_hz], np.float64)
+        target[:, ~np.isfinite(target).all(axis=0)] = 0.0
+        target[0] = np.clip(target[0], 0.0, 1.0)
+        target[1] = np.clip(target[1], 0.0, 0.5 * self._rate_hz)
+        # A new target within a ramp starts from the present values, without a step.
+        share = min(self._done / self._steps, 1.0)
+        here = self._from * (1.0 - share) + self._to * share
+        # The phase goes on through the change; a start from silence takes that of the time since
+        # 0.
+        cycles = self._cycles_at(np.array([self._done]))[0] % self._repeats
+        is_start = here[0] == 0.0
+        # A silent end of a ramp gets the frequency of the sounding end: no glide in fades.
+        here[1], target[1] = kept_through_silence((here[0], target[0]), (here[1], target[1]))
+        since = cycles_since_the_beginning(target[1], self._played / self._rate_hz, self._repeats)
+        self._cycles = np.where(is_start, since, cycles)
+        self._from, self._to, self._done = here, target, 0
+
+    def block(self, count: int) -> F64:
+        """Next ``count`` samples (count, C), -1..1, in the ramp and then at the last targets."""
+        steps = self._done + np.arange(1, count + 1)
+        self._done += count
+        self._played += count
+        share = np.minimum(steps / self._steps, 1.0)[:, None]
+        amplitudes = self._from[0], self._to[0]
+        hz = self._from[1], self._to[1]
+        return waves(self._kinds, amplitudes, hz, share, self._cycles_at(steps), self._rate_hz)
+
+    def _cycles_at(self, steps: npt.NDArray[np.int64]) -> F64:
+        """Phase (n, C) in cycles at ``steps`` (n,) samples after the start of the ramp: frequencies
+        change linearly on the ramp and stay afterwards.
+        """
+        share = np.minimum(steps / self._steps, 1.0)[:, None]
+        beyond_s = np.maximum(steps - self._steps, 0)[:, None] / self._rate_hz
+        frequencies = self._from[1], self._to[1]
+        on_ramp = cycles_on_the_way(frequencies, share, self._steps / self._rate_hz)
+        return np.asarray(self._cycles + on_ramp + frequencies[1] * beyond_s)
+
+
+class SumOfTones:
+    """Sum of several tones on each of C channels, with a set of oscillators by tone number.
+
+    ``waveforms``: waveform of all tones of each channel.
+    """
+
+    def __init__(self, waveforms: Sequence[Waveform], rate_hz: float) -> None:
+        self._waveforms = tuple(waveforms)
+        self._channels = len(self._waveforms)
+        self._rate_hz = rate_hz
+        self._played = 0
+        self._sounding: dict[int, Oscillators] = {}
+
+    def aim(self, tones: Tones) -> None:
+        """Start 5 ms ramps to new tones, amplitudes (K, C) 0..1 of full scale; sounding tones whose
+        number is missing fade out, new numbers start from silence.
+        """
+        nothing = np.zeros(self._channels)
+        numbers = tones.numbers.tolist()
+        for number, oscillators in self._sounding.items():
+            if number not in numbers:
+                oscillators.aim(nothing, nothing)
+        for number, amplitudes, hz in zip(
+            numbers, tones.amplitudes, tones.frequencies_hz, strict=True
+        ):
+            if number not in self._sounding:
+                self._sounding[number] = Oscillators(
+                    self._waveforms, self._rate_hz, begins_at=self._played
+                )
+            self._sounding[number].aim(amplitudes, hz)
+
+    def block(self, count: int) -> F64:
+        """Next samples (count, C); sums of tones may exceed -1..1."""
+        samples = np.zeros((count, self._channels))
+        for bank in self._sounding.values():
+            samples += bank.block(count)
+        self._played += count
+        # Silent tones are dropped: a next start gets the phase from the count of samples.
+        self._sounding = {n: bank for n, bank in self._sounding.items() if not bank.is_silent}
+        return samples
 
 
 class SoundCard:
@@ -46,7 +176,9 @@ class SoundCard:
     """
 
     def __init__(self, device: DeviceConfig, interface: str = "", first_channel: int = 1) -> None:
-        self._amplitude_columns, self._frequency_columns = _columns(device)
+        vibrates = [actuator.type.modality == "vibration" for actuator in device.actuators]
+        self._amplitude_columns = device.strength_columns[vibrates]
+        self._frequency_columns = self._amplitude_columns + 1
         kinds = [a.type for a in device.actuators if a.type.modality == "vibration"]
         self._full_scale = max((kind.strength.highest for kind in kinds), default=0.0)
         if self._full_scale <= 0.0:
@@ -103,6 +235,7 @@ class SoundCard:
         """
         plain = self._of_values(values)
         plain.amplitudes[:, self._sounding] = 0.0
+        # From actuators with a waveform to all channels of the card.
         shape = len(tones.numbers), plain.amplitudes.shape[1]
         amplitudes, hz = np.zeros(shape), np.zeros(shape)
         amplitudes[:, self._sounding] = tones.amplitudes
@@ -186,10 +319,3 @@ def _library() -> Any:
             f"on Debian and Ubuntu libportaudio2, on Fedora and Arch portaudio ({error})."
         ) from None
     return sounddevice
-
-
-def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Columns of the amplitudes and of the frequencies of the vibration actuators, in order."""
-    vibrates = [actuator.type.modality == "vibration" for actuator in device.actuators]
-    columns = device.strength_columns[vibrates]
-    return columns, columns + 1

@@ -1,21 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output to a board with this project's firmware: configuration, values, stop, reports."""
+"""Output to a board with this project's firmware, and the frames of its protocol as bytes.
+
+A frame (docs/wire-protocol.md) is ``version, type, sequence (2), payload, CRC-32 (4)``,
+little-endian, then COBS (Cheshire and Baker, IEEE/ACM Transactions on Networking 1999), then a
+zero byte.
+"""
 
 from __future__ import annotations
 
 import math
 import secrets
+import struct
 import time
 import zlib
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
 from typing import Final
 
 from ...engine.arrays import F64
 from ...engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
-from ..host import wire
 from ..host.encoders import Channels
 from ..host.output import OutputLostError, shown
 from .serial_port import STOPS, SerialPort
+
+VERSION: Final = 1
+
+MAX_FRAME: Final = 96
+"""Longest encoded frame, bytes."""
+
+FULL_SCALE: Final = 0xFFFF
+"""Level of an actuator's maximum."""
+
+_HEAD: Final = struct.Struct("<BBH")
+_CRC: Final = struct.Struct("<I")
+_CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, maximum on ms
+_REST: Final = struct.Struct("<I")  # rest ms; optional, by default the board's own
+_VALUES: Final = struct.Struct("<IH")  # CRC of the configuration, time to live ms
+_READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
+_STOPPED: Final = struct.Struct("<B")
 
 START_S: Final = 5.0
 """Time limit for the first answer, seconds: opening the port restarts an Arduino Uno, and the boot
@@ -28,6 +52,141 @@ _RETRY_S: Final = 0.1
 _MOST_NOISE: Final = 100
 
 
+class FrameKind(IntEnum):
+    """Kind of a frame; the highest bit marks replies of the board."""
+
+    CONFIGURE = 0x01
+    VALUES = 0x02
+    STOP = 0x03
+    READY = 0x81
+    STOPPED = 0x83
+
+
+class Reason(IntEnum):
+    """Reason of a board's silence, in STOPPED."""
+
+    ASKED = 0
+    NO_VALUES = 1
+    REFUSED = 2  # values before a configuration, or for another configuration
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Received frame with a valid CRC."""
+
+    kind: int
+    sequence: int
+    payload: bytes
+
+
+def encode_cobs(content: bytes) -> bytes:
+    """Encode content by COBS, without zero bytes; longer by a byte for each 254 bytes begun."""
+    encoded = bytearray()
+    for piece in content.split(b"\0"):
+        while len(piece) >= 254:  # no zero is implied after a full block
+            encoded.append(255)
+            encoded += piece[:254]
+            piece = piece[254:]
+        encoded.append(len(piece) + 1)
+        encoded += piece
+    return bytes(encoded)
+
+
+def decode_cobs(content: bytes) -> bytes | None:
+    """Decode COBS without the final zero; None if empty, with a zero byte or a cut-off block."""
+    decoded = bytearray()
+    at = 0
+    while at < len(content):
+        length = content[at]
+        if length == 0 or at + length > len(content):
+            return None
+        block = content[at + 1 : at + length]
+        if 0 in block:
+            return None
+        decoded += block
+        at += length
+        # A zero ends all blocks except full blocks and the last block.
+        if length < 255 and at < len(content):
+            decoded.append(0)
+    return bytes(decoded) if content else None
+
+
+def encode_frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
+    """Encode a frame between two zeros; the first zero ends a frame that was cut off before."""
+    content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
+    return b"\0" + encode_cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
+
+
+def encode_configuration(
+    session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0
+) -> bytes:
+    """Payload of CONFIGURE; values refer to the CRC-32 of this payload.
+
+    ``session``: number of 32 bits, different for each configuration sent.
+    ``channels``: 1 to 32.
+    ``maximum_on_ms``, ``rest_ms``: longest time on and following rest; 0: the board's own.
+    """
+    longest = min(maximum_on_ms, 0xFFFFFFFF)
+    payload = _CONFIGURE.pack(session, channels, DEAD_MAN_MS, longest)
+    return payload + _REST.pack(min(rest_ms, 0xFFFFFFFF)) if rest_ms else payload
+
+
+def encode_values(
+    configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS
+) -> bytes:
+    """Payload of VALUES: levels 0..65535 of all channels, valid for ``live_ms`` after arrival."""
+    return _VALUES.pack(configuration_crc, live_ms) + struct.pack(f"<{len(levels)}H", *levels)
+
+
+def decode_ready(payload: bytes) -> tuple[int, int] | None:
+    """Decode READY: CRC of the configuration and number of channels; None for a wrong length."""
+    return _READY.unpack(payload) if len(payload) == _READY.size else None
+
+
+def decode_stopped(payload: bytes) -> int | None:
+    """Decode STOPPED: a :class:`Reason` as a number; None for a wrong length."""
+    return payload[0] if len(payload) == _STOPPED.size else None
+
+
+class Receiver:
+    """Decoder of a stream of bytes; anything but intact frames is dropped."""
+
+    def __init__(self) -> None:
+        self.unfinished = bytearray()
+        self._is_skipping = False
+
+    def take(self, content: bytes) -> list[Frame]:
+        """Append received bytes; return intact frames in order. Text before a zero of more than
+        :data:`MAX_FRAME` bytes, and damaged frames, are dropped.
+        """
+        frames = []
+        for byte in content:
+            if byte == 0:
+                frame = None if self._is_skipping else decode_frame(bytes(self.unfinished))
+                if frame is not None:
+                    frames.append(frame)
+                self.unfinished.clear()
+                self._is_skipping = False
+            elif len(self.unfinished) >= MAX_FRAME:  # noise: skip to the next zero
+                self._is_skipping = True
+            else:
+                self.unfinished.append(byte)
+        return frames
+
+
+def decode_frame(content: bytes) -> Frame | None:
+    """Decode a frame without the zeros; None for another version or a damaged frame."""
+    plain = decode_cobs(content)
+    if plain is None or len(plain) < _HEAD.size + _CRC.size:
+        return None
+    # The CRC-32 covers everything before it.
+    body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])
+    version, kind, sequence = _HEAD.unpack(body[: _HEAD.size])
+    if version != VERSION or zlib.crc32(body) != crc:
+        return None
+    return Frame(kind, sequence, body[_HEAD.size :])
+
+
 class WireBoard:
     """Output to a board with this project's firmware; waits for the answer of the board.
 
@@ -38,24 +197,22 @@ class WireBoard:
 
     def __init__(self, device: DeviceConfig, port: SerialPort) -> None:
         self._name, self._port = port.name, port
-        try:
-            self._open(device)
-        except BaseException:
-            port.close()
-            raise
-
-    def _open(self, device: DeviceConfig) -> None:
-        self._channels = Channels(device, strengths_only=True)
-        self._time_limits_ms = _time_limits_ms(device)
-        self._receiver = wire.Receiver()
+        self._receiver = Receiver()
         self._sequence = 0
         self._is_ready = False
         self._is_stopped = True
-        self._begin(START_S)
-        while not self._is_ready:
-            time.sleep(0.005)
-            self._listen()
-            self._request_again()
+        try:
+            self._channels = Channels(device, strengths_only=True)
+            self._time_limits_ms = _time_limits_ms(device)
+            self._begin(START_S)
+            # A board that restarts drops the first configurations, so it gets one every 0.1 s.
+            while not self._is_ready:
+                time.sleep(0.005)
+                self._listen()
+                self._request_again()
+        except BaseException:
+            port.close()
+            raise
 
     def send(self, values: F64) -> None:
         """Send values (columns,).
@@ -68,15 +225,15 @@ class WireBoard:
         if not self._is_ready:
             self._request_again()
             return
-        levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
-        payload = wire.encode_values(self._crc, levels.tolist())
-        self._port.write_newest(self._frame(wire.FrameKind.VALUES, payload))
+        levels = self._channels.whole(self._channels.values(values), FULL_SCALE)
+        payload = encode_values(self._crc, levels.tolist())
+        self._port.write_newest(self._frame(FrameKind.VALUES, payload))
 
     def stop(self) -> None:
         """Send stops ahead of unsent frames; the board then ignores values until configured."""
         self._is_stopped, self._is_ready = True, False
         with suppress(OutputLostError):
-            frames = [self._frame(wire.FrameKind.STOP) for _ in range(STOPS)]
+            frames = [self._frame(FrameKind.STOP) for _ in range(STOPS)]
             self._port.write_first(b"".join(frames))
 
     def close(self) -> None:
@@ -88,7 +245,7 @@ class WireBoard:
         changes the CRC of the configuration, and the board ignores values with the CRC of an
         earlier session.
         """
-        self._configuration = wire.encode_configuration(
+        self._configuration = encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
         self._crc = zlib.crc32(self._configuration)
@@ -109,41 +266,40 @@ class WireBoard:
             )
         if now >= self._asked_s + _RETRY_S:
             self._asked_s = now
-            self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
+            self._port.write_newest(self._frame(FrameKind.CONFIGURE, self._configuration))
 
     def _listen(self) -> None:
-        """Process received frames: READY, and STOPPED of a ready board, which raises
-        OutputLostError. Other bytes are kept for a message, 100 at most.
+        """Process received frames: READY of the present session, and STOPPED of a ready board.
+        Other bytes are kept for a message, 100 at most. OutputLostError for STOPPED, or if the
+        board has fewer channels than the device.
         """
         content = self._port.read()
         frames = self._receiver.take(content)
         text = content.decode("ascii", "backslashreplace")
         self._noise = "" if frames else (self._noise + text)[:_MOST_NOISE]
         for frame in frames:
-            if frame.kind == wire.FrameKind.READY:
-                self._check_ready(frame.payload)
-            elif frame.kind == wire.FrameKind.STOPPED and self._is_ready:
-                if wire.decode_stopped(frame.payload) == wire.Reason.NO_VALUES:
+            if frame.kind == FrameKind.READY:
+                crc, channels = decode_ready(frame.payload) or (None, 0)
+                # The CRC of the configuration identifies the session: answers to earlier sessions
+                # are ignored.
+                if crc != self._crc:
+                    continue
+                if channels < len(self._channels):
+                    raise OutputLostError(
+                        f"The board at {self._name} has {channels} channels; "
+                        f"the device needs {len(self._channels)}."
+                    )
+                self._is_ready = True
+            elif frame.kind == FrameKind.STOPPED and self._is_ready:
+                if decode_stopped(frame.payload) == Reason.NO_VALUES:
                     reported = f"it received no values for {DEAD_MAN_MS} ms"
                 else:
                     reported = "it was restarted or stopped by another program"
                 raise OutputLostError(f"The board at {self._name} stopped itself: {reported}.")
 
-    def _check_ready(self, payload: bytes) -> None:
-        reported = wire.decode_ready(payload)
-        # The CRC of the configuration identifies the session.
-        if reported is None or reported[0] != self._crc:
-            return  # of an earlier session
-        if reported[1] < len(self._channels):
-            raise OutputLostError(
-                f"The board at {self._name} has {reported[1]} channels; "
-                f"the device needs {len(self._channels)}."
-            )
-        self._is_ready = True
-
-    def _frame(self, kind: wire.FrameKind, payload: bytes = b"") -> bytes:
+    def _frame(self, kind: FrameKind, payload: bytes = b"") -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF
-        return wire.encode_frame(kind, self._sequence, payload)
+        return encode_frame(kind, self._sequence, payload)
 
 
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:

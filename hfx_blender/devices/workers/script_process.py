@@ -18,7 +18,7 @@ from ...engine.arrays import F64
 from ...processes.messages import Message, MessageKind, encode_json, message
 from ...processes.worker import Worker
 from ..host.clock import SYSTEM, Clock
-from ..host.device_thread import PATIENCE_S, ScriptRefusedError
+from ..host.output import PATIENCE_S
 from ..live.approval import Approval
 from .message_bodies import decode_values
 
@@ -38,8 +38,12 @@ WITHDRAWN: Final = "the approval of its script was withdrawn"
 _WATCH_S: Final = 0.05
 
 
+class ScriptRefusedError(Exception):
+    """Raised for a device's script that may not run: not approved, or faulty too often."""
+
+
 class ScriptProcess:
-    """Process of a device's script, as :class:`.device_thread.Script`; thread-safe.
+    """Process of a device's script for a :class:`.device_thread.DeviceThread`; thread-safe.
 
     ``request``: ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
     ``fault``, ``log``: take a sentence; called in threads, as answers are.

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from hfx_blender.devices.host import wire
+from hfx_blender.devices.transports import wire_board as wire
 from hfx_blender.errors import InputError
 
 from ... import processes

@@ -12,10 +12,9 @@ from fake_time import BAND, FakeClock, Played, frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.devices.host import delay_queue
-from hfx_blender.devices.host.delay_queue import MAX_OFFSET_S
+from hfx_blender.devices.host import pacing
 from hfx_blender.devices.host.device_thread import FREEZE_S
-from hfx_blender.devices.host.pacing import Pace
+from hfx_blender.devices.host.pacing import MAX_OFFSET_S, Pace
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 
 RATES = (24, 25.25, 30, 50, 50.4, 60, 72, 90, 120, 144, 240)
@@ -110,7 +109,7 @@ def test_a_flood_of_frames_takes_only_so_much_memory_and_the_newest_is_played() 
     for k in range(30_000):
         played.thread.feed(frame(10.0 if k < 29_000 else 0.0))
         played.clock.now_s += 0.0001
-    assert len(played.thread.waiting) <= (MAX_OFFSET_S + FREEZE_S) / delay_queue.LEAST_APART_S + 2
+    assert len(played.thread.waiting) <= (MAX_OFFSET_S + FREEZE_S) / pacing.LEAST_APART_S + 2
     played.run(1.2)
     assert not played.port.is_loud()
 

@@ -22,7 +22,6 @@ from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host import host as host_module
-from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.device_thread import DeviceThread, Question
 from hfx_blender.devices.host.host import Host
 from hfx_blender.devices.host.output import OutputLostError
@@ -30,6 +29,7 @@ from hfx_blender.devices.live import host_pipe
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.host_pipe import STOP_PATIENCE_S, HostPipe
 from hfx_blender.devices.transports import serial_port
+from hfx_blender.devices.transports import wire_board as wire
 from hfx_blender.devices.transports.wire_board import WireBoard
 from hfx_blender.devices.workers import script_process
 from hfx_blender.devices.workers.live_frame import LiveFrame

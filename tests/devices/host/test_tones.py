@@ -19,10 +19,9 @@ from hypothesis import strategies as st
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.clock import SYSTEM
 from hfx_blender.devices.host.device_thread import DeviceThread
-from hfx_blender.devices.host.oscillators import SumOfTones
 from hfx_blender.devices.host.output import SoundingOutput
 from hfx_blender.devices.host.tones import LONE, MAX_TONES, Sounding, Tones, frame_of, of_partials
-from hfx_blender.devices.transports.sound_card import RATE_HZ, SoundCard
+from hfx_blender.devices.transports.sound_card import RATE_HZ, SoundCard, SumOfTones
 from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.formats.sound import wav

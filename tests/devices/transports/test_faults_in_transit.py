@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from raw_server import RIGHT, RawServer, fault_of
 
-from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import websocket
+from hfx_blender.devices.transports import wire_board as wire
 from hfx_blender.devices.transports.websocket import MAX_WAITING, WebSocket
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.devices.host import wire
-from hfx_blender.devices.host.wire import FrameKind, Reason
+from hfx_blender.devices.transports import wire_board as wire
+from hfx_blender.devices.transports.wire_board import FrameKind, Reason
 from hfx_tools.bench.safety.firmware_core import Board, built, compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -13,10 +13,9 @@ import pytest
 from bench_devices import device, heat, vibration
 
 from hfx_blender.devices.host import opening
-from hfx_blender.devices.host.oscillators import Oscillators
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import sound_card
-from hfx_blender.devices.transports.sound_card import RATE_HZ, SoundCard
+from hfx_blender.devices.transports.sound_card import RATE_HZ, Oscillators, SoundCard
 
 
 class Stream:

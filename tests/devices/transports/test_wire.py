@@ -6,7 +6,7 @@ import zlib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.devices.host import wire
+from hfx_blender.devices.transports import wire_board as wire
 
 
 def test_cobs_of_known_examples():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from bench_devices import device, vibration
 
-from hfx_blender.devices.host import wire
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
 from hfx_blender.devices.transports import wire_board
+from hfx_blender.devices.transports import wire_board as wire
 from hfx_blender.engine.rendering.device_config import (
     DEAD_MAN_MS,
     OutputConfig,

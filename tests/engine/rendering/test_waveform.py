@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.host.oscillators import Oscillators, SumOfTones
 from hfx_blender.devices.host.tones import Tones
+from hfx_blender.devices.transports.sound_card import Oscillators, SumOfTones
 from hfx_blender.engine.rendering.conditioning import waveform
 from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.engine.rendering.conditioning.waveform import WAVEFORMS, Waveform, kinds_of, waves

@@ -24,7 +24,7 @@ class Board:
     """The board's end of a serial port, in a separate thread."""
 
     def __init__(self) -> None:
-        self._wire = hands.module("devices.host.wire")
+        self._wire = hands.module("devices.transports.wire_board")
         self._end, port = os.openpty()
         tty.setraw(port)
         self.name = os.ttyname(port)
