@@ -34,7 +34,10 @@ def write_clips(
     """
     clips = named_clips(whole.header)
     if not clips:
-        raise InputError("There are no clips to write one by one: no effect has a named clip.")
+        raise InputError(
+            "There are no clips to write one by one: no effect has a clip, or effects with clips "
+            "are muted or not solo."
+        )
     written = Written()
     of_clips: list[str] = []
     names = result_files.distinct(clip.name for clip in clips)
@@ -48,6 +51,9 @@ def write_clips(
             written += Written(notes=(note,))
             continue
         with TrackReader(path) as track:
+            if not any(stream.sample_count for stream in track.summary()):
+                note = f"clip '{named.name}' has no samples, so its files are silent"
+                written += Written(notes=(note,))
             if "track" in formats:
                 written += Written((path,))
             played_by = [device for device in devices if device.id not in rendered.silent]

@@ -131,7 +131,8 @@ def effect_facts(
     warnings : sequence of str
         Warnings of the recording; an effect with a warning gets no second warning.
     is_part : bool
-        Only some frames of the scene were recorded, so silence of effects is expected.
+        Some frames of the scene were not recorded, so silence of effects is expected. Reasons that
+        depend on time name the exported frames.
     instances : collection of str
         Ids of instances and particles; silence is expected if another instance is felt.
     times : FeltTimes, optional
@@ -166,6 +167,8 @@ def effect_facts(
                     if effect.id in powerless
                     else _why_missed(effect, times, answering, seen_on, warnings)
                 )
+                if is_part and (effect.id in powerless or reason in _OF_TIME):
+                    reason = f"{reason} in the exported frames"
             is_warned = any(f"'{effect.name}'" in text for text in warnings)
             known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
             if not (known.is_expected or known.is_warned):
@@ -182,6 +185,8 @@ def effect_facts(
 
 _NO_TOUCH = "touches no body"
 _NEVER_ON = "is never on"
+_NO_ANSWER = "touches a body, but its contact response gives nothing"
+_OF_TIME = (_NO_TOUCH, _NEVER_ON, _NO_ANSWER)
 _MISSED = {
     "volume": _NO_TOUCH,
     "painted": "covers no vertex of the body",
@@ -226,7 +231,7 @@ def _why_missed(
     if has_response and times is None:
         return f"{_NO_TOUCH}, or its contact response gives nothing"
     if has_response and times is not None and effect.id in times.touched:
-        return "touches a body, but its contact response gives nothing"
+        return _NO_ANSWER
     reason = _MISSED.get(effect.kind, _NEVER_ON)
     return FLATTENED if reason == _NO_TOUCH and _is_flat(warnings, effect.name) else reason
 

@@ -21,6 +21,7 @@ from ..devices.script_rendering import Rendered, rendering
 from ..engine.areas.felt_times import FeltTimes
 from ..engine.arrays import write_npz
 from ..engine.body.model import load_model
+from ..engine.counters import Unfelt
 from ..engine.evaluate import Engine
 from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import misfits, renderers_of_track
@@ -128,11 +129,17 @@ class SceneExport:
         )
         self._settings = settings.without(misfits(self.reader.description, settings.devices))
         self._warnings = self.reader.description.warnings
+        # By name, in the order of the effects; effects known as unfelt have their own reason.
+        self._without_clip: dict[str, Unfelt] = {}
         if settings.per_clip:
-            effects = self.reader.description.effects
-            without_clip = [effect.name for effect in effects if not effect.clips]
+            why = Unfelt("has no clip, and only clips are exported", is_warned=True)
+            self._without_clip = {
+                effect.name: why
+                for effect in self.reader.description.effects
+                if not (effect.clips or effect.name in self.reader.unfelt)
+            }
             text = "effects without a clip are left out with --per-clip"
-            self._warnings = (*self._warnings, *counted(without_clip, text))
+            self._warnings = (*self._warnings, *counted([*self._without_clip], text))
         if settings.strict:
             _refuse((*self._warnings, *self._settings.missing.values()))
 
@@ -271,7 +278,7 @@ class SceneExport:
         with TrackReader(track) as whole:
             effects, missed = effect_facts(
                 whole,
-                self.reader.unfelt,
+                self._without_clip | self.reader.unfelt,
                 recorded.warnings,
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
@@ -283,7 +290,9 @@ class SceneExport:
             felt_lines = tuple(
                 line
                 for line in felt_effects(whole, recorded.times)
-                if line["effect"] not in unfelt or line["mean_vertices"]  # samples without strength
+                # Unfelt effects have lines for samples without strength only.
+                if line["effect"] not in unfelt
+                or (line["mean_vertices"] and line["effect"] not in self._without_clip)
             )
             written, rendered = self._write(whole, recorders, rendered, stem)
             rasters = [raster for _, raster in rendered.played]

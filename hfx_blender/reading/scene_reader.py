@@ -162,9 +162,8 @@ class SceneReader:
 
     @property
     def is_part(self) -> bool:
-        """True unless the read frames are exactly the scene's frame range."""
-        scene, time = self.found.scene, self.time
-        return (time.frame_first, time.frame_last) != (scene.frame_start, scene.frame_end)
+        """True if frames of the scene are not read."""
+        return unfelt.is_partial(self.found.scene, self.time)
 
     @property
     def instance_ids(self) -> frozenset[str]:

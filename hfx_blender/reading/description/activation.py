@@ -19,6 +19,7 @@ import numpy.typing as npt
 from ...authoring import clips
 from ...blender import compat
 from ...blender.stored_values import limited
+from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
 from ...engine.arrays import F64
 from ...engine.scene import Clip
 
@@ -112,9 +113,12 @@ def _playing_strips(
     ]
 
 
-def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
-    """Animation frame intervals in which ``path`` may be above 0. None without a single valid,
-    unmuted F-curve, and with any driver of the path or NLA track."""
+def spans_of_value(
+    effect: bpy.types.Object, path: str, neutral: float | None = None
+) -> tuple[tuple[float, float], ...] | None:
+    """Animation frame intervals in which ``path`` may be above 0, or may deviate from ``neutral``
+    (degrees Celsius) if given. None without a single valid, unmuted F-curve, and with any driver of
+    the path or NLA track."""
     data = effect.animation_data
     if data is None or len(data.nla_tracks):
         return None
@@ -125,26 +129,35 @@ def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, fl
         return None
     if curves[0].group is not None and curves[0].group.mute:
         return None
-    return _spans_of(curves[0])
+    return _spans_of(curves[0], neutral)
 
 
-def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
-    """Frame intervals, ascending, in which a curve may be above 0; at most 0 outside. All frames
+def _spans_of(
+    curve: bpy.types.FCurve, neutral: float | None = None
+) -> tuple[tuple[float, float], ...]:
+    """Frame intervals, ascending, in which a curve may be above 0; at most 0 outside. With
+    ``neutral``, in which the curve may be :data:`NEUTRAL_WITHIN_C` or more off it. All frames
     without keys, and with easing, extrapolation, F-modifiers or NaN."""
+
+    def is_strong(*values: float) -> bool:
+        if neutral is None:
+            return max(values) > 0.0
+        return max(abs(value - neutral) for value in values) >= NEUTRAL_WITHIN_C
+
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"
     values = [v for key in keys for v in (*key.co, *key.handle_left, *key.handle_right)]
     if not keys or not plain or len(curve.modifiers) or not np.isfinite(values).all():
         return ((-np.inf, np.inf),)
-    spans = [(-np.inf, keys[0].co[0])] if keys[0].co[1] > 0.0 else []
+    spans = [(-np.inf, keys[0].co[0])] if is_strong(keys[0].co[1]) else []
     for key, following in pairwise(keys):
         # A Bezier curve stays within the hull of the keys and handles.
         values = [key.co[1], following.co[1]]
         if key.interpolation == "BEZIER":
             values += [key.handle_right[1], following.handle_left[1]]
-        if max(values) > 0.0:
+        if is_strong(*values):
             spans.append((key.co[0], following.co[0]))
-    if keys[-1].co[1] > 0.0:
+    if is_strong(keys[-1].co[1]):
         spans.append((keys[-1].co[0], np.inf))
     return tuple(spans)

@@ -72,8 +72,8 @@ def reasons(
 ) -> tuple[dict[str, Unfelt], tuple[str, ...]]:
     """Reasons by effect name why effects are not felt, and warnings about clips without samples;
     felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
-    then missing strength. If other frames than the scene's are exported, an effect that may be felt
-    at the scene's frames is expected to be silent."""
+    then missing strength. If frames of the scene are not exported, an effect that may be felt at
+    the scene's frames is expected to be silent."""
     frames, whole = dormant.frames_read(scene, time), _of_scene(scene, time)
     unfelt_effects: dict[str, Unfelt] = {}
     lost: list[LostClip] = []
@@ -87,7 +87,7 @@ def reasons(
         elif why is not None and state.source is ActivationSource.OFF:  # muted, not solo, clips off
             unfelt_effects[effect.name] = Unfelt(why, is_expected=True)
         elif why is not None:
-            is_part = time != whole and _may_be_felt_in_scene(scene, effect, state)
+            is_part = is_partial(scene, time) and _may_be_felt_in_scene(scene, effect, state)
             reason = _ELSEWHERE if is_part and why != dormant.OFF else why
             unfelt_effects[effect.name] = Unfelt(reason, is_part)
     return unfelt_effects, warnings_of_clips(lost, whole)
@@ -96,6 +96,11 @@ def reasons(
 def _of_scene(scene: bpy.types.Scene, time: TimeBase) -> TimeBase:
     """Time base of all frames of the scene, at the rates of ``time``."""
     return replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
+
+
+def is_partial(scene: bpy.types.Scene, time: TimeBase) -> bool:
+    """True if any frame of the scene is outside the frames of ``time``."""
+    return time.frame_first > scene.frame_start or time.frame_last < scene.frame_end
 
 
 def _may_be_felt_in_scene(
@@ -108,8 +113,8 @@ def _may_be_felt_in_scene(
     last = scene.frame_end + 0.999  # the last frame lasts a whole frame
     ends = animation_frames(scene, np.array([scene.frame_start, last]))
     spans = [*state.spans]
-    for name in ("intensity", MODALITIES[effect.hfx.modality].strength_parameter.prop):
-        spans += spans_of_value(effect, f"hfx.{name}") or ()
+    spans += spans_of_value(effect, "hfx.intensity") or ()
+    spans += _strength_spans(effect) or ()
     frames = np.clip([*ends, *chain(*spans)], *ends)
     return (dormant.why_dormant(effect, state, frames) or why_powerless(effect, frames)) is None
 
@@ -192,27 +197,39 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
     """Predicate why an effect that is on has certainly no strength at animation ``frames``; None
     otherwise. None also for kinds besides painted, volume and spot, with response filters, with a
-    frame handler of another add-on, and for animation that cannot be bounded. A temperature must be
-    constant and neutral."""
+    frame handler of another add-on, and for animation that cannot be bounded."""
     hfx = effect.hfx
     if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active_filters(hfx):
         return None
     if stepping.foreign_handler() is not None:
         return None  # it may set anything
-    is_contact = hfx.temperature_reference == "CONTACT"
-    reason = powerless_reason(hfx.modality, is_contact)
-    if hfx.modality == "temperature":  # a handler may set any value
-        neutral = neutral_temperature_c(is_contact)
-        is_still = not visibility.is_keyed(effect, "hfx.temperature")
-        deviation = abs(limited(hfx, "temperature") - neutral)
-        return reason if is_still and deviation < NEUTRAL_WITHIN_C else None
+    neutral = _neutral_c(effect)
     name = MODALITIES[hfx.modality].strength_parameter.prop
-    spans = spans_of_value(effect, f"hfx.{name}")
+    spans = _strength_spans(effect)
     if spans is not None:
         is_nothing = not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    elif visibility.is_keyed(effect, f"hfx.{name}"):
+        is_nothing = False
+    elif neutral is not None:
+        is_nothing = abs(limited(hfx, name) - neutral) < NEUTRAL_WITHIN_C
     else:
-        is_nothing = not visibility.is_keyed(effect, f"hfx.{name}") and limited(hfx, name) <= 0.0
-    return reason if is_nothing else None
+        is_nothing = limited(hfx, name) <= 0.0
+    is_contact = hfx.temperature_reference == "CONTACT"
+    return powerless_reason(hfx.modality, is_contact) if is_nothing else None
+
+
+def _neutral_c(effect: bpy.types.Object) -> float | None:
+    """Neutral temperature of an effect, degrees Celsius; None for other modalities."""
+    if effect.hfx.modality != "temperature":
+        return None
+    return neutral_temperature_c(effect.hfx.temperature_reference == "CONTACT")
+
+
+def _strength_spans(effect: bpy.types.Object) -> tuple[tuple[float, float], ...] | None:
+    """Animation frame intervals in which the strength parameter of an effect may have strength, or
+    a temperature may not be neutral; None if no F-curve alone tells."""
+    name = MODALITIES[effect.hfx.modality].strength_parameter.prop
+    return spans_of_value(effect, f"hfx.{name}", _neutral_c(effect))
 
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:

@@ -155,8 +155,67 @@ def test_strength_outside_of_the_exported_frames_is_expected(
     line = _line(report, "Still")
     assert (line["felt"], line["expected"]) == (False, True)
     assert (report["warnings"], report["strict"]) == ([], 0)
-    if modality != "temperature":  # its curves are not read beforehand
-        assert line["reason"] == "can be felt only outside of the exported frames"
+    assert line["reason"] == "can be felt only outside of the exported frames"
+
+
+def _move_in(effect: Any) -> None:
+    for frame, x in ((0, 5.0), (30, 5.0), (31, 0.0)):
+        effect.location.x = x
+        effect.keyframe_insert("location", frame=frame)
+
+
+def _show_later(effect: Any) -> None:
+    _drive(effect, "hide_viewport", "frame<30")
+
+
+@pytest.mark.parametrize(
+    ("modality", "change", "reason"),
+    [
+        ("temperature", ("temperature", "24+max(0,frame-30)"), "has the neutral temperature, 24 °C"),
+        ("vibration", ("amplitude", "max(0,frame-30)"), "has amplitude 0"),
+        ("wind", ("intensity", "max(0,frame-30)"), "is never on"),
+        ("pressure", _move_in, "touches no body"),
+        ("pressure", _show_later, "is never on"),
+    ],
+)
+def test_silence_judged_by_samples_names_the_exported_frames(
+    touch: Any, told: Any, modality: str, change: Any, reason: str
+) -> None:
+    effect = _volume(modality)
+    if callable(change):
+        change(effect)
+    else:
+        _drive(effect, f"hfx.{change[0]}", change[1])
+    report = told("--frames", "0:12")
+    line = _line(report, "Still")
+    assert (line["reason"], line["expected"]) == (f"{reason} in the exported frames", True)
+    assert (report["warnings"], report["strict"]) == ([], 0)
+    assert _line(told(), "Still")["felt"]
+
+
+def test_more_frames_than_the_scene_has_leave_nothing_out(touch: Any, told: Any) -> None:
+    _volume("pressure").location.x = 5.0
+    report = told("--frames", "0:80")
+    assert _line(report, "Still")["reason"] == "touches no body" and report["strict"] == 3
+
+
+def test_effects_without_a_clip_are_not_felt_in_files_of_clips(touch: Any, told: Any) -> None:
+    _clip(touch, 0.2, 1.0)
+    _mute(_volume("pressure"))
+    report = told("--per-clip", "-f", "track")
+    (warning,) = report["warnings"]
+    assert warning.endswith("left out with --per-clip: 1 (Ball)") and report["strict"] == 3
+    line = _line(report, "Ball")
+    assert line["reason"] == "has no clip, and only clips are exported" and not line["expected"]
+    assert _line(report, "Still")["reason"] == "is muted" and _line(report)["felt"]
+    assert [item["effect"] for item in report["felt"]] == ["Touch"]
+
+
+def test_a_file_of_a_muted_clip_is_said_to_be_silent(touch: Any, told: Any) -> None:
+    _clip(touch, 0.2, 0.4, "Muted").mute = True
+    _clip(touch, 0.8, 1.2, "Loud")
+    report = told("--per-clip", "-f", "track")
+    assert report["notes"] == ["clip 'Muted' has no samples, so its files are silent"]
 
 
 @pytest.mark.parametrize(
@@ -166,12 +225,13 @@ def test_strength_outside_of_the_exported_frames_is_expected(
         ("amplitude", ((0, 0.0), (LAST + 1, 0.0), (LAST + 2, 5.0))),  # after the last frame
         ("intensity", ((0, 0.0), (30, 0.0))),
         ("activation", ((0, 0.0), (30, 0.0))),
+        ("temperature", ((0, 24.0), (30, 24.0))),
     ],
 )
 def test_an_effect_without_strength_in_the_scene_is_a_warning_for_a_part(
     touch: Any, told: Any, name: str, keys: tuple[tuple[float, float], ...]
 ) -> None:
-    _key(_volume("vibration"), name, *keys)
+    _key(_volume("temperature" if name == "temperature" else "vibration"), name, *keys)
     report = told("--frames", "0:12")
     (warning,) = report["warnings"]
     assert warning.startswith("effect 'Still' ") and report["strict"] == 3
