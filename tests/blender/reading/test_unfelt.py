@@ -171,7 +171,7 @@ def _show_later(effect: Any) -> None:
 @pytest.mark.parametrize(
     ("modality", "change", "reason"),
     [
-        ("temperature", ("temperature", "24+max(0,frame-30)"), "has the neutral temperature, 24 °C"),
+        ("temperature", ("temperature", "max(24,frame)"), "has the neutral temperature, 24 °C"),
         ("vibration", ("amplitude", "max(0,frame-30)"), "has amplitude 0"),
         ("wind", ("intensity", "max(0,frame-30)"), "is never on"),
         ("pressure", _move_in, "touches no body"),
