@@ -85,17 +85,14 @@ def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
             )
             entries.append((index, name, display, facts))
     entries.sort(key=lambda entry: entry[0])
+    # The index distinguishes devices of equal names; otherwise a label has none, as it may change.
     count = Counter(_names(name, display) for _, name, display, _ in entries)
-    return [
-        ServedDevice(
-            index,
-            name,
-            display,
-            label=(names := _names(name, display)) + (f" #{index}" if count[names] > 1 else ""),
-            facts=facts,
-        )
-        for index, name, display, facts in entries
-    ]
+    served = []
+    for index, name, display, facts in entries:
+        names = _names(name, display)
+        label = f"{names} #{index}" if count[names] > 1 else names
+        served.append(ServedDevice(index, name, display, label, facts))
+    return served
 
 
 def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
@@ -138,28 +135,28 @@ class Server:
         self.unanswered: set[int] = set()
         self._received = threading.Condition()
         self.socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
+        name = self.socket.name
         try:
-            self._greet()
+            self._request(
+                "RequestServerInfo",
+                ClientName="HFX",
+                ProtocolVersionMajor=4,
+                ProtocolVersionMinor=0,
+            )
+            expected = f"{name} does not answer. {_EXPECTED}, ServerInfo of version 4."
+            info = self._answer(lambda: self._info, expected)
+            version = info.get("ProtocolVersionMajor")
+            if version != 4:
+                raise OutputLostError(
+                    f"The Buttplug server at {name} speaks version {shown(str(version))} "
+                    "of the protocol; expected is version 4. Update the server."
+                )
+            self._ping_s = _seconds(info.get("MaxPingTime"))
             self._request("RequestDeviceList")
-            self._answer(lambda: self.devices, f"{self.socket.name} sent no list of devices.")
+            self._answer(lambda: self.devices, f"{name} sent no list of devices.")
         except BaseException:  # answers of a server may raise any error
             self.socket.close()
             raise
-
-    def _greet(self) -> None:
-        self._request("RequestServerInfo", ClientName="HFX", ProtocolVersionMajor=4,
-                  ProtocolVersionMinor=0)  # fmt: skip
-        info = self._answer(
-            lambda: self._info,
-            f"{self.socket.name} does not answer. {_EXPECTED}, ServerInfo of version 4.",
-        )
-        version = info.get("ProtocolVersionMajor")
-        if version != 4:
-            raise OutputLostError(
-                f"The Buttplug server at {self.socket.name} speaks version {shown(str(version))} "
-                "of the protocol; expected is version 4. Update the server."
-            )
-        self._ping_s = _seconds(info.get("MaxPingTime"))
 
     def message(self, kind: str, **content: Any) -> dict[str, Any]:
         """Message ``{kind: {"Id": number, **content}}`` with the next number, 1 after 2^32 - 1."""
@@ -203,32 +200,34 @@ class Server:
     # Called in the thread of the websocket.
 
     def _on_text(self, text: str) -> None:
+        """Process a JSON list of messages: server facts, device list, Ok of a stop, or a fault, for
+        :meth:`check`; other messages are ignored. OutputLostError for anything but such a list.
+        """
         try:
             messages = json.loads(text)
             if not isinstance(messages, list):
                 raise TypeError
             with self._received:
-                for message in messages:
-                    self._process(dict(message))
+                for message in map(dict, messages):
+                    if "ServerInfo" in message:
+                        self._info = dict(message["ServerInfo"])
+                    elif "DeviceList" in message:
+                        # Sent after each connection and disconnection of a device, too.
+                        self.devices = served_devices(dict(message["DeviceList"]["Devices"]))
+                    elif "Ok" in message:
+                        self.unanswered.discard(message["Ok"]["Id"])
+                    elif "Error" in message:
+                        reason = printable(str(message["Error"].get("ErrorMessage", "")))[:200]
+                        name = self.socket.name
+                        self._fault = f"The Buttplug server at {name} reports a fault: {reason}"
                 self._received.notify_all()
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise OutputLostError(
                 f"the server sent {shown(text)}. {_EXPECTED}, a JSON list of messages of version 4."
             ) from None
 
-    def _process(self, message: dict[str, Any]) -> None:
-        if "ServerInfo" in message:
-            self._info = dict(message["ServerInfo"])
-        elif "DeviceList" in message:
-            # The server sends the list after each connection and disconnection of a device.
-            self.devices = served_devices(dict(message["DeviceList"]["Devices"]))
-        elif "Ok" in message:
-            self.unanswered.discard(message["Ok"]["Id"])
-        elif "Error" in message:
-            reason = printable(str(message["Error"].get("ErrorMessage", "")))[:200]
-            self._fault = f"The Buttplug server at {self.socket.name} reports a fault: {reason}"
-
     def _on_tick(self) -> None:
+        """Send a ping after 0.3 of the server's interval; a server without pings stops devices."""
         now = time.monotonic()
         if self._ping_s > 0.0 and now > self._pinged_s + 0.3 * self._ping_s:
             self._pinged_s = now
@@ -280,18 +279,11 @@ def devices_at(host: str, port: int) -> list[ServedDevice]:
 class ButtplugOutput:
     """Output to a device of a Buttplug server.
 
-    Parameters
-    ----------
-    host, port
-        Address of the server.
-    unit : str
-        Choice among several devices, as for :func:`chosen`. "": the device chosen last in this
-        process, else the first free device that fits.
+    ``unit``: choice among several devices, as for :func:`chosen`. "": the device chosen last in
+    this process, else the first free device that fits.
 
-    Attributes
-    ----------
-    command_interval_s : float
-        Shortest time between two commands; silence is sent at once.
+    The attribute ``command_interval_s`` is the shortest time between two commands; silence is sent
+    at once.
 
     Raises OutputLostError: the server does not answer, or not in version 4; no device fits or is
     free.
@@ -328,7 +320,12 @@ class ButtplugOutput:
         was less than ``command_interval_s`` ago; silence of all outputs passes the second test.
         Raises OutputLostError: the server is lost, or the device is disconnected.
         """
-        self._check()
+        self._server.check()
+        # A device that reconnects may have another index, which may belong to another device.
+        device = self._device
+        served = [(x.index, x.names) for x in self._server.devices or ()]
+        if (device.index, device.names) not in served:
+            raise OutputLostError("The device was disconnected from the server.")
         now = time.monotonic()
         if not self._socket.has_room:
             return
@@ -338,14 +335,20 @@ class ButtplugOutput:
         if now < self._given_s + self.command_interval_s and (shares != silent).any():
             return
         commands = []
-        for k, (share, rest, (low, high)) in enumerate(
-            zip(shares, silent, self._ranges, strict=True)
-        ):
+        outputs = zip(self._how.outputs, shares, silent, self._ranges, strict=True)
+        for k, ((feature, kind), share, rest, (low, high)) in enumerate(outputs):
             level = _level(float(share), float(rest), low, high)
             # A server keeps the last level of an output.
             if level != self._given[k]:
                 self._given[k] = level
-                commands.append(self._output(k, level))
+                commands.append(
+                    self._server.message(
+                        "OutputCmd",
+                        DeviceIndex=device.index,
+                        FeatureIndex=feature,
+                        Command={kind: {"Value": level}},
+                    )
+                )
         if commands:
             self._given_s = now
             self._socket.send(json.dumps(commands))
@@ -402,25 +405,6 @@ class ButtplugOutput:
         gap_s = _seconds(device.facts.get("DeviceMessageTimingGap"))
         self.command_interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
         self._given = [None] * len(ranges)
-
-    def _check(self) -> None:
-        """Raise OutputLostError if the server is lost, or has no device of this index and name."""
-        self._server.check()
-        device = self._device
-        for served in self._server.devices or ():
-            if served.index == device.index and served.names == device.names:
-                return
-        raise OutputLostError("The device was disconnected from the server.")
-
-    def _output(self, k: int, level: int) -> dict[str, Any]:
-        """OutputCmd message that sets output ``k`` of the configuration to ``level``."""
-        feature, kind = self._how.outputs[k]
-        return self._server.message(
-            "OutputCmd",
-            DeviceIndex=self._device.index,
-            FeatureIndex=feature,
-            Command={kind: {"Value": level}},
-        )
 
 
 def _seconds(milliseconds: object) -> float:

@@ -43,11 +43,8 @@ _START: Final = b'{"time_s": '
 class Simulator:
     """Output to a log file; without a path, values are discarded.
 
-    Parameters
-    ----------
-    path : Path, optional
-        Log with lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
-        times are of the system's monotonic clock. Only logs of simulators are overwritten.
+    The log has lines ``{"time_s": ..., "values": [...]}`` and ``{"time_s": ..., "stop": true}``;
+    times are of the system's monotonic clock. Only logs of simulators are overwritten.
 
     Raises OutputLostError: the file is not a simulator's log, is no regular file, or cannot be
     written.
@@ -80,19 +77,16 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Test for one or more complete lines, all of a simulator; the last may be cut off."""
+    """Test for one or more complete lines, all of a simulator; a last line may be cut off."""
     *lines, rest = content.split(b"\n")
-    return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
-
-
-def _is_line(line: bytes) -> bool:
-    if not line.startswith(_START):
-        return False
-    try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError):
-        return False
-    return set(entry) in ({"time_s", "values"}, {"time_s", "stop"})
+    for line in lines:
+        try:
+            entry = json.loads(line) if line.startswith(_START) else {}
+        except (ValueError, RecursionError):
+            return False
+        if set(entry) not in ({"time_s", "values"}, {"time_s", "stop"}):
+            return False
+    return bool(lines) and _START.startswith(rest[: len(_START)])
 
 
 class CsvLog:
@@ -186,45 +180,39 @@ class LogFile:
 def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
     """Create or truncate a log and return a descriptor.
 
-    Parameters
-    ----------
-    is_ours : callable, optional
-        Tests the content of an existing file; True permits overwriting. Empty files are always
-        overwritten. None: the file must not exist.
+    ``is_ours``: tests the content of an existing file; True permits overwriting. Empty files are
+    always overwritten. None: the file must not exist.
 
     Raises OutputLostError: the file exists and may not be overwritten, is no regular file, or
     cannot be written.
     """
     try:
-        return _opened(path, is_ours)
+        if is_ours is None or not os.path.lexists(path):
+            # O_EXCL: a file or link created in between is not followed.
+            return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
+        # Before the opening, which may have effects, and after, as the path may have changed.
+        _require_regular(path, os.lstat(path))
+        descriptor = os.open(path, os.O_RDWR | _FLAGS)
+        try:
+            _require_regular(path, os.fstat(descriptor))
+            size = os.fstat(descriptor).st_size
+            with os.fdopen(os.dup(descriptor), "rb") as file:
+                is_known = size <= MOST_BYTES and (not size or is_ours(file.read(MOST_BYTES)))
+            if not is_known:
+                raise OutputLostError(
+                    f"{path} is no log of this output; it is not overwritten: name another file."
+                )
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.ftruncate(descriptor, 0)
+        except BaseException:
+            with suppress(OSError):
+                os.close(descriptor)
+            raise
     except FileExistsError:
         raise OutputLostError(f"{path} exists already; a log starts a new file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise OutputLostError(f"{path} cannot be written ({reason}).") from None
-
-
-def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
-    if is_ours is None or not os.path.lexists(path):
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
-    # Before the opening, which may have effects, and after, as the path may have changed.
-    _require_regular(path, os.lstat(path))
-    descriptor = os.open(path, os.O_RDWR | _FLAGS)
-    try:
-        _require_regular(path, os.fstat(descriptor))
-        size = os.fstat(descriptor).st_size
-        with os.fdopen(os.dup(descriptor), "rb") as file:
-            is_known = size <= MOST_BYTES and (not size or is_ours(file.read(MOST_BYTES)))
-        if not is_known:
-            raise OutputLostError(
-                f"{path} is no log of this output; it is not overwritten: name another file."
-            )
-        os.lseek(descriptor, 0, os.SEEK_SET)
-        os.ftruncate(descriptor, 0)
-    except BaseException:
-        with suppress(OSError):
-            os.close(descriptor)
-        raise
     return descriptor
 
 

@@ -63,15 +63,11 @@ def computer(host: str) -> str:
         return name
     # ::ffff:127.0.0.1 is 127.0.0.1.
     address = getattr(address, "ipv4_mapped", None) or address
-    if address.is_loopback or address.is_unspecified or _is_own(address):
+    if address.is_loopback or address.is_unspecified:
         return "this computer"
-    return str(address)
-
-
-def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    """Test for an address of this computer, by binding a socket to port 0 of the address."""
+    # Only an address of this computer can be bound; binding sends nothing.
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.bind((str(address), 0))  # fails for a foreign address; sends nothing
-        return True
-    return False
+        probe.bind((str(address), 0))
+        return "this computer"
+    return str(address)

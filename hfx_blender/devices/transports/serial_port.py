@@ -110,25 +110,25 @@ class SerialPort:
         release(self._keys)
 
     def _push(self) -> None:
+        """Write the rest of a frame, then the unsent frame, as far as the port takes bytes now.
+        OutputLostError if the port is lost.
+        """
         while self._rest or self._next:
             if not self._rest:
                 self._rest, self._next = self._next, b""
+            try:
+                if self._is_posix:
+                    written = os.write(self._port.fileno(), self._rest)
+                else:
+                    written = int(self._port.write(self._rest) or 0)
+            except BlockingIOError:
+                return
+            except Exception as error:  # OSError, SerialException, termios.error, TypeError: closed
+                raise OutputLostError(f"{self.name} is lost ({error}).") from None
             # A stalled port writes nothing: the rest waits for the next call.
-            written = self._written(self._rest)
             if not written:
                 return
             self._rest = self._rest[written:]
-
-    def _written(self, content: bytes) -> int:
-        """Write bytes without waiting; return the number of written bytes, 0 on a stalled port."""
-        try:
-            if self._is_posix:
-                return os.write(self._port.fileno(), content)
-            return int(self._port.write(content) or 0)
-        except BlockingIOError:
-            return 0
-        except Exception as error:  # OSError, SerialException, termios.error, TypeError if closed
-            raise OutputLostError(f"{self.name} is lost ({error}).") from None
 
 
 class SerialFrames:

@@ -44,16 +44,9 @@ _RECEIVED: Final = 4096
 class WebSocket:
     """Open connection to a websocket server.
 
-    Parameters
-    ----------
-    host, port
-        Address of the server.
-    path : str
-        Path and query.
-    on_text : callable
-        Takes each message, in the thread of this object.
-    on_tick : callable, optional
-        Called about 20 times a second, in the thread of this object.
+    ``path``: path and query.
+    ``on_text``: takes each message, in the thread of this object.
+    ``on_tick``: called about 20 times a second, in the thread of this object.
 
     Raises OutputLostError: the server does not answer within :data:`OPEN_S`, or not as a websocket
     server.
@@ -198,10 +191,24 @@ class WebSocket:
             del self._waiting[:sent]
 
     def _keep_alive(self) -> None:
-        """Thread: serve the connection until closed or lost; any exception counts as lost."""
+        """Thread: until the connection is closed or lost, wait 50 ms at most for data or room,
+        process both, and call ``on_tick``. Lost: any exception, closing by the server, or a server
+        that has read nothing for a second.
+        """
         while not self._is_closed and not self._lost:
             try:
-                self._serve()
+                writing = [self._socket] if self._waiting else []
+                readable, _, _ = select.select([self._socket], writing, [], _UPKEEP_S)
+                content = self._socket.recv(_RECEIVED) if readable else b""
+                self._take(content)
+                if readable and not content:
+                    self._is_left = True
+                    self._lost = self._lost or "the connection was closed by the server"
+                    continue
+                self._on_tick()
+                # A server that reads nothing would let a stop wait for ever.
+                if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
+                    self._lost = _STALLED
             except BlockingIOError:
                 continue
             except OutputLostError as error:
@@ -210,23 +217,6 @@ class WebSocket:
                 self._lost = self._lost or f"the connection is lost ({error})"
         with suppress(OSError):  # a server that has closed the connection waits for this
             self._socket.close()
-
-    def _serve(self) -> None:
-        """Wait 50 ms at most for data or room, process both, and call ``on_tick``. Marks the
-        connection as lost if the server closed it, or has read nothing for a second.
-        """
-        writing = [self._socket] if self._waiting else []
-        readable, _, _ = select.select([self._socket], writing, [], _UPKEEP_S)
-        content = self._socket.recv(_RECEIVED) if readable else b""
-        self._take(content)
-        if readable and not content:
-            self._is_left = True
-            self._lost = self._lost or "the connection was closed by the server"
-            return
-        self._on_tick()
-        # A server that reads nothing would let a stop wait for ever.
-        if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
-            self._lost = _STALLED
 
     def _take(self, content: bytes) -> None:
         """Process received bytes: answer pings, and pass messages on. An empty ``content``
@@ -247,7 +237,8 @@ class WebSocket:
             if self.waiting > MAX_WAITING:  # a server that sends pings but reads nothing: no pongs
                 self._protocol.data_to_send()
             self._write()
-        # Outside the lock, as a receiver of messages may send.
+        # Outside the lock, as a receiver of messages may send. A message may come in fragments:
+        # TEXT, then CONT up to the frame with the mark ``fin``.
         for frame in frames:
             if frame.opcode is Opcode.BINARY:
                 raise OutputLostError(

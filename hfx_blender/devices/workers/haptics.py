@@ -73,11 +73,10 @@ class Haptics:
         the first of equals, None without any.
         """
         effects = [effect for effect in self.felt if effect.modality == modality]
-        return max(effects, key=_strength, default=None)
-
-
-def _strength(effect: Effect) -> float:
-    return effect.level * abs(next(iter(effect.parameters.values())))
+        # The first parameter is the strength of each modality.
+        return max(
+            effects, key=lambda x: x.level * abs(next(iter(x.parameters.values()))), default=None
+        )
 
 
 ARRAYS: Final = ("positions", "velocities", "depth_m")
@@ -87,11 +86,8 @@ ARRAYS: Final = ("positions", "velocities", "depth_m")
 def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
     """Encode the haptic data of a moment.
 
-    Parameters
-    ----------
-    felt : sequence of (run, gains)
-        Runs of one sample, and their gains (A,) at the actuators.
-    values : (columns,)
+    ``felt``: runs of one sample, and their gains (A,) at the actuators.
+    ``values``: (columns,) without the script.
     """
     effects: list[dict[str, Any]] = []
     arrays: dict[str, Array] = {"values": values}
@@ -145,11 +141,8 @@ def decode_haptics(body: bytes, device: DeviceConfig) -> Haptics:
 def as_values(answer: Any, haptics: Haptics) -> F64:
     """Convert the answer of a script to values (columns,).
 
-    Parameters
-    ----------
-    answer : sequence of float, mapping or None
-        A value for each column; or a mapping from actuator id to a strength or to a mapping from
-        control to value, where missing entries are silent. None is silence.
+    ``answer``: a value for each column; or a mapping from actuator id to a strength or to a mapping
+    from control to value, where missing entries are silent. None is silence.
 
     Raises ValueError: the length is wrong, or an actuator or control is unknown.
     """

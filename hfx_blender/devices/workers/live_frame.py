@@ -13,7 +13,6 @@ from itertools import chain
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
@@ -87,17 +86,13 @@ def encode_live_frame(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
     content: dict[str, Any] = {
         "time_s": moment.time_s,
         "gains": [[number, gain] for number, gain in moment.gains.items()],
-        "later": [[ms, _felt_count(runs)] for ms, runs in moment.later.items()],
+        # Runs without a sample are not sent, so they do not count.
+        "later": [[ms, sum(len(run) > 0 for run in runs)] for ms, runs in moment.later.items()],
         "drives": _add_runs([*moment.runs, *chain(*moment.later.values())], places, arrays),
     }
     if moment.play_space is not None:
         arrays["play_space"] = np.asarray(moment.play_space, np.float64)
     return encode_arrays(content, arrays)
-
-
-def _felt_count(runs: Iterable[SampleRun]) -> int:
-    """Number of runs that contain a sample, as runs may be empty."""
-    return sum(len(run) > 0 for run in runs)
 
 
 def _add_runs(
@@ -123,8 +118,9 @@ def _add_runs(
     arrays["parameters"] = parameters
     arrays["focus"] = focus
     arrays["counts"] = np.array([len(run.vertices) for run in present], np.int32)
-    arrays["vertices"] = _joined([run.vertices for run in present], np.int32)
-    arrays["weights"] = _joined([run.weights for run in present], np.float32)
+    # The empty array stands for no runs at all.
+    arrays["vertices"] = np.concatenate([np.zeros(0, np.int32), *(x.vertices for x in present)])
+    arrays["weights"] = np.concatenate([np.zeros(0, np.float32), *(x.weights for x in present)])
     for name in ARRAYS:
         # Only some runs have the array: a mask marks the runs.
         details = [getattr(run, name) for run in present]
@@ -134,11 +130,6 @@ def _add_runs(
             arrays[f"has {name}"] = np.array(has, np.int32)
             arrays[name] = np.concatenate(parts).astype(np.float32)
     return drives
-
-
-def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
-    """Concatenate ``parts``; an empty array of type ``dtype`` without parts."""
-    return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
 def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
@@ -173,7 +164,10 @@ def _runs(
     """
     counts = arrays["counts"]
     ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
+    driven = {
+        k: Drive(device, tuple(names), np.array([values], np.float32))
+        for k, device, names, values in drives
+    }
     first = dict.fromkeys(ARRAYS, 0)
     runs = []
     # Optional arrays hold rows only of runs with them: ``first`` is the next unread row.
@@ -204,7 +198,3 @@ def _runs(
             )
         )
     return runs
-
-
-def _row(values: Sequence[float]) -> npt.NDArray[np.float32]:
-    return np.array([values], np.float32)

@@ -47,10 +47,12 @@ def encode_arrays(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
 
     Arrays of types other than float32, float64, int32 and int64 are converted to float64.
     """
-    parts = [np.ascontiguousarray(array, _dtype(array)) for array in arrays.values()]
-    shapes = [
-        [name, part.dtype.str, list(part.shape)] for name, part in zip(arrays, parts, strict=True)
-    ]
+    parts, shapes = [], []
+    for name, array in arrays.items():
+        dtype = array.dtype.newbyteorder("<").str
+        parts.append(np.ascontiguousarray(array, dtype if dtype in _DTYPES else "<f8"))
+        shapes.append([name, parts[-1].dtype.str, list(parts[-1].shape)])
+    # Length of the JSON head, head, then all arrays without gaps.
     head = encode_json({"content": content, "arrays": shapes})
     return b"".join((_LENGTH.pack(len(head)), head, *(part.tobytes() for part in parts)))
 
@@ -72,9 +74,3 @@ def decode_arrays(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         return dict(head["content"]), arrays
     except (struct.error, KeyError, ValueError, TypeError) as error:
         raise MessageError(f"not packed arrays: {error}") from None
-
-
-def _dtype(array: Array) -> str:
-    """Little-endian type of an array if float32, float64, int32 or int64, else "<f8"."""
-    dtype = array.dtype.newbyteorder("<").str
-    return dtype if dtype in _DTYPES else "<f8"

@@ -30,14 +30,9 @@ Questions = Mapping[int, Question]
 class RenderProcess:
     """Process that renders moments for devices; all methods may be called from any thread.
 
-    Parameters
-    ----------
-    answer : callable
-        Takes a message for one device (ANSWER, HAPTICS or FAULT) and the answered requests.
-    fault : callable
-        Takes the reason of a failure, which concerns all devices.
-    prepared : callable
-        Called when moments of the newest scene can be rendered.
+    ``answer``: takes a message for one device (ANSWER, HAPTICS or FAULT) and the answered requests.
+    ``fault``: takes the reason of a failure, which concerns all devices.
+    ``prepared``: called when moments of the newest scene can be rendered.
 
     The callbacks are called in the worker's reading thread.
     """
@@ -128,6 +123,7 @@ class RenderProcess:
     # Called in the worker's reading thread.
 
     def _take(self, worker: Worker, received: Message) -> None:
+        """Pass an answer on; at READY end the time limit and send the next scene or moment."""
         with self._lock:
             if worker is not self._worker:  # a killed worker
                 return
@@ -142,6 +138,7 @@ class RenderProcess:
             self._ask_next()
 
     def _ended(self, worker: Worker, reason: str) -> None:
+        """Discard all work and report the fault, unless the worker was killed by :meth:`close`."""
         with self._lock:
             if worker is not self._worker:
                 return

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
@@ -47,7 +46,12 @@ class _Rendered:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, moment.later)
         gain = moment.gains.get(self.rendered.number, 1.0)
-        values = with_gain(values, self.device, gain)
+        if gain != 1.0:
+            # The gain scales distances from silence, which is not 0 for temperatures.
+            values = values.copy()
+            columns, neutral = self.device.strength_columns, self.device.neutral
+            silent = neutral[columns]
+            values[columns] = silent + gain * (values[columns] - silent)
         if self.rendered.has_script and gain:  # the script of a muted device is not called
             effects = self.renderer.felt(moment.runs)
             return message(
@@ -61,21 +65,10 @@ class _Rendered:
         return message(MessageKind.ANSWER, self.rendered.number, frame)
 
 
-def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Scale the strengths of values (columns,) by ``gain``, relative to silence.
-
-    Returns a copy; ``values`` themselves for gain 1.
-    """
-    if gain == 1.0:
-        return values
-    values = values.copy()
-    strengths, silent = device.strength_columns, device.neutral
-    values[strengths] = silent[strengths] + gain * (values[strengths] - silent[strengths])
-    return values
-
-
 class Renderers:
-    """Renderers of all devices for a scene; ``faults`` are messages about failed devices."""
+    """Renderers of all devices for a scene; ``faults`` are FAULT messages about devices without a
+    renderer.
+    """
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams

@@ -129,6 +129,9 @@ class ScriptProcess:
             time.sleep(_WATCH_S)
 
     def _ask_next(self) -> None:
+        """Send the unsent question and set its time limit of 0.1 s; nothing without a question, or
+        if the worker is missing, starting or busy.
+        """
         if self._worker is None or not self._is_ready or self._next is None:
             return
         # Idle: the deadline is set while a question is in progress.
@@ -166,6 +169,7 @@ class ScriptProcess:
         return None
 
     def _ended(self, worker: Worker, reason: str) -> None:
+        """Record and report a fault, unless the worker was killed by :meth:`close`."""
         with self._lock:
             if worker is not self._worker:
                 return

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import builtins
 import os
-import sys
 import time
 import traceback
 from contextlib import suppress
@@ -57,7 +56,8 @@ def main() -> None:
     answer each message of haptic data with values until the owner ends.
 
     Memory is limited to 4 GiB; standard input, output and errors of the script are discarded. Any
-    exception, also while loading, is sent as a FAULT and ends the process with exit code 1.
+    exception, also while loading, is sent as a FAULT, "Type: text (file, line N)", and ends the
+    process with exit code 1.
     """
     # No standard streams for the script, which must not read or write messages.
     null = os.open(os.devnull, os.O_RDWR)
@@ -76,7 +76,12 @@ def main() -> None:
             # The answer has the number of the question.
             owner.send(message(MessageKind.ANSWER, question.device, encode_values(values)))
     except BaseException as error:
-        outlet.send_text(MessageKind.FAULT, _described(error))
+        # The innermost place helps authors of scripts, unless it is in this module.
+        frames = traceback.extract_tb(error.__traceback__)
+        where = ""
+        if frames and frames[-1].filename != __file__:
+            where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
+        outlet.send_text(MessageKind.FAULT, f"{type(error).__name__}: {error}{where}")
         os._exit(1)
 
 
@@ -114,19 +119,6 @@ def _limit_resources() -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if hasattr(os, "nice"):
         os.nice(5)
-
-
-def _described(error: BaseException) -> str:
-    """Describe ``error``: "Type: text (file, line N)"; line breaks of its text stay.
-
-    Place: innermost frame of the exception being handled (``sys.exc_info``), so only within an
-    ``except`` block; left out for a frame of this module.
-    """
-    frames = traceback.extract_tb(sys.exc_info()[2])
-    where = ""
-    if frames and frames[-1].filename != __file__:
-        where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
-    return f"{type(error).__name__}: {error}{where}"
 
 
 if __name__ == "__main__":
