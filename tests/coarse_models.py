@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hfx_blender.engine.arrays import I32, expand
-from hfx_blender.engine.body.levels import level_of
+from hfx_blender.engine.body.levels_and_cells import level_of
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 
 

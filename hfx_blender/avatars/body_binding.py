@@ -17,8 +17,8 @@ from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
 from ..blender import mesh_arrays
+from ..engine.body.levels_and_cells import cell_of_skin
 from ..engine.body.model import PerceptualModel, load_model, load_skeleton
-from ..engine.body.temperature_cells import cell_of_skin
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from ..errors import InputError
 from . import avatar_meshes, evaluated_skin, mesh_copies, stored_fits

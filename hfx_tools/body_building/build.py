@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.body.levels_and_cells import CELLS_FILE
 from hfx_blender.engine.body.model import (
     AVATAR_ID,
     Avatar,
@@ -21,7 +22,6 @@ from hfx_blender.engine.body.model import (
 )
 from hfx_blender.engine.body.model_library import read_manifest
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.body.temperature_cells import CELLS_FILE
 
 from . import (
     assemble,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64
-from hfx_blender.engine.body.levels import LEVELS_FILE, Level
+from hfx_blender.engine.body.levels_and_cells import LEVELS_FILE, Level
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.files.atomic import atomic_file

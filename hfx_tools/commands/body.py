@@ -181,7 +181,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
 
 def _level_sizes(model: Any, folder: Path) -> list[int]:
     """Number of vertices of the model and of each level."""
-    from hfx_blender.engine.body.levels import LEVELS_FILE, read_levels
+    from hfx_blender.engine.body.levels_and_cells import LEVELS_FILE, read_levels
 
     path = folder / LEVELS_FILE.format(modality=model.modality)
     levels = read_levels(path)[1] if path.is_file() else ()

@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from hfx_blender.engine.body.levels_and_cells import cell_of_skin
 from hfx_blender.engine.body.model import PerceptualModel, load_model, load_skeleton
-from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import SampleRun

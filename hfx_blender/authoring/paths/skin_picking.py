@@ -13,7 +13,7 @@ from mathutils.bvhtree import BVHTree
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64, I64
-    from ...engine.body.surface_locator import SurfaceLocator
+    from ...engine.volume.mesh_distance import SurfaceLocator
 
 
 SKIN_MODEL = "hfx-pressure-1"
@@ -26,7 +26,7 @@ def _skin() -> tuple[I64, SurfaceLocator]:
     import numpy as np
 
     from ...engine.body.model import load_model
-    from ...engine.body.surface_locator import SurfaceLocator
+    from ...engine.volume.mesh_distance import SurfaceLocator
 
     model = load_model(SKIN_MODEL)
     triangles = model.triangles.astype(np.int64)
@@ -134,7 +134,7 @@ class Picker:
         return self._canonical(np.array(position), triangle)
 
     def _canonical(self, place: F64, triangle: int) -> F64:
-        from ...engine.body.surface_locator import barycentric
+        from ...engine.volume.mesh_distance import barycentric
 
         corners = self._triangles[triangle]
         (weights,) = barycentric(place[None], self._posed[corners][None])

@@ -168,7 +168,7 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
         _check_model(path, meta, arrays)
     skeleton = _pop_part(arrays, "skeleton")
     if skeleton:
-        meta["skeleton"] = _skeleton(meta, skeleton)
+        meta["skeleton"] = Skeleton(tuple(meta["skeleton"]["bone_names"]), **skeleton)
     weights = _pop_part(arrays, "weights")
     if weights:
         meta["weights"] = SkinWeights(**weights)
@@ -217,14 +217,13 @@ def _check_model(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> No
             raise InputError(f"{path}: '{name}' is not {kind.__name__} of {dimensions} dimensions.")
         if kind is np.float32 and not np.isfinite(array).all():
             raise InputError(f"{path}: '{name}' has NaN or infinite values.")
-    _check_vertex_counts(path, arrays)
-    if not _weights_fit(len(arrays["vertices"]), len(meta["bone_names"]), arrays):
-        raise InputError(f"{path}: the skin weights do not fit the vertices and bones.")
+    _check_sizes(path, arrays, len(meta["bone_names"]))
 
 
-def _check_vertex_counts(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Check that arrays by vertex have one row per vertex, two-dimensional ones three columns, and
-    that ids in triangles and mirror are in range. Raises InputError at the first invalid array."""
+def _check_sizes(path: Path, arrays: dict[str, npt.NDArray[Any]], bones: int) -> None:
+    """Check that arrays by vertex have one row per vertex, two-dimensional ones three columns, that
+    ids in triangles and mirror are in range, and that skin weights have a row per vertex and bone
+    ids below ``bones``. Raises InputError at the first invalid array; returns nothing."""
     count = len(arrays["vertices"])
     for name in _OF_VERTICES:
         if len(arrays[name]) != count or (arrays[name].ndim == 2 and arrays[name].shape[1] != 3):
@@ -235,19 +234,12 @@ def _check_vertex_counts(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> Non
             raise InputError(f"{path}: '{name}' is not a list of vertex ids.")
         if ids.size and ids.max() >= count:
             raise InputError(f"{path}: '{name}' has an id beyond the last of {count} vertices.")
-
-
-def _weights_fit(vertices: int, bone_names: int, arrays: dict[str, npt.NDArray[Any]]) -> bool:
-    """Test that row offsets rise from 0 to the number of entries, one row per vertex, and that bone
-    indices are below the number of bones."""
-    offsets, bones = arrays["weights.offsets"], arrays["weights.bones"]
-    return (
-        len(offsets) == vertices + 1
-        and offsets[0] == 0
-        and offsets[-1] == len(bones) == len(arrays["weights.values"])
-        and bool((np.diff(offsets) >= 0).all())
-        and (not len(bones) or bool(0 <= bones.min() <= bones.max() < bone_names))
-    )
+    # Row offsets rise from 0 to the number of entries; C code later trusts them.
+    offsets, ids = arrays["weights.offsets"], arrays["weights.bones"]
+    has_rows = len(offsets) == count + 1 and offsets[0] == 0 and (np.diff(offsets) >= 0).all()
+    is_full = has_rows and offsets[-1] == len(ids) == len(arrays["weights.values"])
+    if not is_full or (len(ids) and not 0 <= ids.min() <= ids.max() < bones):
+        raise InputError(f"{path}: the skin weights do not fit the vertices and bones.")
 
 
 def _pop_part(arrays: dict[str, Any], part: str) -> dict[str, Any]:
@@ -256,16 +248,18 @@ def _pop_part(arrays: dict[str, Any], part: str) -> dict[str, Any]:
     return {name.partition(".")[2]: arrays.pop(name) for name in names}
 
 
-def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
-    """Skeleton from the bone names in ``meta["skeleton"]`` and the arrays by field name."""
-    return Skeleton(bone_names=tuple(meta["skeleton"]["bone_names"]), **arrays)
-
-
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
     """Read metadata and arrays of a file; with ``part``, only arrays with this name prefix. Raises
-    InputError: the file is missing, damaged, of another kind or of a newer version."""
+    InputError: the file is missing, damaged, of another kind, of a newer version, or unpacks to
+    more than :mod:`hfx_blender.files.limits` allow."""
     try:
-        arrays = _stored_arrays(path, part)
+        with np.load(path, allow_pickle=False) as stored:
+            if not isinstance(stored, np.lib.npyio.NpzFile):
+                raise ValueError("a single array, not an archive")
+            # The sizes in the archive's index are checked before anything is unpacked.
+            unpacked_bytes = sum(member.file_size for member in stored.zip.infolist())
+            limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
+            arrays = {x: stored[x] for x in stored.files if x == "meta" or x.startswith(part)}
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
@@ -279,20 +273,6 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
             f"{path}: expected a {kind.__name__} of version {FORMAT_VERSION} or older."
         )
     return meta, arrays
-
-
-def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
-    """Decompress the arrays with the name prefix ``part``, and the metadata.
-
-    Raises ValueError: the file holds a single array. Raises InputError: the unpacked size exceeds
-    the limits of :mod:`hfx_blender.files.limits`.
-    """
-    with np.load(path, allow_pickle=False) as stored:
-        if not isinstance(stored, np.lib.npyio.NpzFile):
-            raise ValueError("a single array, not an archive")
-        unpacked_bytes = sum(member.file_size for member in stored.zip.infolist())
-        limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
-        return {x: stored[x] for x in stored.files if x == "meta" or x.startswith(part)}
 
 
 @lru_cache(maxsize=8)
@@ -317,7 +297,7 @@ def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
 def load_skeleton() -> Skeleton:
     """Canonical skeleton, read from the avatar file without the mesh; cached."""
     meta, arrays = _read(Avatar, model_library.find(AVATAR_ID, "avatar").path, "skeleton.")
-    return _skeleton(meta, _pop_part(arrays, "skeleton"))
+    return Skeleton(tuple(meta["skeleton"]["bone_names"]), **_pop_part(arrays, "skeleton"))
 
 
 def _loaded(kind: type[_Hashed], entry: model_library.Entry) -> _Hashed:

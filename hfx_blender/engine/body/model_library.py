@@ -107,17 +107,13 @@ def installed() -> tuple[list[Entry], list[str]]:
             if first is entry:
                 entries.append(entry)
             elif first.content_hash != entry.content_hash:
-                faults.append(_duplicate_message(first, entry))
+                first_place = "the shipped model" if first.is_shipped else f"{first.path}"
+                faults.append(
+                    f"Body model '{entry.id}' exists twice with different content: {first_place} "
+                    f"({first.content_hash[:12]}...) and {entry.path} "
+                    f"({entry.content_hash[:12]}...). Remove one."
+                )
     return entries, faults
-
-
-def _duplicate_message(first: Entry, second: Entry) -> str:
-    first_place = "the shipped model" if first.is_shipped else f"{first.path}"
-    return (
-        f"Body model '{first.id}' exists twice with different content: {first_place} "
-        f"({first.content_hash[:12]}...) and {second.path} ({second.content_hash[:12]}...). Remove "
-        "one."
-    )
 
 
 def find(identity: str, kind: str = "model") -> Entry:
@@ -125,6 +121,7 @@ def find(identity: str, kind: str = "model") -> Entry:
 
     Raises InputError: the id is unknown, or the user's sets have two different models of this id.
     """
+    # Most ids are shipped: the user's folders are read only for the others.
     for entry in shipped():
         if (entry.id, entry.kind) == (identity, kind):
             return entry

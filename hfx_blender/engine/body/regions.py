@@ -32,7 +32,12 @@ class _Skin:
         depth = model.vertices @ _FRONT
         head = depth[self.part("head")]
         self.is_of_face: Bool = depth > (head.min() + head.max()) / 2.0
-        self.is_inner = self._faces_like_palms(model)
+        # Inner side of an arm: within 90 degrees of the palm's summed normal on the same side.
+        self.is_inner: Bool = np.zeros(len(model), np.bool_)
+        for side in range(len(SIDES)):
+            on_side = model.side == side
+            palm = model.normals[on_side & self.part("hand_palm")].sum(axis=0)
+            self.is_inner |= on_side & (model.normals @ palm > 0.0)
 
     def part(self, *names: str) -> Bool:
         """Mask (V,) of vertices on any of the named body parts."""
@@ -45,16 +50,6 @@ class _Skin:
         for start in starts:
             mask |= np.char.startswith(self._bone, start)
         return mask
-
-    def _faces_like_palms(self, model: PerceptualModel) -> Bool:
-        """Mask (V,) of normals within 90 degrees of the summed normal of the palm on the same
-        side."""
-        is_inner = np.zeros(len(model), np.bool_)
-        for side in range(len(SIDES)):
-            on_side = model.side == side
-            palm = model.normals[on_side & self.part("hand_palm")].sum(axis=0)
-            is_inner |= on_side & (model.normals @ palm > 0.0)
-        return is_inner
 
 
 def _neck(skin: _Skin) -> Bool:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from .surface_locator import barycentric
+from ..volume.mesh_distance import barycentric
 
 _FAR: Final = 1e9  # metres, an unreached vertex; finite, because inf - inf is NaN
 _SETTLED_M: Final = 1e-6

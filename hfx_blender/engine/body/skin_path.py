@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ..arrays import F64, I64
+from ..arrays import F64
+from ..volume.mesh_distance import SurfaceLocator
 from .skin_distance import edge_graph
-from .surface_locator import SurfaceLocator
 
 STEP_M: Final = 0.004
 """Spacing of path points, metres; below all two-point thresholds except the fingertips'."""
@@ -43,7 +43,7 @@ class SkinPaths:
             raise InputError("A path needs at least one place: three numbers, in metres.")
         if not np.isfinite(points).all():
             raise InputError("A path has a place that is not a finite number.")
-        projected = self._projected(points)
+        projected = self._skin.nearest(points).place
         distances = np.linalg.norm(projected - points, axis=1)
         worst = int(np.argmax(distances))
         if distances[worst] > OFF_SKIN_M:
@@ -72,7 +72,7 @@ class SkinPaths:
         # A spline that leaves the skin (over a bend) gets another knot half way along the skin.
         for _ in range(4):
             depths = [
-                float(np.linalg.norm(self._projected(part) - part, axis=1).max())
+                float(np.linalg.norm(self._skin.nearest(part).place - part, axis=1).max())
                 for part in _splines(knots, closed, 4)
             ]
             deep = [k for k, depth in enumerate(depths) if depth > _SHALLOW_M]
@@ -85,7 +85,8 @@ class SkinPaths:
         # Sampled twice: first for the lengths, then with a step count per segment.
         counts = [max(int(np.ceil(_length(part) / STEP_M)), 1) for part in parts]
         smooth = _splines(knots, closed, counts)
-        return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
+        joined = np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)])
+        return self._skin.nearest(joined).place
 
     def traced(self, places: F64) -> tuple[F64, F64]:
         """Path traced by hand, and the fraction of the path length at each given place, (n,).
@@ -98,28 +99,14 @@ class SkinPaths:
             if length > _SAME_PLACE_M:
                 count = max(int(np.ceil(length / STEP_M)), 1)
                 between = a + (b - a) * (np.arange(1, count + 1) / count)[:, None]
-                between[:-1] = self._projected(between[:-1]) if count > 1 else between[:-1]
+                if count > 1:
+                    between[:-1] = self._skin.nearest(between[:-1]).place
                 path += list(between)
             knot_indices.append(len(path) - 1)
         points = np.array(path)
         lengths = np.concatenate([[0.0], np.cumsum(_steps(points))])
         total = lengths[-1] if lengths[-1] > 0.0 else 1.0
         return points, lengths[knot_indices] / total
-
-    def _projected(self, places: F64) -> F64:
-        return self._skin.nearest(places).place
-
-    def _near(self, places: F64, margin_m: float) -> I64:
-        """Triangles (F, 3) near some places, for quick searches.
-
-        A corner lies within 3 cm plus twice ``margin_m`` and the distance to the nearest vertex.
-        """
-        reach, _ = self._tree.query(places)
-        radius = reach + margin_m + 1e-9
-        is_near = np.zeros(len(self._points), np.bool_)
-        for ids in self._tree.query_ball_point(places, 2.0 * radius + 0.03):
-            is_near[ids] = True
-        return np.asarray(self._triangles[is_near[self._triangles].any(axis=1)])
 
     def _shortest(self, a: F64, b: F64) -> F64:
         """Shortest path (n, 3) between two points on the skin in steps of at most 4 mm: over mesh
@@ -129,8 +116,15 @@ class SkinPaths:
             return np.stack([a, b])
         path = self._over_edges(a, b)
         length = _length(path)
+        # Only triangles near the edge path are searched, which is quick. The shortest path is
+        # shorter, so it stays within a margin that grows with the length.
         about = _evenly(path, max(int(length / _COARSE_M), 1))
-        near = SurfaceLocator(self._points[self._near(about, 0.15 * length)])
+        radius = self._tree.query(about)[0] + 0.15 * length + 1e-9
+        is_near = np.zeros(len(self._points), np.bool_)
+        for ids in self._tree.query_ball_point(about, 2.0 * radius + 0.03):
+            is_near[ids] = True
+        triangles = self._triangles[is_near[self._triangles].any(axis=1)]
+        near = SurfaceLocator(self._points[triangles])
         count = max(int(np.ceil(length / _COARSE_M)), 2)
         # Coarse to fine: few points settle the course quickly, doubled numbers refine the course.
         while True:

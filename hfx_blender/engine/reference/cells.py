@@ -22,8 +22,8 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64
+from ..body.levels_and_cells import cell_of_skin
 from ..body.model import PerceptualModel
-from ..body.temperature_cells import cell_of_skin
 
 _SPACING: Final = np.sqrt(2.0 / np.sqrt(3.0))
 """Vertex spacing of an even triangle pattern with hexagonal cells of area 1."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from ..body.surface_locator import barycentric
+from ..volume.mesh_distance import barycentric
 
 # Longest edge of cut triangles; the search compares triangle centres
 _LONGEST_EDGE_M: Final = 0.02

@@ -16,8 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, expand, sorted_by
+from ..body.levels_and_cells import cell_of_skin
 from ..body.model import PerceptualModel
-from ..body.temperature_cells import cell_of_skin
 from ..native import cluster_bounds as native
 from ..native import library
 from ..native.cluster_bounds import CellGroups, Outline

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, Bool
-from ..body.surface_locator import NearestPlaces, SurfaceLocator
+from ..volume.mesh_distance import NearestPlaces, SurfaceLocator
 
 _SEAM_SHARE: Final = 0.5
 """Least deviation of coordinates from the path, share of its length, that means a seam."""

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from ...engine.arrays import F64, I64, ramp
-from ...engine.body.levels import level_count, level_of
+from ...engine.body.levels_and_cells import level_count, level_of
 from ...engine.body.model import PerceptualModel, load_model, load_skeleton
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.rendering.device_config import Actuator, DeviceConfig, RoomPlace

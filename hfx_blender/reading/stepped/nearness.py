@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
+from ...engine.body.levels_and_cells import cell_of_skin
 from ...engine.body.model import PerceptualModel, load_model
-from ...engine.body.temperature_cells import cell_of_skin
 from ...engine.scene import BodyDescription, PoseBlock, SkinBinding, SurfaceBinding
 
 _ROUNDING = 1e-6

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I64, expand
-from hfx_blender.engine.body.surface_locator import barycentric
+from hfx_blender.engine.volume.mesh_distance import barycentric
 
 from .mesh_edges import triangle_normals
 

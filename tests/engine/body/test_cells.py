@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.body import model
+from hfx_blender.engine.body.levels_and_cells import cell_of_skin
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
-from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
 from hfx_tools.body_building.meshes import geodesic

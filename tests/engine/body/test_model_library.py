@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from coarse_models import at_level
 
-from hfx_blender.engine.body import model, model_library, temperature_cells
+from hfx_blender.engine.body import levels_and_cells, model, model_library
 from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
@@ -92,7 +92,7 @@ def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path)
     shipped, same = at_level(model.load_model("hfx-pressure-1"), 1)
     assert np.array_equal(coarse_of, same)
     assert coarse.vertices == pytest.approx(1.1 * shipped.vertices)
-    fine, owner = temperature_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
+    fine, owner = levels_and_cells.cell_of_skin(model.load_model(f"hfx-temperature-1{SUFFIX}"))
     assert fine == f"hfx-pressure-1{SUFFIX}"
     assert len(owner) == len(model.load_model(fine))
 

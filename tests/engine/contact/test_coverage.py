@@ -11,9 +11,9 @@ from coverage_synthetic import SIDE_M, ball, evaluated, moved_along, placed, rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hfx_blender.engine.body.levels_and_cells import cell_of_skin
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.engine.skin.cell_coverage import (
     SkinCoverage,
     finer_id,

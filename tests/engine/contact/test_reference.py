@@ -17,8 +17,8 @@ from engine_synthetic import BONES
 from random_contacts import NEAR, RandomContact, StretchedContact
 
 from hfx_blender.engine import tolerance
+from hfx_blender.engine.body.levels_and_cells import cell_of_skin
 from hfx_blender.engine.body.model import PerceptualModel
-from hfx_blender.engine.body.temperature_cells import cell_of_skin
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.reference.boundary import nearest
 from hfx_blender.engine.reference.cells import EXACT, Cells, Fineness, Skin

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body.surface_locator import SurfaceLocator
 from hfx_blender.engine.texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
+from hfx_blender.engine.volume.mesh_distance import SurfaceLocator
 
 
 def _sheet(count: int = 8, size: float = 0.2) -> tuple[np.ndarray, np.ndarray]:

@@ -25,7 +25,7 @@ from core_library import Body, Clip
 from walkers import RATE_HZ, Walk, walk
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.body.levels import level_count
+from hfx_blender.engine.body.levels_and_cells import level_count
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device_config import DeviceConfig

@@ -14,7 +14,7 @@ import body_sets
 import pytest
 
 from hfx_blender.commands.console import Console
-from hfx_blender.engine.body import levels as level_files
+from hfx_blender.engine.body import levels_and_cells as level_files
 from hfx_blender.errors import HfxError, InputError, UsageError
 from hfx_blender.files import resources
 from hfx_tools.body_building import build, variant_models

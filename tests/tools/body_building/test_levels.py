@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from coarse_models import at_level
 
-from hfx_blender.engine.body import levels as level_files
+from hfx_blender.engine.body import levels_and_cells as level_files
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
@@ -123,8 +123,8 @@ def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.engine.body.levels import level_of\n"
-        "from hfx_blender.engine.body.temperature_cells import cell_of_skin\n"
+        "from hfx_blender.engine.body.levels_and_cells import level_of\n"
+        "from hfx_blender.engine.body.levels_and_cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
         "print(len(level_of(load_model('hfx-pressure-1'), 1).vertices))\n"
         "print(len(cell_of_skin(load_model('hfx-temperature-1'))[1]))"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise, product
 from typing import Final
 
@@ -48,7 +48,10 @@ _MAIN: Final = frozenset(
 def assigned_by_name(rig: Rig) -> dict[str, str]:
     """Avatar bone of each canonical bone recognised by name; empty if none is. Canonical names
     decide for MakeHuman's default rig, parsed words otherwise."""
-    exact, parsed = _canonical_names(rig.bones), _Assignment(rig).found
+    # Names equal to a canonical name apart from case, dots, dashes, spaces and namespace.
+    canonical = {_plain(name): name for name in canonical_parents()}
+    exact = {canonical[_plain(name)]: name for name in rig.bones if _plain(name) in canonical}
+    parsed = _Assignment(rig).found
     if {"upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R", "spine01"} <= exact.keys():
         # MakeHuman's default rig, unless only remnants of that rig are in another rig.
         if _MAIN.intersection(exact) >= _MAIN.intersection(parsed):
@@ -56,15 +59,9 @@ def assigned_by_name(rig: Rig) -> dict[str, str]:
     return parsed
 
 
-def _canonical_names(names: Iterable[str]) -> dict[str, str]:
-    """Given name by canonical bone, for names equal to a canonical name apart from case, dots,
-    dashes, spaces and namespace; of several the last."""
-
-    def key(name: str) -> str:
-        return re.sub(r"[\s.\-]", "_", re.split(r"[:|]", name)[-1]).lower()
-
-    canonical = {key(name): name for name in canonical_parents()}
-    return {canonical[key(name)]: name for name in names if key(name) in canonical}
+def _plain(name: str) -> str:
+    """Lower-case name without namespace; dots, dashes and spaces as underscores."""
+    return re.sub(r"[\s.\-]", "_", re.split(r"[:|]", name)[-1]).lower()
 
 
 def is_human(bone_of: Mapping[str, str]) -> bool:
@@ -136,7 +133,11 @@ class _Assignment(Digits):
             chain = self._hanging(leg)
             thigh, below, last, toe = self._numbered(leg, [], foot)
             if foot and len(chain) > 2:
-                if self._turns_forward(chain, foot[0]):  # the joint named foot is the ball
+                # A "foot" more than 37 degrees off the line down the leg is the ball of the foot:
+                # the last leg bone then is the ankle.
+                down = self.rig.head(chain[-1]) - self.rig.head(chain[0])
+                to_foot = self.rig.head(foot[0]) - self.rig.head(chain[-1])
+                if to_foot @ down < _STRAIGHT * np.linalg.norm(to_foot) * np.linalg.norm(down):
                     self.slots.setdefault(("toe", side), foot)
                     last, chain = chain[-1:], chain[:-1]
                 below = self._nearest_to(f"lowerleg01.{side}", chain, last)
@@ -180,13 +181,6 @@ class _Assignment(Digits):
         side = joint[-2:]
         target = _fraction(canonical[first + side], canonical[last + side], canonical[joint])
         return [min(chain[1:], key=lambda n: abs(_fraction(*ends, self.rig.head(n)) - target))]
-
-    def _turns_forward(self, leg: Sequence[str], foot: str) -> bool:
-        """True if the line from the last leg bone's head to the foot's is over 37 degrees off the
-        line down the leg."""
-        down = self.rig.head(leg[-1]) - self.rig.head(leg[0])
-        to_foot = self.rig.head(foot) - self.rig.head(leg[-1])
-        return bool(to_foot @ down < _STRAIGHT * np.linalg.norm(to_foot) * np.linalg.norm(down))
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
         """Clear candidates followed by doubtful ones; only the clear ones if the first names the
@@ -233,10 +227,14 @@ class _Assignment(Digits):
             if main is None or following is None:
                 continue
             twists = self._take(f"{slot}_twist", side)
-            if twists and self._begins_before(twists[0], main, following):
-                # Auto-Rig Pro: the twist bone is the first half of the limb.
-                self.found |= {f"{first}.{side}": twists[0], f"{second}.{side}": main}
-                continue
+            start, end = self.rig.head(main), self.rig.head(following)
+            if twists:
+                # Auto-Rig Pro: a twist bone that begins clearly (30 %) farther from the limb's end
+                # than the main bone is the first half of the limb.
+                length, own = (np.linalg.norm(at - end) for at in (self.rig.head(twists[0]), start))
+                if length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own:
+                    self.found |= {f"{first}.{side}": twists[0], f"{second}.{side}": main}
+                    continue
             ancestors = set(self.rig.ancestors(following))
             counted = self._take("arm" if slot in ("upper_arm", "forearm") else "leg", side)
             parts_named = self._take(slot, side)[1:] + self._take(f"{slot}_twist", side)
@@ -248,26 +246,29 @@ class _Assignment(Digits):
             ]
             canonical = canonical_heads()
             target = _fraction(*(canonical[f"{bone}.{side}"] for bone in (first, after, second)))
-            start, end = self.rig.head(main), self.rig.head(following)
             misses = {p: abs(_fraction(start, end, self.rig.head(p)) - target) for p in parts}
             matching = [part for part in parts if misses[part] <= _SPLIT_TOLERANCE]
             self._put(f"{second}.{side}", sorted(matching, key=misses.__getitem__))
 
-    def _begins_before(self, twist: str, main: str, following: str) -> bool:
-        """True if a twist bone begins clearly (30 %) farther from the limb's end ``following`` than
-        the bone ``main``."""
-        end = self.rig.head(following)
-        length, own = (float(np.linalg.norm(self.rig.head(n) - end)) for n in (twist, main))
-        return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
-
     def _trunk(self) -> None:
-        """Assign root, pelvis halves, spine, neck and head; several neck bones are matched by
-        position."""
+        """Assign root, pelvis halves, spine, neck and head, as far as known. Spine and several neck
+        bones are matched by position; a spine without thighs and hips, or without neck and head
+        above, in order from the hips up."""
         hips, spine, neck, head = self._parts_of_trunk()
         self._put("root", hips)
         self._put("head", head)
-        self._pelvis_halves(hips)
-        self._spine(hips, spine, [*neck, *head])
+        for side in "LR":
+            # Daz: the hip has two children, the spine and a pelvis with both thighs.
+            holder = self._attached(f"upperleg01.{side}", hips)
+            if f"pelvis.{side}" not in self.found and holder is not None and holder != hips[0]:
+                self.found[f"pelvis.{side}"] = holder
+        thighs = [self.found.get(f"upperleg01.{side}") for side in "LR"]
+        starts, above = [name for name in thighs if name] or hips[:1], [*neck, *head]
+        if starts and above:
+            low = np.mean([self.rig.head(name) for name in starts], axis=0)
+            self.found |= spine_counterparts(self.rig, spine, low, self.rig.head(above[0]))
+        else:
+            self.found |= dict(zip(_SPINE, spine, strict=False))
         if neck and head:
             canonical = canonical_heads()
             ends_of_neck = self.rig.head(neck[0]), self.rig.head(head[0])
@@ -283,21 +284,25 @@ class _Assignment(Digits):
         hips = list(self._take("lower_body", "") or self._take("hips", ""))
         spine = list(self._take("spine", ""))
         neck, head = self._neck_and_head()
-        if (ends := [*neck, *head]) and hips:
+        ends = [*neck, *head]
+        if ends and hips:
             # The spine lies between the hips and the neck: excludes bones above the hips and
             # remnants of other rigs.
             carrying = set(self.rig.ancestors(ends[0])) - set(self.rig.ancestors(hips[0]))
             spine = [name for name in spine if name in carrying] or spine
         # One chain from hips to head is divided at the bone that carries the arms.
-        if not neck and not head:  # Rigify: one chain called spine, from hips to head
+        if not ends:  # Rigify: one chain called spine, from hips to head
             collar = self._attached("clavicle.L", spine) or self._attached("upperarm01.L", spine)
-            if collar is not None and spine[-1] != collar:
+            if collar and collar != spine[-1]:
                 top = spine.index(collar) + 1
                 spine, neck, head = spine[:top], spine[top:-1], spine[-1:]
-        if not hips and spine and self._attached("upperleg01.L", spine) == spine[0]:
+        if not hips and spine[:1] == [self._attached("upperleg01.L", spine)]:
             hips, spine = spine[:1], spine[1:]
         if not hips:
-            hips = self._common_ancestor("upperleg01.L", "upperleg01.R")
+            # Unnamed hips: the nearest bone above both thighs, so no part of the spine.
+            thighs = [self.found.get(f"upperleg01.{side}", "") for side in "LR"]
+            left, right = ([*self.rig.ancestors(name)] for name in thighs)
+            hips = [name for name in right if name in left][:1]
             spine = [name for name in spine if name not in hips]
         return hips, spine, neck, head
 
@@ -308,27 +313,6 @@ class _Assignment(Digits):
             return neck[:-1], neck[-1:]
         return neck, head
 
-    def _pelvis_halves(self, hips: Sequence[str]) -> None:
-        """Assign as pelvis half of a side, if unassigned, the nearest of ``hips`` above the thigh,
-        unless the first of ``hips``."""
-        for side in "LR":
-            # Daz: the hip has two children, the spine and a pelvis with both thighs.
-            if f"pelvis.{side}" not in self.found:
-                holder = self._attached(f"upperleg01.{side}", hips)
-                if holder is not None and holder != hips[0]:
-                    self.found[f"pelvis.{side}"] = holder
-
-    def _spine(self, hips: Sequence[str], spine: Sequence[str], above: Sequence[str]) -> None:
-        """Assign the spine between the thighs (or hips) and the first of ``above``, by position; in
-        order from the hips up if either is unknown."""
-        thighs = [self.found.get(f"upperleg01.{side}") for side in "LR"]
-        starts = [name for name in thighs if name] or hips[:1]
-        if starts and above:
-            low = np.mean([self.rig.head(name) for name in starts], axis=0)
-            self.found |= spine_counterparts(self.rig, spine, low, self.rig.head(above[0]))
-        else:
-            self.found |= dict(zip(_SPINE, spine, strict=False))
-
     def _attached(self, canonical: str, chain: Sequence[str]) -> str | None:
         """Nearest ancestor, in ``chain``, of the bone assigned to ``canonical``; None without
         any."""
@@ -336,14 +320,6 @@ class _Assignment(Digits):
         if name is None:
             return None
         return next((above for above in self.rig.ancestors(name) if above in chain), None)
-
-    def _common_ancestor(self, first: str, second: str) -> list[str]:
-        """Nearest common ancestor of the bones assigned to two canonical bones as a list; empty
-        without."""
-        if first not in self.found or second not in self.found:
-            return []
-        above = set(self.rig.ancestors(self.found[first]))
-        return [n for n in self.rig.ancestors(self.found[second]) if n in above][:1]
 
 
 def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> dict[str, str]:

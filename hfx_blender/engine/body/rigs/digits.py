@@ -49,7 +49,7 @@ class Digits:
         """Assign metacarpals and up to three joints of each finger of side "L" or "R". A fourth
         bone is the metacarpal if it begins near the wrist, else the tip; a thumb without base
         starts at joint 2."""
-        joints = {finger: self._once(self._take(f"finger {finger}", side)) for finger in FINGERS}
+        joints = {finger: self._joints(self._take(f"finger {finger}", side)) for finger in FINGERS}
         palm = {finger: self._take(f"metacarpal {finger}", side) for finger in FINGERS}
         self._numbered_fingers(side, joints)
         numbered_palm = [n for n in self._take("metacarpal", side) if self.names[n].numbers]
@@ -64,8 +64,11 @@ class Digits:
             chain = joints[finger]
             if number > 1:
                 # Four bones: metacarpal and three joints, or three joints and a fingertip.
-                if len(chain) > 3 and hand and not palm[finger] and self._from_wrist(hand, chain):
-                    palm[finger] = chain[:1]
+                # A first bone that begins nearer to the wrist than to the second is a metacarpal.
+                if len(chain) > 3 and hand and not palm[finger]:
+                    wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
+                    if np.linalg.norm(first - wrist) < np.linalg.norm(second - first):
+                        palm[finger] = chain[:1]
                 if palm[finger][:1] == chain[:1]:
                     chain = chain[1:]
                 self._put(f"metacarpal{number - 1}.{side}", palm[finger])
@@ -73,13 +76,11 @@ class Digits:
             for joint, name in enumerate(chain[:3], start=start):
                 self._put(f"finger{number}-{joint}.{side}", [name])
 
-    def _once(self, chain: Sequence[str]) -> list[str]:
-        """One bone per set of numbers in the name, the first of lowest rank, from hand to tip; all
-        bones, sorted so, if none has numbers."""
-        by_number: dict[tuple[str, ...], str] = {}
-        for name in chain:  # in order of rank
-            by_number.setdefault(self.names[name].numbers, name)
-        return self._outwards(list(by_number.values()) if any(by_number) else chain)
+    def _joints(self, bones: Sequence[str]) -> list[str]:
+        """Bones of a finger from hand to tip, of equal numbers in the name the first; all bones if
+        none has numbers. ``bones`` are in order of rank."""
+        by_number = {self.names[name].numbers: name for name in reversed(bones)}
+        return self._outwards([*by_number.values()] if any(by_number) else bones)
 
     def _outwards(self, chain: Sequence[str]) -> list[str]:
         """Sort the joints of a digit from the hand to the tip: by depth, then numbers, then
@@ -108,12 +109,6 @@ class Digits:
         share = float(np.linalg.norm(thumb - wrist)) / reach if reach > 0.0 else 0.0
         return bool(abs(share - shares[1]) < abs(share - shares[0]))
 
-    def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
-        """True if the first bone of ``chain`` begins nearer to the hand's head than to the second
-        bone's: a metacarpal."""
-        wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
-        return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
-
     def _numbered_fingers(self, side: str, joints: dict[str, list[str]]) -> None:
         """Add bones with a number instead of a finger name to ``joints`` (bones by finger), in
         place: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman. Next to a named thumb, or
@@ -132,23 +127,17 @@ class Digits:
             mitten_finger = "middle" if joints["index"] else "index"
             joints[mitten_finger] = joints[mitten_finger] or bones
             return
-        for number, chain in fingers.items():
-            if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
-                joints[FINGERS[number - 1]] = self._joints_of_finger(chain)
-        if bones and not fingers:
+        for number, finger in enumerate(FINGERS, start=1):
+            if not joints[finger]:
+                chain = fingers.get(number, [])
+                # "finger 1a" and "finger 1b" are one finger if chained, from hand to tip.
+                if all(len(numbers[name]) == len(numbers[name][0]) == 1 for name in chain):
+                    chain = self._outwards(chain)
+                    if not all(a in self.rig.ancestors(name) for a, name in pairwise(chain)):
+                        chain = []
+                joints[finger] = chain
+        if not fingers:
             joints["middle"] = joints["middle"] or bones
-
-    def _joints_of_finger(self, bones: list[str]) -> list[str]:
-        """Bones of one finger number, unchanged; "finger 1a" and "finger 1b" from hand to tip.
-
-        Empty if bones with a single digit are not chained.
-        """
-        numbers = [self.names[name].numbers for name in bones]
-        if not all(len(own) == 1 and len(own[0]) == 1 for own in numbers):
-            return bones
-        outwards = self._outwards(bones)
-        is_chain = all(above in self.rig.ancestors(name) for above, name in pairwise(outwards))
-        return outwards if is_chain else []
 
     def _toes(self, side: str) -> None:
         """Assign toe joints of side "L" or "R"; a single toe bone becomes the second toe's first
@@ -174,12 +163,13 @@ class Digits:
 
     def _numbered_toes(self, side: str, chains: dict[int, list[str]]) -> list[str]:
         """Add bones of slot "toe" with two numbers, toe and joint, to ``chains`` (toe 1 to 5), in
-        place; toes counted from 0 are shifted. Returns the remaining bones of the slot."""
+        place; toes counted from 0 are shifted. Returns the remaining bones of the slot: all if
+        every toe number is 0, a single toe bone."""
         general = self._take("toe", side)
         paired = [name for name in general if len(self.names[name].numbers) == 2]
         firsts = {int(self.names[name].numbers[0]) for name in paired}
-        if firsts == {0}:  # a single toe bone, numbered from 0
-            paired = []
+        if firsts == {0}:
+            return general
         for name in paired:
             number = int(self.names[name].numbers[0]) + (0 in firsts)
             if number in chains:
@@ -202,7 +192,7 @@ class Digits:
 
 
 def _by_finger(numbers: Mapping[str, Sequence[str]]) -> dict[int, list[str]]:
-    """Bones by finger number (from 1), from the numbers in their names.
+    """Bones by finger number (from 1), from the numbers in their names; without any, left out.
 
     Fingers counted from 0 are shifted; of a two-digit number the first digit is the finger.
     """

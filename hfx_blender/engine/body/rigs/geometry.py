@@ -142,18 +142,12 @@ def _body(
         return None
     for limb in (_ARM, _LEG):
         across = heads[f"{limb[1]}.L"] - heads[f"{limb[1]}.R"]
-        if float(across @ left) < 0:
-            _swap(bone_of, limb)
+        if float(across @ left) < 0:  # the order of the pair was arbitrary
+            for bone in limb:
+                if f"{bone}.L" in bone_of:
+                    pair = bone_of[f"{bone}.R"], bone_of[f"{bone}.L"]
+                    bone_of[f"{bone}.L"], bone_of[f"{bone}.R"] = pair
     return bone_of | spine_counterparts(rig, trunk, _low(heads), rig.head(neck[0]))
-
-
-def _swap(bone_of: dict[str, str], limb: Sequence[str]) -> None:
-    """Swap the avatar bones of left and right canonical bones in ``limb``, in place, where the left
-    one is assigned."""
-    for bone in limb:
-        if f"{bone}.L" in bone_of:
-            left, right = f"{bone}.L", f"{bone}.R"
-            bone_of[left], bone_of[right] = bone_of[right], bone_of[left]
 
 
 def _is_across(heads: Mapping[str, F64], left: F64) -> bool:

@@ -8,14 +8,16 @@ Joints are found by name (:mod:`.assignment`), otherwise by the shape of the hie
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
+
+import numpy as np
 
 from ....errors import InputError
 from ...arrays import F64
 from .assignment import assigned_by_name, is_human
-from .characters import check_single, doubled_ends
+from .digits import Digits
 from .geometry import assigned_by_geometry, geometric_left, left_by_soles, named_left
 from .rig import Rig, RigBone, canonical_parents
 from .sides import misnamed
@@ -57,6 +59,11 @@ _PREFIXES: Final = (
     ("character creator", "cc_base_"),
 )
 
+# Distance between equal joints of separate bodies, as a fraction of the body's extent
+_APART: Final = 0.1
+# Slot of an end of the body to its canonical bone
+_ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
+
 
 @dataclass(frozen=True)
 class BoneMapping:
@@ -93,7 +100,6 @@ def map_bones(
     InputError
         No human joints are recognised by name or hierarchy, or the armature has two characters.
     """
-    notes: list[str] = []
     # In order: labels of the file, deforming bones, all bones, the shape of the hierarchy.
     rig = Rig(bones, labels)
     bone_of = assigned_by_name(rig)
@@ -105,7 +111,7 @@ def map_bones(
         all_deforming = Rig([replace(bone, deform=True) for bone in bones])
         if is_human(assigned_by_name(all_deforming)):
             rig, bone_of = all_deforming, assigned_by_name(all_deforming)
-    check_single(rig)
+    _check_single(rig)
     convention = "vrm" if is_labelled else convention_of(rig.bones)
     if not is_human(bone_of):
         by_geometry = assigned_by_geometry(rig)
@@ -118,26 +124,40 @@ def map_bones(
                 "Assign the bones by hand in the HFX tab, under Bones, or choose another armature."
             )
         bone_of, convention = by_geometry, "geometry"
-        notes.append(
+        notes = [
             "The bone names say nothing; the joints were found by the shape of the hierarchy, "
             "so check them."
-        )
+        ]
     else:
-        is_mirrored = _is_mirrored(rig, bone_of, skin)
-        if is_mirrored:
-            bone_of = {_mirrored(canonical): name for canonical, name in bone_of.items()}
-        wrong = misnamed(rig, bone_of)
-        if is_mirrored and len(wrong) > 0.5 * len(bone_of):
-            notes.append(
-                "The bone names are mirrored: bones named left lie on the body's right, as its "
-                "feet point; they were mapped by where they lie."
-            )
-        elif wrong:
-            notes.append(
-                "Bones that are named after the other side of the body than the one where they lie "
-                f"were mapped by where they lie: {len(wrong)}, '{wrong[0]}' first."
-            )
-    return _mapping(convention, bone_of, [*notes, *doubled_ends(rig, bone_of)])
+        bone_of, notes = _on_true_sides(rig, bone_of, skin)
+    return _mapping(convention, bone_of, [*notes, *_doubled_ends(rig, bone_of)])
+
+
+def _on_true_sides(
+    rig: Rig, bone_of: dict[str, str], skin: Callable[[], Mapping[str, F64]]
+) -> tuple[dict[str, str], list[str]]:
+    """Avatar bone by canonical bone with left and right swapped if the feet point the other way,
+    and a list of at most one sentence about bones named after the other side."""
+    # Toes, or without any toe bone the soles, show the body's true left.
+    heads = {canonical: rig.head(name) for canonical, name in bone_of.items()}
+    named, geometric = named_left(heads), geometric_left(heads)
+    if geometric is None and not any(name.startswith("toe") for name in heads):
+        geometric = left_by_soles(rig, bone_of, heads, skin())
+    is_mirrored = named is not None and geometric is not None and float(named @ geometric) < 0
+    if is_mirrored:
+        opposite = {".L": ".R", ".R": ".L"}
+        bone_of = {n[:-2] + opposite.get(n[-2:], n[-2:]): name for n, name in bone_of.items()}
+    wrong = misnamed(rig, bone_of)
+    if is_mirrored and len(wrong) > 0.5 * len(bone_of):
+        return bone_of, [
+            "The bone names are mirrored: bones named left lie on the body's right, as its "
+            "feet point; they were mapped by where they lie."
+        ]
+    return bone_of, [
+        "Bones that are named after the other side of the body than the one where they lie "
+        f"were mapped by where they lie: {len(wrong)}, '{name}' first."
+        for name in wrong[:1]
+    ]
 
 
 def convention_of(names: Iterable[str]) -> str:
@@ -215,36 +235,6 @@ def from_json(text: str) -> BoneMapping:
     return mapping
 
 
-def _heads(rig: Rig, bone_of: Mapping[str, str]) -> dict[str, F64]:
-    """Head (3,) of the avatar bone by canonical bone. Raises InputError: the armature lacks a
-    bone."""
-    for canonical, name in bone_of.items():
-        if name not in rig.by_name:
-            raise InputError(
-                f"The bone mapping gives '{name}' for '{canonical}', but the armature has no "
-                "bone of that name."
-            )
-    return {canonical: rig.head(name) for canonical, name in bone_of.items()}
-
-
-def _is_mirrored(
-    rig: Rig, bone_of: Mapping[str, str], skin: Callable[[], Mapping[str, F64]]
-) -> bool:
-    """True if left by bone names is opposite to left by toes, or, without any toe bone, by soles;
-    False if either is unknown."""
-    heads = _heads(rig, bone_of)
-    named, geometric = named_left(heads), geometric_left(heads)
-    if geometric is None and not any(name.startswith("toe") for name in heads):
-        geometric = left_by_soles(rig, bone_of, heads, skin())
-    return named is not None and geometric is not None and float(named @ geometric) < 0
-
-
-def _mirrored(canonical: str) -> str:
-    """Canonical bone of the opposite side; names of the centre unchanged."""
-    opposite = {"L": "R", "R": "L"}.get(canonical[-1]) if canonical[-2:-1] == "." else None
-    return canonical[:-1] + opposite if opposite else canonical
-
-
 def _check_canonical(names: Mapping[str, object]) -> None:
     """Raise InputError at the first name that is no canonical bone; returns nothing."""
     for name in names:
@@ -252,6 +242,63 @@ def _check_canonical(names: Mapping[str, object]) -> None:
             raise InputError(
                 f"'{name}' is no bone of the canonical skeleton (for instance 'upperarm01.L')."
             )
+
+
+def _check_single(rig: Rig) -> None:
+    """Reject an armature with two human bodies at different places; returns nothing.
+
+    Control rigs or duplicate bones at the same place count as one body. Raises InputError: equal
+    joints of two human branches are, by the median, over a tenth of the body apart.
+    """
+    bodies = list(_bodies(rig, [name for name, above in rig.parent.items() if above is None]))
+    for number, (top, first) in enumerate(bodies):
+        heads = np.array([rig.head(name) for name in first.values()])
+        extent = float(np.ptp(heads, axis=0).max())
+        for other_top, second in bodies[number + 1 :]:
+            shared = [(first[bone], second[bone]) for bone in first.keys() & second.keys()]
+            apart = [float(np.linalg.norm(rig.head(a) - rig.head(b))) for a, b in shared]
+            if apart and np.median(apart) > _APART * extent:
+                raise InputError(
+                    f"The armature holds two characters: the bones from '{top}' on and those from "
+                    f"'{other_top}' on are each a whole body. Give each an armature of its own (in "
+                    "Edit Mode select the bones of one, Armature > Separate), with its own meshes."
+                )
+
+
+def _doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
+    """List of one sentence about heads, hands and feet besides the assigned ones, over a tenth of
+    the body away and in another branch; empty without any. ``bones_of`` maps canonical bones to
+    avatar bones."""
+    extent = float(np.ptp([rig.head(name) for name in bones_of.values()], axis=0).max())
+    extra_names = []
+    for (slot, side), names in Digits(rig).slots.items():
+        main_name = bones_of.get(f"{_ENDS.get(slot)}{side and '.'}{side}")
+        if main_name is None:
+            continue
+        for name in names:
+            offset = rig.head(name) - rig.head(main_name)
+            own_chain = (main_name, *rig.ancestors(main_name))
+            is_in_chain = main_name in rig.ancestors(name) or name in own_chain
+            if not is_in_chain and np.linalg.norm(offset) > _APART * extent:
+                extra_names.append(f"'{name}'")
+    names_text = " and ".join(extra_names)
+    return [f"Further heads or limbs ({names_text}) are not felt."] if extra_names else []
+
+
+def _bodies(rig: Rig, tops: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield (top bone, avatar bone by canonical bone) of human branches below ``tops``; a branch
+    with several human branches below its top is replaced by these."""
+    for top in tops:
+        # The branch from ``top`` down as a rig of its own, control bones included.
+        names, waiting = [], [top]
+        while waiting:
+            names.append(waiting.pop())
+            waiting += rig.children[names[-1]]
+        bones = [replace(rig.by_name[name], parent=rig.parent[name], deform=True) for name in names]
+        joints = assigned_by_name(Rig(bones))
+        if is_human(joints):
+            below = list(_bodies(rig, rig.children[top]))
+            yield from below if len(below) > 1 else [(top, joints)]
 
 
 def _mapping(convention: str, bone_of: Mapping[str, str], notes: Sequence[str]) -> BoneMapping:

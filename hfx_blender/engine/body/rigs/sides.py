@@ -38,7 +38,12 @@ def with_sides(rig: Rig, names: Mapping[str, BoneName]) -> dict[str, BoneName]:
         name: replace(parsed, numbers=parsed.numbers[:-1]) if _is_copy(rig, name) else parsed
         for name, parsed in names.items()
     }
-    roots = {name: _limb_root(rig, names, name) for name in names if not _is_centre(names[name])}
+    # Topmost recognised limb bone above each limb bone, or the bone itself.
+    roots = {}
+    for name in names:
+        if not _is_centre(names[name]):
+            above = [n for n in rig.ancestors(name) if n in names and not _is_centre(names[n])]
+            roots[name] = above[-1] if above else name
     position_sides = _placed_sides(rig, names, roots)
     sided = {name: parsed for name, parsed in names.items() if _is_centre(parsed)}
     for name in roots:
@@ -99,12 +104,6 @@ def _is_copy(rig: Rig, name: str) -> bool:
     original = re.sub(r"\.\d{3}$", "", name)
     # "spine.001" below "spine" is a second part, not a copy.
     return original != name and original in rig.bones and original not in rig.ancestors(name)
-
-
-def _limb_root(rig: Rig, names: Mapping[str, BoneName], name: str) -> str:
-    """Topmost recognised limb bone among the ancestors of a bone, or the bone itself."""
-    above = [bone for bone in rig.ancestors(name) if bone in names and not _is_centre(names[bone])]
-    return above[-1] if above else name
 
 
 @dataclass(frozen=True)

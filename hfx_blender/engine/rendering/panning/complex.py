@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ...arrays import F64, I64
-from ...body.surface_locator import barycentric
+from ...volume.mesh_distance import barycentric
 from ..device_config import LAWS, Law
 
 _PAIRS_AT_ONCE: Final = 1 << 17
