@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic bodies: add the built-in avatar, fit a body to an avatar, show models, walk."""
+"""Haptic bodies: built-in avatar, fit to an avatar, bone table, shown models, walk."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from collections.abc import Callable, Generator
 from functools import cache
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
 
 from ..authoring.areas import painting
 from ..authoring.effects import effects
@@ -20,6 +27,7 @@ from ..text import named, printable
 from . import framing
 from .shared import (
     EnumItems,
+    FileOperator,
     HfxOperator,
     OnBodyOperator,
     active_armature,
@@ -217,6 +225,12 @@ class HFX_OT_move_to_body(OnBodyOperator):
         return f"Moved {effects.move_to_body(moved, body)} effects to '{body.name}'"
 
 
+def _is_fitted(body: bpy.types.Object) -> bool:
+    from ..avatars import stored_fits  # slow to import
+
+    return stored_fits.is_fitted(body)
+
+
 class HFX_OT_fit_body(_FittingOperator):
     """Fit the active haptic body to its avatar again, using the bone table. Id and painted areas
     are kept
@@ -225,14 +239,10 @@ class HFX_OT_fit_body(_FittingOperator):
     bl_idname = "hfx.fit_body"
     bl_label = "Fit Again"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        from ..avatars import stored_fits
-
-        body = active_body(context)
-        if not cls.needs(body, "Select a haptic body"):
-            return False
-        return cls.needs(stored_fits.is_fitted(body), "The built-in avatar needs no fit")
+    requires = (
+        (active_body, "Select a haptic body"),
+        (lambda context: _is_fitted(active_body(context)), "The built-in avatar needs no fit"),
+    )
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
@@ -278,10 +288,101 @@ class HFX_OT_show_model(HfxOperator):
         return f"'{obj.name}' shows {len(obj.data.vertices)} vertices"
 
 
+class _BonesOperator(HfxOperator):
+    """Base of operators on the bone table of the active armature."""
+
+    requires = ((active_armature, "Select an armature, or a mesh that has one"),)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import bodies
+
+        armature = active_armature(context)
+        bodies.check_armature(armature)
+        return self.work_on(armature)
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        """Change the table of a checked armature; returns the report, or "" without a report."""
+        raise NotImplementedError
+
+    def fill(self, armature: bpy.types.Object, *, keep_corrections: bool) -> str:
+        """Detect the bones of all joints, except of rows edited by the user if they are kept;
+        returns the report. An armature without known bones is a warning, and "" the report.
+        """
+        from ..avatars import bone_table
+
+        try:
+            bone_table.fill(armature, keep_corrections=keep_corrections)
+        except InputError as error:
+            self.report({"WARNING"}, str(error))
+            return ""
+        count = sum(1 for row in armature.hfx.bone_map if row.found)
+        return f"{count} bones found ({armature.hfx.bone_map_convention})"
+
+
+class HFX_OT_find_bones(_BonesOperator):
+    """Find the bone of each joint; rows edited by you are kept"""
+
+    bl_idname = "hfx.find_bones"
+    bl_label = "Find Bones"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        return self.fill(armature, keep_corrections=True)
+
+
+class HFX_OT_reset_bones(_BonesOperator):
+    """Drop all corrections and return to the automatic mapping"""
+
+    bl_idname = "hfx.reset_bones"
+    bl_label = "Reset"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        return self.fill(armature, keep_corrections=False)
+
+
+class _BonesFileOperator(_BonesOperator, FileOperator):
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def first_path(self, context: bpy.types.Context) -> str:
+        return bpy.path.clean_name(active_armature(context).name) + "_bones.json"
+
+
+class HFX_OT_save_bones(_BonesFileOperator):
+    """Save the bone table for other avatars with the same bone names"""
+
+    bl_idname = "hfx.save_bones"
+    bl_label = "Save Bone Mapping"
+
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        from ..avatars import bone_table
+
+        path = self.path()
+        if not path.suffix:
+            path = path.with_suffix(".json")
+        count = bone_table.save(armature, path)
+        return f"{count} bones saved to {path}"
+
+
+class HFX_OT_load_bones(_BonesFileOperator):
+    """Load a mapping of bones to joints; fit the body again afterwards"""
+
+    bl_idname = "hfx.load_bones"
+    bl_label = "Load Bone Mapping"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        from ..avatars import bone_table
+
+        for warning in bone_table.load(armature, self.path()):
+            self.report({"WARNING"}, printable(warning))
+        count = sum(1 for row in armature.hfx.bone_map if row.bone)
+        return f"{count} bones loaded"
+
+
 class HfxPlace(bpy.types.PropertyGroup):
     """Waypoint in the world."""
 
-    location: bpy.props.FloatVectorProperty(
+    location: FloatVectorProperty(
         name="Location", description="In the world", subtype="TRANSLATION"
     )
 

@@ -19,17 +19,8 @@ from ..playback.preview.preview import preview
 from ..text import printable
 from . import framing
 
-_PACKAGES = {
-    "numpy",
-    "scipy",
-    "trimesh",
-    "fast_simplification",
-    "serial",
-    "sounddevice",
-    "websockets",
-}
+_PACKAGES = set("numpy scipy trimesh fast_simplification serial sounddevice websockets".split())
 """Packages bundled as wheels; the small zip has only those in pure Python."""
-
 
 Requirement = tuple[Callable[[bpy.types.Context], object], str]
 """Condition of an operator, and the instruction for the user if it is false."""
@@ -63,12 +54,12 @@ class HfxOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self.reported(lambda: self._work_in_mode(context))
+        def work_in_mode() -> str:
+            if self.leaves_mode:
+                to_object_mode(context)
+            return self.work(context)
 
-    def _work_in_mode(self, context: bpy.types.Context) -> str:
-        if self.leaves_mode:
-            to_object_mode(context)
-        return self.work(context)
+        return self.reported(work_in_mode)
 
     def reported(self, work: Callable[[], str | None]) -> set[str]:
         """Call a function and report the returned text, if any.
@@ -107,17 +98,13 @@ class HfxOperator(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return all(cls.needs(test(context), what) for test, what in cls.requires)
-
-    @classmethod
-    def needs(cls, condition: object, what: str) -> bool:
-        """Return ``condition`` as a bool for ``poll``; if False, ``what`` becomes the tooltip's
-        hint.
-        """
-        if condition:
-            return True
-        cls.poll_message_set(what)
-        return False
+        # The first unmet requirement is the hint in the tooltip of the disabled button. Later
+        # conditions may rely on earlier ones.
+        for is_met, hint in cls.requires:
+            if not is_met(context):
+                cls.poll_message_set(hint)
+                return False
+        return True
 
 
 class OnBodyOperator(HfxOperator):
@@ -147,13 +134,7 @@ class FileOperator(HfxOperator):
         return ""
 
     def path(self) -> Path:
-        """Chosen file as an absolute path.
-
-        Raises
-        ------
-        InputError
-            No file was chosen.
-        """
+        """Chosen file as an absolute path. Raises InputError: no file was chosen."""
         if not self.filepath:
             raise InputError("Choose a file.")
         return Path(bpy.path.abspath(self.filepath))
@@ -178,13 +159,9 @@ class ModalTimer:
 
 
 class KeyBindings:
-    """Keys of operators in one of Blender's keymaps, while the extension is enabled.
+    """Keys of operators in Blender's keymap ``keymap``, while the extension is enabled.
 
-    Parameters
-    ----------
-    keymap : str
-        Name of the keymap; valid in all editors.
-    entries : (operator id, key, modifiers)
+    The keys work in all editors. An entry is an operator's id, a key, and its modifiers.
     """
 
     def __init__(self, keymap: str, *entries: tuple[str, str, dict[str, bool]]) -> None:
@@ -226,10 +203,7 @@ def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], E
 def to_object_mode(context: bpy.types.Context) -> None:
     """Set the active object to Object Mode; no effect without an active object.
 
-    Raises
-    ------
-    InputError
-        The active object is being painted.
+    Raises InputError: the active object is the canvas of a painted effect.
     """
     active = context.object
     if active is None or active.mode == "OBJECT":
@@ -247,6 +221,7 @@ def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
     """
     for selected in context.selected_objects:
         selected.select_set(False)
+    # Blender refuses to select objects of excluded collections, which are not in the view layer.
     visible = [obj for obj in objects if is_in_view_layer(context, obj)]
     framing.show_locally(context, visible)
     for obj in visible:
@@ -295,13 +270,9 @@ def active_body(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def target_body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Body for a new effect: active body, body of the active effect, or only body; None without a
-    body.
+    """Body for a new effect: active body, body of the active effect, or only body of the scene.
 
-    Raises
-    ------
-    InputError
-        Several bodies, and none is active.
+    None without a body. Raises InputError: several bodies, and none of them is active.
     """
     bodies = effects.bodies_of(context.scene)
     effect = active_effect(context)

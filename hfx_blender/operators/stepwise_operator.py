@@ -56,15 +56,15 @@ class StepwiseOperator(ModalTimer, HfxOperator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._is_invoked or bpy.app.background or context.window is None:
             return super().execute(context)
-        begun = self.reported(lambda: self._begin(context))
-        return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
-    def _begin(self, context: bpy.types.Context) -> str:
-        self._steps = self.steps(context)
-        self._share = 0.0
-        self.start_modal(context, _PAUSE_S)
-        self._show(context)
-        return ""
+        def begin() -> None:
+            self._steps = self.steps(context)
+            self._share = 0.0
+            self.start_modal(context, _PAUSE_S)
+            self._show(context)
+
+        begun = self.reported(begin)
+        return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Run steps at timer events and report the end; Esc cancels; other input is blocked."""
@@ -131,9 +131,10 @@ class StepwiseExport(StepwiseOperator):
         raise NotImplementedError
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
-        return self._reporting(context, self.export_steps(context))
+        # Errors in the input are raised here, by this call, before the generator's first step.
+        steps = self.export_steps(context)
 
-    def _reporting(
-        self, context: bpy.types.Context, steps: Generator[float, None, ExportReport]
-    ) -> Generator[float, None, str]:
-        return self.finished(context, (yield from steps))
+        def reporting() -> Generator[float, None, str]:
+            return self.finished(context, (yield from steps))
+
+        return reporting()

@@ -17,15 +17,7 @@ from ...engine.texture.relief.relief_estimate import EstimatedRelief
 from ...errors import InputError, OutputError
 from ...processes.messages import decode_json
 from ...processes.worker import Worker
-from . import image_values, material_relief, surface_sources, surfaces
-
-
-def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
-    """Image of the base colour of an object's material; None if there is none, or several."""
-    material = obj.active_material if obj is not None and obj.type == "MESH" else None
-    if material is None or material.node_tree is None:
-        return None
-    return material_relief.colour_image_of(material)
+from . import image_values, surface_sources, surfaces
 
 
 class ReliefEstimation:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, ClassVar
+from contextlib import suppress
+from typing import ClassVar
 
 import bpy
 from bpy.props import (
@@ -23,9 +24,6 @@ from .. import framing
 from ..shared import HfxOperator
 from . import path_overlay
 from .path_operators import ON_SPOT, active_spot
-
-if TYPE_CHECKING:
-    import numpy as np
 
 MODES = (
     ("PLACE", "Place", "Click the place of the point"),
@@ -118,7 +116,13 @@ class HFX_OT_draw_path(HfxOperator):
             self.report({"ERROR"}, "Draw in a 3D viewport.")
             return {"CANCELLED"}
         body = active_spot(context).hfx.body
-        begun = self.reported(lambda: self._begin(context, body))
+
+        def find_skin() -> None:
+            if body is None:
+                raise InputError("The point has no body; choose one first.")
+            self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+
+        begun = self.reported(find_skin)
         if begun != {"FINISHED"}:
             return begun
         self.stroke.clear()
@@ -133,11 +137,6 @@ class HFX_OT_draw_path(HfxOperator):
         context.window_manager.modal_handler_add(self)
         path_overlay.show_pending(body, np.zeros((0, 3)))
         return {"RUNNING_MODAL"}
-
-    def _begin(self, context: bpy.types.Context, body: bpy.types.Object | None) -> None:
-        if body is None:
-            raise InputError("The point has no body; choose one first.")
-        self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC" or (event.type == "RIGHTMOUSE" and not len(self.stroke)):
@@ -217,20 +216,12 @@ class HFX_OT_draw_path(HfxOperator):
 
         places = np.array([point.place for point in self.stroke], np.float64).reshape(-1, 3)
         body = active_spot(context).hfx.body if active_spot(context) is not None else None
-        path_overlay.show_pending(body, places, self._path_through(places))
+        path = None
+        if self.mode in ("STRAIGHT", "CURVE") and len(places) > 1:
+            with suppress(InputError):  # no path on the skin joins the points: straight segments
+                path = paths.through(places, "curve" if self.mode == "CURVE" else "straight")[1]
+        path_overlay.show_pending(body, places, path)
         context.area.tag_redraw()
-
-    def _path_through(self, places: np.ndarray) -> np.ndarray | None:
-        """Path (m, 3) on the skin through clicked points (n, 3), for display.
-
-        None with fewer than two points, in other modes, and without a path between the points.
-        """
-        if self.mode not in ("STRAIGHT", "CURVE") or len(places) < 2:
-            return None
-        try:
-            return paths.through(places, "curve" if self.mode == "CURVE" else "straight")[1]
-        except InputError:
-            return None
 
     def _finish(self, context: bpy.types.Context) -> set[str]:
         self._end(context)

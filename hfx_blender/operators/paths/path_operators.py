@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...authoring.effects import effects
@@ -51,10 +58,6 @@ def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
 ON_SPOT = active_spot, "Select a point on the skin"
 
 
-class _OfSpot(HfxOperator):
-    requires = (ON_SPOT,)
-
-
 class PathOperator(HfxOperator):
     """Base of operators that need a point on the skin with a position."""
 
@@ -95,17 +98,18 @@ class HFX_OT_add_spot(OnBodyOperator):
             not self.properties.is_property_set("place")
             and len(effects.bodies_of(context.scene)) == 1
         ):
-            placed = self.reported(lambda: self._place_at_cursor(context))
+
+            def place_at_cursor() -> None:
+                (body,) = effects.bodies_of(context.scene)
+                picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+                reach = _ON_SKIN_M / metres_of(context.scene)
+                nearest = picker.nearest(context.scene.cursor.location, reach)
+                self.place = _MIDDLE_OF_BACK if nearest is None else nearest.tolist()
+
+            placed = self.reported(place_at_cursor)
             if placed != {"FINISHED"}:
                 return placed
         return self.execute(context)
-
-    def _place_at_cursor(self, context: bpy.types.Context) -> None:
-        (body,) = effects.bodies_of(context.scene)
-        picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
-        reach = _ON_SKIN_M / metres_of(context.scene)
-        nearest = picker.nearest(context.scene.cursor.location, reach)
-        self.place = _MIDDLE_OF_BACK if nearest is None else nearest.tolist()
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -167,7 +171,7 @@ class HFX_OT_move_along_path(PathOperator):
     seconds: FloatProperty(
         name="Duration", description="Seconds", default=1.0, min=0.01, soft_max=60.0
     )
-    repeats: bpy.props.IntProperty(
+    repeats: IntProperty(
         name="Times", description="Number of passes along the path", default=1, min=1, max=1000
     )
     to_and_fro: BoolProperty(name="To and Fro", description="Every second pass backwards")
@@ -183,6 +187,8 @@ class HFX_OT_move_along_path(PathOperator):
         for k in range(self.repeats):
             ends = (1.0, 0.0) if self.to_and_fro and k % 2 else (0.0, 1.0)
             first = start + k * step
+            # The jump back to the start of a further pass lies between two keyframes that are 1 %
+            # of a pass, and at most half a frame, apart.
             if keys and keys[-1][1] != ends[0]:
                 keys[-1] = (keys[-1][0] - min(0.5, 0.01 * step), keys[-1][1])
             if not keys or keys[-1][1] != ends[0]:
@@ -211,11 +217,12 @@ def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
     return f"'{recipe.name}': {length:.2f} m"
 
 
-class HFX_OT_path_from_library(_OfSpot):
+class HFX_OT_path_from_library(HfxOperator):
     """Give the point a ready path"""
 
     bl_idname = "hfx.path_from_library"
     bl_label = "Path from Library"
+    requires = (ON_SPOT,)
 
     name: EnumProperty(name="Path", items=_ready_paths)
 
@@ -225,11 +232,12 @@ class HFX_OT_path_from_library(_OfSpot):
         return _apply(context, path_file.load_library(self.name))
 
 
-class HFX_OT_load_path(_OfSpot, ImportHelper):
+class HFX_OT_load_path(HfxOperator, ImportHelper):
     """Load a path file, with its motion if included"""
 
     bl_idname = "hfx.load_path"
     bl_label = "Load Path"
+    requires = (ON_SPOT,)
 
     filename_ext = suffixes.PATH
     filter_glob: StringProperty(default=f"*{suffixes.PATH}", options={"HIDDEN"})

@@ -31,14 +31,8 @@ _draw_handle: object | None = None
 
 
 def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
-    """Show a path during drawing on a body; None as body hides it.
-
-    Parameters
-    ----------
-    places : (n, 3) float64
-        Clicked points, canonical body, metres.
-    path : (m, 3) float64, optional
-        Path through the points; straight segments by default.
+    """Show points (n, 3) during drawing on a body, and a path (m, 3) through them; body None hides
+    both. Metres on the canonical body; without a path, straight segments join the points.
     """
     global pending_clicks
     pending_clicks = (body, places, places if path is None else path)
@@ -49,12 +43,8 @@ def lines_of(
 ) -> tuple[F32, F32] | None:
     """Line of a point's path (n, 3) and rim of its disc (m, 3) at the current frame.
 
-    World space, Blender's units. None for a point without a position.
-
-    Raises
-    ------
-    InputError
-        The stored path is damaged, or the body models do not fit the body.
+    World space, Blender's units, lifted 3 mm above the skin. None for a point without a position.
+    Raises InputError: the stored path is damaged, or the body models do not fit the body.
     """
     import numpy as np
 
@@ -79,6 +69,7 @@ def _on_body(
     import numpy as np
 
     key = hash(places.tobytes())
+    # A path rarely changes, but is drawn at each frame: its anchors on the skin are cached.
     if key not in _anchors:
         if len(_anchors) > 256:
             _anchors.clear()
@@ -100,8 +91,12 @@ def _ring(
     """
     import numpy as np
 
+    from ...engine.body.model import load_model
+
     around = skin_picking.Anchors.of(centre)
-    normal = around.weights[0] @ _normals()[around.corners[0]]
+    skin_normals = load_model(skin_picking.SKIN_MODEL).normals
+    normal = around.weights[0] @ skin_normals[around.corners[0]].astype(np.float64)
+    # The right singular vectors of a single row: the normal, then two axes of the plane across.
     axes = np.linalg.svd(normal[None])[2][1:]
     angle = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
     rim = centre + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
@@ -109,15 +104,11 @@ def _ring(
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 
 
-def _normals() -> F64:
-    import numpy as np
-
-    from ...engine.body.model import load_model
-
-    return load_model(skin_picking.SKIN_MODEL).normals.astype(np.float64)
-
-
 def _draw() -> None:
+    """Draw all paths of the scene, those of inactive effects faintly, and the pending path."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
     space = bpy.context.space_data
     if space is None or not space.overlay.show_overlays:
         return
@@ -139,7 +130,12 @@ def _draw() -> None:
                     _draw_line(line, colour)
         if body is not None and len(places):
             _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
-            _draw_points(_on_body(body, depsgraph, places, unit_m), _PENDING_COLOUR)
+            points = _on_body(body, depsgraph, places, unit_m)
+            shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+            gpu.state.point_size_set(7.0)
+            shader.uniform_float("color", _PENDING_COLOUR)
+            batch_for_shader(shader, "POINTS", {"pos": points}).draw(shader)
+            gpu.state.point_size_set(1.0)
     except (HfxError, ReferenceError):
         return  # the export and the panels report faults
 
@@ -160,17 +156,6 @@ def _draw_line(points: F32, colour: tuple[float, ...]) -> None:
     batch.draw(shader)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
-
-
-def _draw_points(points: F32, colour: tuple[float, ...]) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    gpu.state.point_size_set(7.0)
-    shader.uniform_float("color", colour)
-    batch_for_shader(shader, "POINTS", {"pos": points}).draw(shader)
-    gpu.state.point_size_set(1.0)
 
 
 def register() -> None:

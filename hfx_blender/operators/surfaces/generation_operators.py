@@ -16,7 +16,7 @@ from ...blender.events import redraw
 from ...errors import HfxError, InputError
 from ...processes import blender_session
 from ...version import __version__
-from ..shared import HfxOperator, ModalTimer
+from ..shared import ON_MESH, HfxOperator, ModalTimer
 
 if TYPE_CHECKING:
     from ...generation.generation_process import GenerationProcess
@@ -33,13 +33,14 @@ _folders: list[str] = []
 
 
 def _job(context: bpy.types.Context) -> dict[str, Any]:
-    """Request for the generation process, from the panel's settings.
+    """Request for the generation process, from the panel's settings; makes its folder.
 
-    Raises
-    ------
-    InputError
-        No text, or no picture readable by Blender.
+    Raises InputError: no text, or no picture readable by Blender.
     """
+    import numpy as np
+
+    from ...authoring.surfaces import image_values
+
     settings = context.window_manager.hfx_generation
     folder = str(blender_session.new_temporary_folder("hfx_generated_"))
     _folders.append(folder)
@@ -60,27 +61,19 @@ def _job(context: bpy.types.Context) -> dict[str, Any]:
         return job
     if not settings.picture:
         raise InputError("Choose a picture of a material.")
-    return {**job, **_of_picture(settings, Path(folder))}
-
-
-def _of_picture(settings: Any, folder: Path) -> dict[str, Any]:
-    import numpy as np
-
-    from ...authoring.surfaces import image_values
-
     path = bpy.path.abspath(settings.picture)
-    # The process has no Blender: pass pixels decoded here, for all of Blender's formats.
+    # The process has no Blender: it gets pixels decoded here, for all of Blender's formats.
     image = image_values.load(path)
     try:
-        pixels = folder / "pixels.npy"
+        pixels = os.path.join(folder, "pixels.npy")
         np.save(pixels, image_values.colours_of(image).astype(np.float32))
     finally:
         bpy.data.images.remove(image)
-    return {
+    return job | {
         "back_end": "folder",
         "variations": 1,
         "picture": os.path.abspath(path),
-        "pixels": str(pixels),
+        "pixels": pixels,
         "size_mm": list(settings.size_mm),
         "height_mm": settings.height_mm,
         "tiles": settings.tiles,
@@ -193,11 +186,12 @@ class HFX_OT_use_generated(HfxOperator):
 
     number: IntProperty(name="Number", description="Of the variation", min=0)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.object
-        is_usable = active is not None and active.type == "MESH" and active.mode == "OBJECT"
-        return cls.needs(is_usable, "Select a mesh, in Object Mode")
+    requires = (
+        (
+            lambda context: ON_MESH[0](context) and context.object.mode == "OBJECT",
+            "Select a mesh, in Object Mode",
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         if self.number >= len(results):

@@ -79,7 +79,8 @@ class HFX_OT_stroke_pad(HfxOperator):
 
     def _react(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         pad, now = self._pad, time.monotonic()
-        if not self._is_shown(context):
+        # The pad's viewport is hidden after a change of workspace, or by a file browser.
+        if context.window is None or context.window.screen != self._screen:
             return {"PASS_THROUGH"}
         x, y = event.mouse_x - self._region.x, event.mouse_y - self._region.y
         if event.type == "ESC" and event.value == "PRESS":
@@ -113,12 +114,6 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._feel()
         self._region.tag_redraw()
         return {"RUNNING_MODAL"}
-
-    def _is_shown(self, context: bpy.types.Context) -> bool:
-        """Test for the pad's viewport: False after a change of workspace, or under a file
-        browser.
-        """
-        return context.window is not None and context.window.screen == self._screen
 
     def _feel(self) -> None:
         """Play new parts of the stroke as sound, and on connected devices."""

@@ -105,8 +105,8 @@ class HFX_OT_load_surface_image(SurfaceFileOperator):
     kind: EnumProperty(
         name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS[:2]
     )
-    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_image: BoolProperty(default=True, options={"HIDDEN"})
+    filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.surfaces import image_values
@@ -213,6 +213,16 @@ class HFX_OT_feel_fabric(HfxOperator):
 _PAUSE_S = 0.1
 
 
+def _picture_of(obj: bpy.types.Object | None) -> bpy.types.Image | None:
+    """Only image of the base colour of an object's active material; otherwise None."""
+    from ...authoring.surfaces import material_relief
+
+    material = obj.active_material if obj is not None and obj.type == "MESH" else None
+    if material is None or material.node_tree is None:
+        return None
+    return material_relief.colour_image_of(material)
+
+
 class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     """Estimate relief and roughness from the picture of the material's base colour
 
@@ -237,12 +247,12 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     estimation = None
     _owner = ""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        from ...authoring.surfaces import relief_estimation
-
-        picture = relief_estimation.picture_of(context.object)
-        return cls.needs(picture, "Select a mesh whose material has a picture as its base colour")
+    requires = (
+        (
+            lambda context: _picture_of(context.object),
+            "Select a mesh whose material has a picture as its base colour",
+        ),
+    )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         from ...authoring.surfaces import surface_uv
@@ -262,23 +272,22 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         begun = self.reported(lambda: self.begin(context))
         return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
+    def begin(self, context: bpy.types.Context) -> None:
+        """Start process and timer; the result is for the object that is active now."""
+        self.estimation = self._started(context)
+        self._owner = context.object.name
+        self.start_modal(context, _PAUSE_S)
+        context.workspace.status_text_set("Estimating the relief. Esc: cancel")
+
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.surfaces import relief_estimation
 
         return relief_estimation.apply_estimate(context.object, self._started(context))
 
     def _started(self, context: bpy.types.Context) -> ReliefEstimation:
-        from ...authoring.surfaces import relief_estimation
+        from ...authoring.surfaces.relief_estimation import ReliefEstimation
 
-        picture = relief_estimation.picture_of(context.object)
-        return relief_estimation.ReliefEstimation(picture, tuple(self.size_mm), self.tiles)
-
-    def begin(self, context: bpy.types.Context) -> str:
-        self.estimation = self._started(context)
-        self._owner = context.object.name
-        self.start_modal(context, _PAUSE_S)
-        context.workspace.status_text_set("Estimating the relief. Esc: cancel")
-        return ""
+        return ReliefEstimation(_picture_of(context.object), tuple(self.size_mm), self.tiles)
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Check the estimation process at timer events and apply its result; Esc cancels; other
@@ -293,16 +302,17 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
             return {"PASS_THROUGH"}
         estimation, self.estimation = self.estimation, None
         self.cancel(context)
-        return self.reported(lambda: self._taken(context, estimation))
 
-    def _taken(self, context: bpy.types.Context, estimation: ReliefEstimation) -> str:
-        from ...authoring.surfaces import relief_estimation
+        def apply() -> str:
+            from ...authoring.surfaces import relief_estimation
 
-        obj = context.scene.objects.get(self._owner)
-        if obj is None:
-            estimation.stop()
-            raise InputError(f"'{self._owner}' is gone: its relief was not made.")
-        return relief_estimation.apply_estimate(obj, estimation)
+            obj = context.scene.objects.get(self._owner)
+            if obj is None:  # deleted or renamed in the meantime
+                estimation.stop()
+                raise InputError(f"'{self._owner}' is gone: its relief was not made.")
+            return relief_estimation.apply_estimate(obj, estimation)
+
+        return self.reported(apply)
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Stop the process of :attr:`estimation`, if any, without applying a result; remove timer

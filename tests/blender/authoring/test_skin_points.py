@@ -321,7 +321,7 @@ class _Drawing:
         self.mode, self.stroke, self.finished = mode, _Stroke(), False
         self._is_held, self._began_s, self._timer = False, 0.0, None
         self._picker = skin_picking.Picker(body, bpy.context.evaluated_depsgraph_get())
-        for name in ("modal", "_held", "_over_region", "_add", "_show", "_path_through"):
+        for name in ("modal", "_held", "_over_region", "_add", "_show"):
             setattr(self, name, getattr(HFX_OT_draw_path, name).__get__(self))
 
     def _end(self, _context: Any) -> None:

@@ -135,7 +135,7 @@ def dialog(window: Window) -> Any:
     """The operator after the start of the dialog, without Blender's dialog itself."""
     bases = (HfxOperator, ModalTimer, HFX_OT_estimate_relief)
     methods = {name: member for base in bases for name, member in base.__dict__.items()}
-    keep = ("begin", "_started", "_taken", "modal", "cancel", "reported", "estimation")
+    keep = ("begin", "_started", "modal", "cancel", "reported", "estimation")
     keep += ("_timer", "start_modal", "stop_timer")
     operator = type("Dialog", (), {name: methods[name] for name in keep})()
     operator.size_mm, operator.tiles = (20.0, 10.0), True
