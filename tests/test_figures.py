@@ -24,7 +24,7 @@ from hfx_blender.formats.device_files import (
     he,
     he_rules,
     openxr,
-    tact_rules,
+    tact,
 )
 from hfx_blender.formats.hjif import envelopes, semantics
 from hfx_blender.formats.rasters import signal_raster
@@ -104,7 +104,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
             he_rules.OPENHARMONY_MAX_BYTES / 2**10,
         ),
     ),
-    ("formats/index.md", r"Strengths change every (\d+) ms", lambda: tact_rules.INTERVAL_MS),
+    ("formats/index.md", r"Strengths change every (\d+) ms", lambda: tact.INTERVAL_MS),
     ("formats/index.md", r"a channel an actuator, (\d+) kHz", lambda: wav.RATE_HZ / 1000),
     (
         "formats/hjif.md",

@@ -312,7 +312,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             own_start=rb'\{"name":.*?"createdAt":0,"updatedAt":0,"id":""',
             write_raster="device_files.tact:export",
             why_nothing="device_files.tact_layouts:why_nothing",
-            check="device_files.tact_rules:validate",
+            check="device_files.tact:validate",
             decode="device_files.tact:decode",
         ),
         FormatInfo(

@@ -44,6 +44,11 @@ def write_json(document: Any, path: Path) -> None:
         file.write(encoded(document))
 
 
+def rounded_s(seconds: float) -> float:
+    """Round seconds to 0.1 us."""
+    return round(float(seconds), 7)
+
+
 def part_path(stem: Path, part: str, suffix: str) -> Path:
     """Path ``folder/stem.part<suffix>`` for any text ``part``, see :func:`name_part`."""
     return stem.with_name(f"{stem.name}.{name_part(part)}{suffix}")

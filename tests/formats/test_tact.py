@@ -17,7 +17,7 @@ from hfx_blender.engine.rendering.device_config import BhapticsEncoder
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import writing
-from hfx_blender.formats.device_files import tact, tact_rules
+from hfx_blender.formats.device_files import tact
 from hfx_blender.formats.device_files.tact_layouts import Motor, motors_of
 from hfx_blender.formats.rasters import npz_raster
 
@@ -26,7 +26,7 @@ BACK = Motor("Vest", "VestBack", 0)
 
 def played(content):
     data = encoded(tact.document([content], {content.name: BACK}, "Vest", "x"))
-    assert tact_rules.validate(data, "x") == []
+    assert tact.validate(data, "x") == []
     return tact.decode(data, "x")[0]
 
 
@@ -117,7 +117,7 @@ def test_dots_of_head_hand_and_foot_have_a_layout():
     ]
     for motor in motors:
         document = tact.document([signal([1, 1], name="a")], {"a": motor}, motor.kind, "x")
-        assert tact_rules.validate(encoded(document), "x") == []
+        assert tact.validate(encoded(document), "x") == []
         assert _levels_at(document, 0) == {(motor.position, motor.index): 1.0}
 
 
@@ -233,16 +233,16 @@ def test_a_broken_rule_is_found_by_its_code(path, value, code):
         del at[path[-1]]
     else:
         at[path[-1]] = value
-    assert code in [finding.code for finding in tact_rules.validate(encoded(actual), "x")]
+    assert code in [finding.code for finding in tact.validate(encoded(actual), "x")]
 
 
 def test_unknown_members_are_reported_outside_projects_only():
     """bHaptics' tools store more members within a project than the player reads."""
     actual = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
     actual["project"]["more"] = actual["project"]["tracks"][0]["more"] = 1
-    assert tact_rules.validate(encoded(actual), "x") == []
+    assert tact.validate(encoded(actual), "x") == []
     actual["more"] = 1
-    (finding,) = tact_rules.validate(encoded(actual), "x")
+    (finding,) = tact.validate(encoded(actual), "x")
     assert (finding.code, finding.severity) == ("TACT-UNKNOWN", "warning")
 
 

@@ -20,7 +20,6 @@ from hfx_blender.formats.device_files import (
     he,
     he_rules,
     tact,
-    tact_rules,
 )
 
 
@@ -298,7 +297,7 @@ def test_a_suit_file_without_optional_members():
     layout = {"layouts": {"VestFront": dots}}
     document = {"project": {"layout": layout, "tracks": [{"effects": [effect]}]}}
     document["durationMillis"] = 1000
-    assert errors(tact_rules.findings(document))
+    assert errors(tact.findings(document))
     signals, _ = tact.decode(encoded(document), "x")
     assert [signal.name for signal in signals] == ["VestFront 3", "VestFront 99"]
     assert signals[0].amplitude.at([0.05, 0.15, 0.25]).tolist() == [0.0, 0.5, 0.0]

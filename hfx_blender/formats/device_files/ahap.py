@@ -8,7 +8,7 @@ full scale; sharpness 0 to 1 spans the device's frequency range.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from operator import attrgetter
@@ -31,12 +31,12 @@ from ..signals.signals import (
     Signal,
     Transient,
     bursts,
+    joined_times,
     mixed,
     text_of,
 )
 from ..signals.simplified_writer import simplified_writer
-from ..written import Written, part_path, silent_note, write_json
-from .ahap_envelopes import RAMPS, envelope, product
+from ..written import Written, part_path, rounded_s, silent_note, write_json
 from .ahap_rules import (
     DOCUMENT,
     INTENSITY,
@@ -64,6 +64,9 @@ _LINEAR: Final = "linear"
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
 _SHORTEST_S: Final = 1e-3  # silence at the end, seconds
 _TRANSIENT_S: Final = 0.02  # duration of a tick, for the end of a pattern of ticks
+_RAMPS: Final = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
+_LONGEST_RAMP_S: Final = 60.0
+_PARTS: Final = 4  # straight pieces for the product of two ramps
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
@@ -125,7 +128,7 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     pattern = [
         {
             "Event": {
-                "Time": _rounded(tick.time_s),
+                "Time": rounded_s(tick.time_s),
                 "EventType": "HapticTransient",
                 "EventParameters": [
                     _parameter(INTENSITY, tick.amplitude),
@@ -141,11 +144,12 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield silent events from the last event to the signal's end, so loops keep their length."""
+    """Yield silent events from the end of the last event of ``pattern`` to the signal's end, so
+    loops keep their length; each 30 s at most, none for a rest of 1 ms or less."""
     last = 0.0
     for event in (entry["Event"] for entry in pattern):
         last = max(last, event["Time"] + event.get("EventDuration", 0.0))
-    end = _rounded(signal.duration_s)
+    end = rounded_s(signal.duration_s)
     while end - last > _SHORTEST_S:
         length = min(end - last, MAX_EVENT_S)
         yield _continuous(last, length, 0.0, 0.0)
@@ -156,9 +160,9 @@ def _continuous(time: float, duration: float, intensity: float, sharpness: float
     """Continuous event; ``time`` and ``duration`` in s, intensity and sharpness 0 to 1."""
     return {
         "Event": {
-            "Time": _rounded(time),
+            "Time": rounded_s(time),
             "EventType": "HapticContinuous",
-            "EventDuration": _rounded(duration),
+            "EventDuration": rounded_s(duration),
             "EventParameters": [_parameter(INTENSITY, intensity), _parameter(SHARPNESS, sharpness)],
         }
     }
@@ -167,7 +171,8 @@ def _continuous(time: float, duration: float, intensity: float, sharpness: float
 def _document(
     signal: Signal, frequencies: FrequencyRange, pattern: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """AHAP document around a pattern: version and metadata with name, credits, Hz range."""
+    """AHAP document of ``pattern``, with version 1 and metadata: the signal's name, its credits,
+    and the range of frequencies; project "HFX" for a signal without a project."""
     return {
         "Version": 1.0,
         "Metadata": {
@@ -186,23 +191,21 @@ def _parameter(name: str, value: float) -> dict[str, Any]:
     return {"ParameterID": name, "ParameterValue": round(value, 6)}
 
 
-def _rounded(seconds: float) -> float:
-    """Round seconds to 0.1 us."""
-    return round(float(seconds), 7)
-
-
 def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
-    """Yield ParameterCurve entries of at most 16 points; consecutive entries share a point."""
+    """Yield ParameterCurve entries of at most 16 points for the control ``name``; consecutive
+    entries share a point."""
     points = list(zip(curve.times_s.tolist(), curve.values.tolist(), strict=True))
+    # The control keeps its value between two curves. A shared point makes the value at the start
+    # of a curve equal to the value held, so no jump is played.
     for first in range(0, max(len(points) - 1, 1), MAX_CURVE_POINTS - 1):
         chunk = points[first : first + MAX_CURVE_POINTS]
-        start = _rounded(chunk[0][0])
+        start = rounded_s(chunk[0][0])
         yield {
             "ParameterCurve": {
                 "ParameterID": name,
                 "Time": start,
                 "ParameterCurveControlPoints": [
-                    {"Time": _rounded(max(time - start, 0.0)), "ParameterValue": round(value, 6)}
+                    {"Time": rounded_s(max(time - start, 0.0)), "ParameterValue": round(value, 6)}
                     for time, value in chunk
                 ],
             }
@@ -225,7 +228,9 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         document = completed(document)
         notes += refuse_untolerated(findings(document), name, lambda each: each.code in codes)
     metadata = document.get("Metadata")
-    law = metadata.get(_LAW_KEY, _LINEAR) if isinstance(metadata, dict) else _LINEAR
+    if not isinstance(metadata, dict):
+        metadata = {}  # the rules allow metadata of any type
+    law = metadata.get(_LAW_KEY, _LINEAR)
     if law != _LINEAR:
         raise InputError(
             f"{name}: Metadata: '{_LAW_KEY}' is {shown(law)}, allowed is '{_LINEAR}'; export the "
@@ -260,11 +265,16 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             end = start + float(duration)
             # Events of equal level or sharpness share one product curve: a pattern may have
             # thousands of events under a control curve with thousands of points.
-            shape = envelope(values, start, end)
+            shape = _envelope(values, start, end)
             if shape is not None:
                 has_ramps = True
                 end = max(end, float(shape.times_s[-1]))
-                strength = product(shape, intensity, level)
+                # The product of two ramps is a parabola. Four straight pieces in each interval
+                # between keyframes of both are within 1/64 of the product of the rises.
+                knots = joined_times([shape, intensity], start, float(shape.times_s[-1]))
+                steps = np.arange(_PARTS * (len(knots) - 1) + 1) / _PARTS
+                times = np.interp(steps, np.arange(len(knots)), knots)
+                strength = Curve(times, level * shape.at(times) * intensity.at(times))
                 strengths[start, end, len(pieces)] = strength
             else:
                 if (level,) not in strengths:
@@ -276,28 +286,55 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             keyframe_count = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
             limits.OVERLAP.check(keyframe_count, name, "its events and curves together have")
             pieces.append(Piece(start, end, strength, pitches[pitch]))
-    title = metadata.get("Description") if isinstance(metadata, dict) else None
+    title = metadata.get("Description")
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((tick.time_s + _TRANSIENT_S for tick in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
     left_out = tuple(f"{count} {loss}" for loss, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)
-    signal = replace(signal, credits=_credits_of(metadata))
-    return [replace(signal, left_out=left_out + signal.left_out, notes=notes)], frequencies
-
-
-def _credits_of(metadata: Any) -> Credits:
-    """Project, creation date and further texts of metadata, without HFX's own entries."""
+    # Credits are the texts of other authors: HFX's own entries are made anew by each writer.
     project = text_of(metadata, "Project")
     known = ("Project", "Created", "Description", _RANGE_KEY, _LAW_KEY)
-    keys = metadata.keys() - set(known) if isinstance(metadata, dict) else ()
-    foreign_texts = tuple((key, text_of(metadata, key)) for key in sorted(keys))
-    return Credits(
+    others = tuple((key, text_of(metadata, key)) for key in sorted(metadata.keys() - set(known)))
+    credits = Credits(
         project="" if project == _OWN_PROJECT else project,
         created=text_of(metadata, "Created"),
-        others=tuple(entry for entry in foreign_texts if entry[1]),
+        others=tuple(entry for entry in others if entry[1]),
     )
+    left_out += signal.left_out
+    return [replace(signal, credits=credits, left_out=left_out, notes=notes)], frequencies
+
+
+def _envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> Curve | None:
+    """Shape of an event, 0 to 1, to the end of the release; None for a constant event.
+
+    Times of ``parameters`` are clipped to 0..60 s; an attack beyond ``end_s`` stops at its level
+    there. Sustained (at least 0.5, or without attack and decay): release after ``end_s``; otherwise
+    decay after the attack, then 0 until ``end_s``. Source: developer.apple.com,
+    CHHapticEvent.ParameterID.
+    """
+    attack, decay, release = (
+        min(max(float(parameters.get(name, 0.0)), 0.0), _LONGEST_RAMP_S) for name in _RAMPS[:3]
+    )
+    is_sustained = float(parameters.get("Sustained", 1.0)) >= 0.5 or attack + decay <= 0.0
+    if end_s <= start_s or (is_sustained and attack + release <= 0.0):
+        return None
+    # An attack longer than the event is cut off at the level reached.
+    top = min(start_s + attack, end_s)
+    level = (top - start_s) / attack if attack > 0.0 else 1.0
+    points = [(start_s, 0.0)] if attack > 0.0 else []
+    points.append((top, level))
+    if is_sustained:
+        points.append((end_s, level))
+        if release > 0.0:
+            points.append((end_s + release, 0.0))
+    else:
+        if decay > 0.0:
+            points.append((top + decay, 0.0))
+        points.append((max(points[-1][0], end_s), 0.0))
+    times, values = np.array(points, np.float64).T
+    return Curve(times, values)
 
 
 held: Final = DEFAULT_RANGE.held
@@ -305,34 +342,26 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
-    """Add the ticks of ``<name>.transients.ahap`` in the same folder to the first signal.
+    """Add the ticks of ``<name>.transients.ahap`` in the same folder to the first signal, by time.
 
-    Without this file, nothing is added. Raises InputError if it is unreadable.
+    Without this file, and for such a file itself, the signals are returned unchanged. An envelope
+    of the companion is reported in ``left_out``. Raises InputError for an unreadable companion.
     """
     companion = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
     if path.name.endswith(TICKS_SUFFIX) or not companion.is_file():
         return signals
-    return [with_ticks_of(read_bytes(companion), str(companion), signals[0]), *signals[1:]]
-
-
-def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
-    """Add the ticks of a companion pattern to a signal, sorted by time.
-
-    Raises InputError if the companion is unreadable; an envelope of the companion is reported as
-    lost. ``name`` is the companion's path for messages.
-    """
-    (ticking,), _ = decode(content, name)
-    left_out, notes = ticking.left_out, ticking.notes
+    (ticking,), _ = decode(read_bytes(companion), str(companion))
+    left_out, signal = ticking.left_out, signals[0]
     if (ticking.amplitude.values > 0.0).any():
-        left_out += (f"{Path(name).name}: only the ticks are taken",)
-    return replace(
+        left_out += (f"{companion.name}: only the ticks are taken",)
+    all_ticks = sorted((*signal.transients, *ticking.transients), key=attrgetter("time_s"))
+    first = replace(
         signal,
-        transients=tuple(
-            sorted((*signal.transients, *ticking.transients), key=attrgetter("time_s"))
-        ),
+        transients=tuple(all_ticks),
         left_out=signal.left_out + left_out,
-        notes=(*signal.notes, *notes, f"read with {Path(name).name} beside it"),
+        notes=(*signal.notes, *ticking.notes, f"read with {companion.name} beside it"),
     )
+    return [first, *signals[1:]]
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
@@ -342,16 +371,13 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
     elif event is not None:
         for parameter in event.get("EventParameters", []):
-            value = parameter["ParameterValue"]
-            is_ramp = parameter["ParameterID"] in RAMPS and event["EventType"] == "HapticContinuous"
-            if is_ramp:
+            name, value = parameter["ParameterID"], parameter["ParameterValue"]
+            if name in _RAMPS and event["EventType"] == "HapticContinuous":
                 continue
-            if parameter["ParameterID"] not in (INTENSITY, SHARPNESS):
-                lost[f"parameters {parameter['ParameterID']} of events"] += 1
+            if name not in (INTENSITY, SHARPNESS):
+                lost[f"parameters {name} of events"] += 1
             elif not 0.0 <= value <= 1.0:
-                lost[
-                    f"values of {parameter['ParameterID']} beyond 0 to 1, taken as the nearest"
-                ] += 1
+                lost[f"values of {name} beyond 0 to 1, taken as the nearest"] += 1
     for key in ("Parameter", "ParameterCurve"):
         control_change = entry.get(key, {})
         control = control_change.get("ParameterID", INTENSITY_CONTROL)
@@ -369,9 +395,9 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
             lost[loss] += beyond
 
 
-def _range_of(metadata: Any) -> FrequencyRange:
+def _range_of(metadata: dict[str, Any]) -> FrequencyRange:
     """Frequency range stated by HFX's metadata; the default if missing or not within 10 kHz."""
-    hertz = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
+    hertz = metadata.get(_RANGE_KEY)
     if isinstance(hertz, list) and len(hertz) == 2:
         low, high = hertz
         if all(isinstance(number, int | float) for number in hertz) and 0 <= low <= high <= 10_000:

@@ -22,7 +22,7 @@ from ..registry import FORMATS
 from ..signals.curves import Curve
 from ..signals.signals import Credits, FrequencyRange, Signal, Transient, joined_times, text_of
 from ..signals.simplified_writer import simplified_writer, write_audible
-from ..written import Written
+from ..written import Written, rounded_s
 
 SUFFIX: Final = FORMATS["haptic"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
@@ -59,11 +59,12 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write ``stem.<name>.haptic`` per audible signal; dropped or raised ticks are reported."""
+    """Write ``stem.<name>.haptic`` per audible signal; dropped or raised ticks are in
+    ``left_out``, silent signals in ``notes``."""
     written = write_audible(signals, stem, SUFFIX, lambda signal: document(signal, frequencies))
     left_out: list[str] = []
     for signal in signals:
-        lost = len(signal.transients) - len({_rounded(tick.time_s) for tick in signal.transients})
+        lost = len(signal.transients) - len({rounded_s(tick.time_s) for tick in signal.transients})
         if lost:
             left_out.append(f"'{signal.name}': {lost} ticks at the time of a stronger tick")
         # Readers refuse an emphasis weaker than the envelope: document() raises the emphasis.
@@ -88,11 +89,11 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     # One emphasis per time: the strongest of simultaneous ticks is stored.
     ticks: dict[float, Transient] = {}
     for tick in signal.transients:
-        before = ticks.get(_rounded(tick.time_s))
+        before = ticks.get(rounded_s(tick.time_s))
         if before is None or tick.amplitude > before.amplitude:
-            ticks[_rounded(tick.time_s)] = tick
+            ticks[rounded_s(tick.time_s)] = tick
     points = [
-        (_rounded(time), value)
+        (rounded_s(time), value)
         for time, value in zip(
             signal.amplitude.times_s.tolist(), signal.amplitude.values.tolist(), strict=True
         )
@@ -133,18 +134,13 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
                 "envelopes": {
                     "amplitude": breakpoints,
                     "frequency": [
-                        {"time": _rounded(time), "frequency": round(share, 6)}
+                        {"time": rounded_s(time), "frequency": round(share, 6)}
                         for time, share in zip(times.tolist(), shares.tolist(), strict=True)
                     ],
                 }
             }
         },
     }
-
-
-def _rounded(seconds: float) -> float:
-    """Round seconds to 0.1 us."""
-    return round(float(seconds), 7)
 
 
 def _parsed(content: bytes, name: str) -> Any:
@@ -169,9 +165,8 @@ def _findings(document: Any) -> list[Finding]:
         # them.
         times = np.array([point["time"] for point in points], np.float32)
         for k in (np.flatnonzero(np.diff(times) < 0.0) + 1).tolist():
-            report.error(
-                "ORDER", ((location, name), k), "the time is before that of the last point"
-            )
+            message = "the time is before that of the last point"
+            report.error("ORDER", ((location, name), k), message)
     first, last = amplitude[0]["time"], amplitude[-1]["time"]
     if last <= first:
         message = "the envelope has no duration: Lofelt's reader takes it, Meta's does not"
@@ -243,24 +238,23 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 def _credits_of(metadata: Any) -> Credits:
     """Author, project, source and tags of metadata, without HFX's tag of the frequency range."""
-    tags = metadata.get("tags") if isinstance(metadata, dict) else None
     return Credits(
         author=text_of(metadata, "author"),
         project=text_of(metadata, "project"),
         source=text_of(metadata, "source"),
-        tags=tuple(
-            tag
-            for tag in (tags if isinstance(tags, list) else ())
-            if isinstance(tag, str) and tag and not _RANGE_PATTERN.fullmatch(tag)
-        ),
+        tags=tuple(tag for tag in _tags_of(metadata) if not _RANGE_PATTERN.fullmatch(tag)),
     )
+
+
+def _tags_of(metadata: Any) -> list[str]:
+    """Tags of metadata of any type, without empty tags and tags of another type."""
+    tags = metadata.get("tags") if isinstance(metadata, dict) else None
+    return [tag for tag in tags if isinstance(tag, str) and tag] if isinstance(tags, list) else []
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
     """Frequency range of the first tag ``frequency-range-hz:LOW-HIGH``, or ``DEFAULT_RANGE``."""
-    tags = metadata.get("tags") if isinstance(metadata, dict) else None
-    for tag in tags if isinstance(tags, list) else ():
-        match = _RANGE_PATTERN.fullmatch(tag) if isinstance(tag, str) else None
+    for match in map(_RANGE_PATTERN.fullmatch, _tags_of(metadata)):
         if match:
             try:
                 return FrequencyRange(float(match[1]), float(match[2]))

@@ -61,7 +61,7 @@ _RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
 _TOLERATED: Final = tuple(
     f"'{key}' is missing" for key in ("Index", "Metadata", "MetaData", "Version", "ChannelNumber")
 )
-_SIDES: Final = {0: "", 1: "left", 2: "right"}
+_SIDES: Final = {1: "left", 2: "right"}  # by actuator index; 0 plays on both sides
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
@@ -128,8 +128,22 @@ def write_openharmony(
             return None
         if any(event.start_ms > OPENHARMONY_MAX_START_MS for event in events):
             return None
-        pattern = _openharmony(signal, frequencies, events)
-        return pattern if len(encoded(pattern)) <= OPENHARMONY_MAX_BYTES else None
+        entries = []
+        for event in events:
+            entry = event_entry(event, event.start_ms)
+            entry["StartTime"] = entry.pop("RelativeTime")
+            entries.append({"Event": entry})
+        version_1 = _metadata(signal, frequencies, 1)
+        content = {
+            "MetaData": {
+                "Version": 1.0,
+                "ChannelNumber": 1,
+                "Create": version_1["Created"],
+                "Description": version_1["Description"],
+            },
+            "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
+        }
+        return content if len(encoded(content)) <= OPENHARMONY_MAX_BYTES else None
 
     limit = f"{OPENHARMONY_MAX_EVENTS} events and {OPENHARMONY_MAX_BYTES >> 10} KiB"
     title = f"an OpenHarmony pattern holds {limit}"
@@ -181,10 +195,11 @@ def _write_fitting(
     build: Callable[[Signal], Any],
     limit: str,
 ) -> Written:
-    """Write signals with the smallest sufficient tolerance, see :func:`write_v1`.
+    """Write a file per audible signal, with the smallest of the tolerances that fits.
 
-    ``build`` returns a document, or None beyond the limits; ``limit`` describes the limits. The
-    tolerance grows by half a step, up to 0.1 (or to ``tolerance`` if larger).
+    ``build`` returns a document, or None beyond the limits; ``limit`` is a clause on the limits for
+    messages. The tolerance grows by factors of 1.5 while it is at most 0.1; a ``tolerance`` above
+    that is tried alone. Signals without a fit are in ``left_out``; InputError if none fits.
     """
     documents: dict[str, Any] = {}
     notes = []
@@ -193,8 +208,6 @@ def _write_fitting(
     for signal in signals:
         if signal.is_silent:
             continue  # reported by _write
-        # The tolerance grows by half until the signal fits or a tenth of full scale is
-        # exceeded.
         value, content = tolerance, None
         while content is None and value <= max(_COARSEST, tolerance):
             (few,) = simplified_signals([signal], value)
@@ -229,27 +242,6 @@ def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict
     }
 
 
-def _openharmony(
-    signal: Signal, frequencies: FrequencyRange, events: Sequence[HeEvent]
-) -> dict[str, Any]:
-    """OpenHarmony document of a signal's events, all on one channel; start times in ms from 0."""
-    entries = []
-    for he_event in events:
-        event = event_entry(he_event, he_event.start_ms)
-        event["StartTime"] = event.pop("RelativeTime")
-        entries.append({"Event": event})
-    hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
-    return {
-        "MetaData": {
-            "Version": 1.0,
-            "ChannelNumber": 1,
-            "Create": clean(signal.credits.created),
-            "Description": f"{clean(signal.name)}; {hertz}",
-        },
-        "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
-    }
-
-
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Decode the signals of a file of any version, and the frequency range.
 
@@ -271,15 +263,19 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     document = known_members(shape_of(document), document)
     metadata = document.get("Metadata", document.get("MetaData", {}))
     title = metadata.get("Description")
-    frequencies = _range_of(title if isinstance(title, str) else "")
+    title = title if isinstance(title, str) else ""
+    frequencies = _range_of(title)
     pieces: dict[int, list[Piece]] = {}
     ticks: dict[int, list[Transient]] = {}
     end_s = 0.0
     beyond = endless = 0
     for index, start_ms, event in _absolute_events(document):
         parameters = event["Parameters"]
-        curve = parameters.get("Curve") or ()
-        hundredths = [parameters["Frequency"] + offset.get("Frequency", 0) for offset in curve]
+        # A curve's frequencies are offsets from the event's, in hundredths of the range.
+        hundredths = [
+            parameters["Frequency"] + point.get("Frequency", 0)
+            for point in parameters.get("Curve") or ()
+        ]
         beyond += sum(not 0 <= percent <= 100 for percent in hundredths)
         level, pitch = (
             min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
@@ -296,27 +292,19 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         else:
             pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
             end_s = max(end_s, pieces[index][-1].end_s)
-    label = (title or "").partition(";")[0] if isinstance(title, str) else ""
-    signals = [
-        mixed(
-            " ".join(filter(None, [label or Path(name).stem, _SIDES.get(index, str(index))])),
-            pieces.get(index, []),
-            ticks.get(index, []),
-            end_s,
-        )
-        for index in sorted({*pieces, *ticks}) or [0]
-    ]
-    left_out = signals[0].left_out
-    if endless:
-        left_out = (f"{endless} continuous events without a duration", *left_out)
-    if beyond:
-        left_out = (
-            f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",
-            *left_out,
-        )
+    label = title.partition(";")[0] or Path(name).stem
     created = text_of(metadata, "Created") or text_of(metadata, "Create")
-    signals = [replace(signal, credits=Credits(created=created)) for signal in signals]
-    signals[0] = replace(signals[0], left_out=left_out, notes=notes)
+    signals = []
+    for index in sorted({*pieces, *ticks}) or [0]:
+        signal_name = f"{label} {_SIDES.get(index, str(index))}" if index else label
+        signal = mixed(signal_name, pieces.get(index, []), ticks.get(index, []), end_s)
+        signals.append(replace(signal, credits=Credits(created=created)))
+    losses_of_file = {
+        "frequencies of curves beyond 0 to 100, taken as the nearest": beyond,
+        "continuous events without a duration": endless,
+    }
+    left_out = tuple(f"{count} {loss}" for loss, count in losses_of_file.items() if count)
+    signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=notes)
     return signals, frequencies
 
 
@@ -325,7 +313,10 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
 
 
 def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Events as (actuator index or 0, ms from the file's start, event), in file order."""
+    """Events as (actuator index, ms from the file's start, event), in file order.
+
+    The index is the event's, in OpenHarmony's files the channel's; 0 without.
+    """
     if "Channels" in document:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
@@ -351,23 +342,21 @@ def _piece(
 ) -> Piece:
     """Piece of a continuous event at ``start`` s; constant ``level`` and ``pitch`` without a curve.
 
-    ``level`` (1: full) scales and ``pitch`` (0 to 100) shifts the points of a curve.
+    ``level`` (1: full) scales and ``pitch`` (0 to 100) shifts the points of a curve, which may be
+    in any order; shifted frequencies are clipped to the range.
     """
     curve = event["Parameters"].get("Curve")
     end = start + event["Duration"] / 1000.0
     if not curve:
-        amplitude = Curve.of([start], [level])
-        return Piece(
-            start, end, amplitude, Curve(amplitude.times_s, frequencies.hertz([pitch / 100]))
-        )
+        hertz = Curve.of([start], frequencies.hertz([pitch / 100]))
+        return Piece(start, end, Curve.of([start], [level]), hertz)
     curve = sorted(curve, key=lambda point: point["Time"])
     times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
     # Foreign values are clipped far outside the range, so products stay finite; mixing clips to
     # full scale.
     levels = level * np.clip([float(point["Intensity"]) for point in curve], -_MOST, _MOST)
     offsets = np.clip([float(point.get("Frequency", 0)) for point in curve], -_MOST, _MOST)
-    hundredths = pitch + offsets
-    shares = clipped(Curve(times, hundredths / 100.0), 0.0, 1.0)
+    shares = clipped(Curve(times, (pitch + offsets) / 100.0), 0.0, 1.0)
     hertz = Curve(shares.times_s, frequencies.hertz(shares.values))
     return Piece(start, end, Curve(times, levels), hertz)
 

@@ -67,7 +67,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         )
         for tick in signal.transients
     ]
-    cuts = sorted({tick.start_ms for tick in ticks})
+    cuts = {tick.start_ms for tick in ticks}
     events = []
     times = signal.amplitude.times_s
     for first, last in bursts(signal.amplitude):
@@ -76,34 +76,42 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         levels = signal.amplitude.at(knots)
         levels[-1] = signal.amplitude.before(end)
         shares = np.rint(100.0 * frequencies.share(signal.frequency_hz.at(knots)))
-        # Times become whole milliseconds: near-duplicates within a millisecond go first,
-        # then times are made distinct.
+        # Times become whole milliseconds: near-duplicates within a millisecond go first. Times
+        # that still coincide are raised: with k subtracted from time k, "strictly ascending"
+        # becomes "never falling", which a running maximum ensures.
         indices = _distinct_indices(knots, levels, shares)
-        grid = _whole_ms(1000.0 * knots[indices])
-        points = list(
-            zip(grid, levels[indices].tolist(), shares[indices].astype(int).tolist(), strict=True)
-        )
-        points = _with_long_gaps_cut(points, cuts)
-        events += _cut(points, set(cuts), falls_to_zero)
+        steps = np.arange(len(indices))
+        grid = np.rint(1000.0 * knots[indices]).astype(np.int64)
+        grid = np.maximum.accumulate(grid - steps) + steps
+        # Points on the line are added at ticks, where events are cut, and every 5 s in longer
+        # gaps, the longest event.
+        times_ms = {*grid.tolist(), *(cut for cut in cuts if grid[0] < cut < grid[-1])}
+        for time, after in pairwise(sorted(times_ms)):
+            times_ms |= set(range(time, after, MAX_DURATION_MS))
+        all_ms = sorted(times_ms)
+        all_levels = np.interp(all_ms, grid, levels[indices]).tolist()
+        all_shares = np.rint(np.interp(all_ms, grid, shares[indices])).astype(int).tolist()
+        points = list(zip(all_ms, all_levels, all_shares, strict=True))
+        events += _cut(points, cuts, falls_to_zero)
     return sorted([*events, *ticks], key=lambda each: (each.start_ms, each.end_ms))
 
 
 def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
-    """Group events into patterns of version 2: absolute time in ms and events of each.
+    """Group events into patterns of version 2: (absolute time in ms, at most 16 events) of each.
 
-    A pattern ends where players accept the next pattern without delay. Without such an end among 16
-    events, the next tick is delayed together with the pattern.
+    A pattern ends where players accept the next pattern without delay, as late as possible. Without
+    such an end among 16 events, the pattern ends before the tick with the smallest delay, and the
+    next pattern begins later than its first event.
     """
     patterns: list[tuple[int, list[HeEvent]]] = []
     spacing = PatternSpacing()
     first = 0
     while first < len(events):
         start = max(events[first].start_ms, spacing.earliest_ms)
-        candidates = events[first : first + MAX_PATTERN_EVENTS]
         candidates = [
-            count_in_pattern
-            for count_in_pattern in candidates
-            if count_in_pattern.start_ms - start <= MAX_RELATIVE_MS
+            event
+            for event in events[first : first + MAX_PATTERN_EVENTS]
+            if event.start_ms - start <= MAX_RELATIVE_MS
         ]
         times = [
             (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0])
@@ -120,19 +128,18 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
                 break
             if following[0].transient:
                 delays[count] = earliest - following[0].start_ms
-        count = min(
-            delays, key=lambda count_in_pattern: delays[count_in_pattern], default=len(candidates)
-        )
+        count = min(delays, key=lambda number: delays[number], default=len(candidates))
         spacing.follow(start, times[:count])
-        patterns.append((start, list(candidates[:count])))
+        patterns.append((start, candidates[:count]))
         first += count
     return patterns
 
 
 def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
-    """Indices of keyframes (times ``knots`` in s) without near-duplicates in a millisecond.
+    """Ascending indices of keyframes (times ``knots`` in s) without near-duplicates in a
+    millisecond: levels (0..1) within 0.005 and ``shares`` (percent of the range) within 1.
 
-    Near: levels within 0.005 and ``shares`` within 1 %. First and last keyframe remain.
+    The earlier one of two near-duplicates remains, and always the first and the last keyframe.
     """
     indices = [0]
     last = len(knots) - 1
@@ -149,34 +156,14 @@ def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
     return indices if indices[-1] == last else [*indices, last]
 
 
-def _whole_ms(times_ms: Any) -> list[int]:
-    """Round times to whole milliseconds, raised where needed to ascend strictly by 1 at least."""
-    steps = np.arange(len(times_ms))
-    return list(np.maximum.accumulate(np.rint(times_ms).astype(np.int64) - steps) + steps)
-
-
-_PointMs = tuple[int, float, int]
-
-
-def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
-    """Points with interpolated points at the ticks ``cuts`` (ms), and every 5 s in longer gaps.
-
-    Only ticks between the first and the last point; frequencies are rounded.
-    """
-    grid = [time for time, _, _ in points]
-    cut_times = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
-    for time, after in pairwise(sorted(cut_times)):
-        cut_times |= set(range(time, after, MAX_DURATION_MS))
-    times = sorted(cut_times)
-    levels = np.interp(times, grid, [level for _, level, _ in points])
-    shares = np.rint(np.interp(times, grid, [share for _, _, share in points])).astype(int)
-    return list(zip(map(int, times), levels.tolist(), shares.tolist(), strict=True))
+_PointMs = tuple[int, float, int]  # ms, level 0..1, frequency 0..100
 
 
 def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
-    """Cut points into events at ``cuts`` and limits; successive events share a point.
+    """Cut points into events at the times ``cuts``, ms, and at limits; successive events share a
+    point.
 
-    Limits: 16 points (14 with ``falls_to_zero``, to add silent ends) and 5 s.
+    Limits: 16 points (14 with ``falls_to_zero``, which adds a silent point at both ends) and 5 s.
     """
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
@@ -191,29 +178,26 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
             and points[stop][0] not in cuts
         ):
             stop += 1
-        start = int(points[first][0])
-        part = [(int(t) - start, level, share) for t, level, share in points[first : stop + 1]]
+        start = points[first][0]
+        part = [(time - start, level, share) for time, level, share in points[first : stop + 1]]
         if falls_to_zero:
-            part = _falling_to_zero(part)
+            # Version 1: both ends are at level 0; a loud end is moved inwards by 1 ms.
+            (_, level, share), (end, last_level, last_share) = part[0], part[-1]
+            inner = part[1:-1]
+            if level > 0.0:
+                inner = [(min(1, end), level, share), *[point for point in inner if point[0] > 1]]
+            if last_level > 0.0:
+                inner = [point for point in inner if point[0] < end - 1]
+                inner.append((max(end - 1, 0), last_level, last_share))
+            part = [(0, 0.0, share), *inner, (end, 0.0, last_share)]
         events.append(HeEvent(start, tuple(_with_enough_points(part))))
         first = stop
     return events
 
 
-def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
-    """Begin and end an event's points at level 0; a loud end is moved inwards by 1 ms."""
-    (_, level, share), (end, last_level, last_share) = part[0], part[-1]
-    inner = part[1:-1]
-    if level > 0.0:
-        inner = [(min(1, end), level, share), *[point for point in inner if point[0] > 1]]
-    if last_level > 0.0:
-        inner = [point for point in inner if point[0] < end - 1]
-        inner.append((max(end - 1, 0), last_level, last_share))
-    return [(0, 0.0, share), *inner, (end, 0.0, last_share)]
-
-
 def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
-    """Halve the longest interval by a point on the line until there are four points."""
+    """Halve the longest interval by a point on the line, in whole ms, until there are four points;
+    four or more points are returned unchanged."""
     while len(part) < MIN_CURVE_POINTS:
         gaps = [b[0] - a[0] for a, b in pairwise(part)]
         k = int(np.argmax(gaps))

@@ -33,7 +33,8 @@ _PARAMETERS = Record({"Intensity": _PERCENT, "Frequency": _PERCENT}, {"Curve": I
 
 
 def _event(time: str, most_ms: int, indexed: bool) -> Shape:
-    """Shape of an event, ``time`` from 0 to ``most_ms``; index required if ``indexed``."""
+    """Shape of an event; ``time`` is the member with its time, 0 to ``most_ms``; the member
+    ``Index`` is required if ``indexed``, else optional."""
     index = {"Index": Number(0, 2, is_whole=True)}
     return Record(
         {
@@ -89,7 +90,8 @@ _OPENHARMONY = Record(
 
 
 def shape_of(document: Any) -> Shape:
-    """Shape by members: MetaData or Channels: OpenHarmony, Pattern: version 1, otherwise 2."""
+    """Shape of a document of any type by its members: MetaData or Channels: OpenHarmony, Pattern:
+    version 1, otherwise version 2."""
     keys = document if isinstance(document, dict) else {}
     if "MetaData" in keys or "Channels" in keys:
         return _OPENHARMONY

@@ -31,16 +31,14 @@ MAX_POINTS: Final = 500  # XR_HAPTIC_PARAMETRIC_MAX_POINTS_TRANSIENTS_EXT
 MIN_HZ, MAX_HZ = 1.0, 1000.0  # XR_HAPTIC_PARAMETRIC_FREQUENCY_MIN_HZ_EXT, _MAX_HZ_EXT
 
 _NS: Final = 1e9
-_MOST_NS = 2**62
 _SHARE = Number(0.0, 1.0)
-_TIME = Number(0, _MOST_NS, is_whole=True)
+_TIME = Number(0, 2**62, is_whole=True)  # XrTime has 63 bits
 _POINT = Record({"time": _TIME, "value": _SHARE})
 _TICK = Record({"time": _TIME, "amplitude": _SHARE, "frequency": _SHARE})
-_FRAME_TYPES = ("NONE", "FIRST_FRAME", "INTERMEDIATE_FRAME", "LAST_FRAME")
 _FRAME = Record(
     {
         "start": _TIME,
-        "streamFrameType": Text(_FRAME_TYPES),
+        "streamFrameType": Text(("NONE", "FIRST_FRAME", "INTERMEDIATE_FRAME", "LAST_FRAME")),
         "amplitudePoints": Items(_POINT, most=MAX_POINTS),
     },
     {
@@ -96,6 +94,7 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
     """
     ticks = sorted(signal.transients, key=lambda each: each.time_s)
     knots = np.unique(np.concatenate([signal.amplitude.times_s, [tick.time_s for tick in ticks]]))
+    # A frame needs a duration.
     if len(knots) == 1:
         knots = np.append(knots, knots[0] + 0.001)
     pitch_times = signal.frequency_hz.times_s
@@ -146,7 +145,8 @@ def _ns(seconds: float) -> int:
 
 
 def _points(times: Any, values: Any) -> list[dict[str, Any]]:
-    """JSON points of ``times`` (s from the frame's start) and ``values``, rounded to 6 decimals."""
+    """JSON points of arrays (n,): ``times`` (s from the frame's start) in whole nanoseconds, and
+    ``values`` 0..1, rounded to 6 decimals."""
     return [
         {"time": _ns(time), "value": round(value, 6)}
         for time, value in zip(times.tolist(), values.tolist(), strict=True)
@@ -168,16 +168,13 @@ def _findings(document: Any) -> list[Finding]:
         if len(kinds) > 1 and kinds != ["FIRST_FRAME", *middle, "LAST_FRAME"]:
             message = "several frames are a FIRST_FRAME, INTERMEDIATE_FRAMEs and a LAST_FRAME"
             report.error("STREAM", location, message)
-        if kinds and len(kinds) == 1 and kinds != ["NONE"]:
+        if len(kinds) == 1 and kinds != ["NONE"]:
             report.error("STREAM", location, "a single frame has the type NONE")
         last = -1
         for i, frame in enumerate(channel["frames"]):
             if frame["start"] <= last:
-                report.error(
-                    "ORDER",
-                    (location, i),
-                    "begins before the end of the last frame or at its start",
-                )
+                message = "begins before the end of the last frame or at its start"
+                report.error("ORDER", (location, i), message)
             last = frame["start"]
             for name in ("amplitudePoints", "frequencyPoints", "transients"):
                 times = [point["time"] for point in frame.get(name, [])]
@@ -203,7 +200,8 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
     """Signal of a channel, with the frames joined and duplicate border points dropped.
 
-    Amplitude 0 without points, frequency 0.5 of the range without frequency points.
+    Amplitude 0 without points, frequency 0.5 of the range without frequency points; a time before
+    an earlier point's is raised to that.
     """
     amplitude: list[tuple[float, float]] = []
     pitch: list[tuple[float, float]] = []

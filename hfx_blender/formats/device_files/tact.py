@@ -22,8 +22,20 @@ from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits
-from ...files.json_shapes import known_members
-from ...files.strict_json import clean, parse
+from ...files.findings import Finding, Report, json_validator
+from ...files.json_shapes import (
+    Anything,
+    Flag,
+    Items,
+    Number,
+    Record,
+    Table,
+    Text,
+    check,
+    known_members,
+    loose,
+)
+from ...files.strict_json import Place, clean, parse
 from ...text import counted
 from ..leniency import refuse_untolerated, without_nulls
 from ..registry import FORMATS
@@ -41,13 +53,61 @@ from ..signals.signals import (
 )
 from ..written import Written, part_path, write_json
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor, motors_of, why_nothing
-from .tact_rules import DOCUMENT, INTERVAL_MS, findings
 
 SUFFIX: Final = FORMATS["tact"].suffix
 DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
 """Approximate frequency of a vest's motors, which depends on their strength."""
 
 _GAP_MS: Final = 500  # longest silence within an effect
+INTERVAL_MS: Final = 20
+_MAX_MS: Final = 3_600_000 * 24
+_MILLIS = Number(0, _MAX_MS)
+_SHARE = Number(0.0, 1.0, may_be_text=True)
+_DOT = Number(0, MAX_DOTS - 1, is_whole=True)
+_PLAYBACK = Text(("NONE", "FADE_IN", "FADE_OUT", "FADE_IN_OUT"))
+_DOT_FEEDBACK = loose(
+    {
+        "startTime": _MILLIS,
+        "endTime": _MILLIS,
+        "playbackType": _PLAYBACK,
+        "pointList": Items(loose({"index": _DOT, "intensity": _SHARE})),
+    }
+)
+_PATH_FEEDBACK = loose(
+    {
+        "playbackType": _PLAYBACK,
+        "movingPattern": Text(("CONST_SPEED", "CONST_TDM")),
+        "pointList": Items(loose({"x": _SHARE, "y": _SHARE, "intensity": _SHARE, "time": _MILLIS})),
+    }
+)
+_DOT_MODE = loose({"feedback": Items(_DOT_FEEDBACK)}, {"dotConnected": Flag()})
+_PATH_MODE = loose({"feedback": Items(_PATH_FEEDBACK)})
+_MODE = loose(
+    {"mode": Text(("DOT_MODE", "PATH_MODE")), "dotMode": _DOT_MODE, "pathMode": _PATH_MODE}
+)
+_EFFECT = loose({"startTime": _MILLIS, "offsetTime": _MILLIS, "modes": Table(_MODE)})
+_LAYOUT = loose(
+    {
+        "type": Text(),
+        "name": Text(),
+        "layouts": Table(Items(loose({"index": _DOT, "x": _SHARE, "y": _SHARE}), most=MAX_DOTS)),
+    }
+)
+_DOCUMENT = Record(
+    {
+        "intervalMillis": Number(INTERVAL_MS, INTERVAL_MS, is_whole=True),
+        "size": Number(MAX_DOTS, MAX_DOTS, is_whole=True),
+        "durationMillis": _MILLIS,
+        "project": loose(
+            {
+                "layout": _LAYOUT,
+                "tracks": Items(loose({"effects": Items(_EFFECT)}, {"enable": Flag()})),
+            },
+            dict.fromkeys(("name", "description"), Anything()),
+        ),
+    },
+    {"name": Anything(), "feedback": Anything()},
+)
 
 
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
@@ -60,10 +120,8 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
     files = []
     kinds = dict.fromkeys(motors[signal.name].kind for signal in signals if signal.name in motors)
     for kind in kinds:
-        is_only = len(kinds) == 1
-        files.append(
-            stem.with_name(stem.name + SUFFIX) if is_only else part_path(stem, kind.lower(), SUFFIX)
-        )
+        path = stem.with_name(stem.name + SUFFIX)
+        files.append(path if len(kinds) == 1 else part_path(stem, kind.lower(), SUFFIX))
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
     played = [signal for signal in signals if signal.name in motors and not signal.is_silent]
     sharing = Counter(motors[signal.name] for signal in played)
@@ -157,6 +215,7 @@ def document(
 
 def _strongest(curve: Curve, steps: int) -> F64:
     """Maximum of a curve in each interval of 20 ms, (steps,), 0..1; 0 after the curve."""
+    # A piecewise linear curve is highest at a keyframe or at an end of the interval.
     edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
     strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
     inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
@@ -171,9 +230,9 @@ def _strongest(curve: Curve, steps: int) -> F64:
 def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
-    """Effect of the steps first..stop of ``span``, with the dots of all positions.
+    """Effect of the steps of ``span``, (first, after the last), with the dots of all positions.
 
-    ``levels`` (steps, positions times 20) are percent.
+    ``levels`` (steps, 20 columns for each of ``positions``) are percent.
     """
     first, stop = span
     part = levels[first:stop]
@@ -205,8 +264,7 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
     Silent runs are omitted; times are ms from the first row.
     """
     changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
-    edges = [0, *changes.tolist(), len(levels)]
-    for first, stop in pairwise(edges):
+    for first, stop in pairwise([0, *changes.tolist(), len(levels)]):
         row = levels[first]
         if row.any():
             yield {
@@ -228,9 +286,9 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     document = without_nulls(parse(content, name))
     # The player requires only the right types, and skips missing members.
     notes = refuse_untolerated(
-        findings(document), name, lambda dot_pieces: dot_pieces.code != "TACT-TYPE", document
+        findings(document), name, lambda finding: finding.code != "TACT-TYPE", document
     )
-    document = known_members(DOCUMENT, document)
+    document = known_members(_DOCUMENT, document)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
     project = document.get("project", {})
@@ -264,12 +322,6 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return signals, DEFAULT_RANGE
 
 
-def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """Feedback list of ``dotMode`` or ``pathMode`` of a mode; empty if missing."""
-    feedbacks: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
-    return feedbacks
-
-
 _FADES: Final = {
     "NONE": ((0.0, 1.0), (1.0, 1.0)),
     "FADE_IN": ((0.0, 1.0), (0.0, 1.0)),
@@ -291,9 +343,12 @@ def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
 
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
-    """Yield (motor number, piece) for the dots of a mode; points without ``index`` are skipped."""
+    """Yield (motor number, piece) for the dots of a mode; points without ``index`` are skipped.
+
+    Times without a member: 0 for starts, the effect's ``offsetTime`` for ends.
+    """
     begin = effect.get("startTime", 0)
-    for feedback in _feedbacks(mode, "dotMode"):
+    for feedback in mode.get("dotMode", {}).get("feedback", []):
         start = begin + feedback.get("startTime", 0)
         end = begin + feedback.get("endTime", effect.get("offsetTime", 0))
         fade = feedback.get("playbackType", "NONE")
@@ -313,8 +368,10 @@ def _path_pieces(
     """
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
-    for feedback in _feedbacks(mode, "pathMode"):
-        points = sorted(feedback.get("pointList", []), key=_time_of)
+    for feedback in mode.get("pathMode", {}).get("feedback", []):
+        points = sorted(
+            feedback.get("pointList", []), key=lambda point: float(point.get("time", 0))
+        )
         if not points:
             lost["paths without points, which are silent"] += 1
             continue
@@ -325,16 +382,49 @@ def _path_pieces(
             lost["moving points, which jump from dot to dot"] += 1
         if feedback.get("playbackType", "NONE") != "NONE":
             lost["fades of paths"] += 1
-        # A point lasts until the next point, the last point until the end of the effect.
-        ends = [_time_of(point) for point in points[1:]] + [effect.get("offsetTime", 0)]
-        for point, end in zip(points, ends, strict=True):
+        times = [float(point.get("time", 0)) for point in points] + [effect.get("offsetTime", 0)]
+        for point, (start, end) in zip(points, pairwise(times), strict=True):
             off = places - (float(point.get("x", 0.5)), float(point.get("y", 0.5)))
             nearest = dots[int(np.argmin((off**2).sum(axis=1)))]
-            start_s, end_s = (begin + _time_of(point)) / 1000.0, (begin + end) / 1000.0
             level = float(point.get("intensity", 0.0))
-            yield nearest["index"], _piece(start_s, end_s, level, "NONE")
+            piece = _piece((begin + start) / 1000.0, (begin + end) / 1000.0, level, "NONE")
+            yield nearest["index"], piece
 
 
-def _time_of(point: dict[str, Any]) -> float:
-    """Time of a path point, ms; 0 if missing."""
-    return float(point.get("time", 0))
+def findings(document: Any) -> list[Finding]:
+    """Return the findings of a parsed document: schema errors, or else faults of values."""
+    report = Report("TACT")
+    check(_DOCUMENT, document, report)
+    if report.has_errors:
+        return report.findings
+    project = document["project"]
+    layouts = project["layout"]["layouts"]
+    for t, track in enumerate(project["tracks"]):
+        for e, effect in enumerate(track["effects"]):
+            location: Place = (((((None, "project"), "tracks"), t), "effects"), e)
+            end = effect["startTime"] + effect["offsetTime"]
+            if document["durationMillis"] and end > document["durationMillis"]:
+                message = f"ends at {end} ms, after the file ({document['durationMillis']} ms)"
+                report.warn("DURATION", location, message)
+            for position, mode in effect["modes"].items():
+                here = ((location, "modes"), position)
+                if position not in layouts:
+                    message = f"the layout has no position '{position[:40]}'"
+                    report.error("POSITION", here, message)
+                    continue
+                if mode["mode"] == "PATH_MODE":
+                    paths = mode["pathMode"]["feedback"]
+                    if any(not path["pointList"] for path in paths):
+                        report.warn("PATH-EMPTY", here, "a path has no points: it is silent")
+                known = {dot["index"] for dot in layouts[position]}
+                for feedback in mode["dotMode"]["feedback"]:
+                    if feedback["endTime"] < feedback["startTime"]:
+                        report.error("ORDER", here, "a feedback ends before it begins")
+                    for point in feedback["pointList"]:
+                        if point["index"] not in known:
+                            message = f"the layout has no dot {point['index']}"
+                            report.error("DOT", here, message)
+    return report.findings
+
+
+validate = json_validator(findings)

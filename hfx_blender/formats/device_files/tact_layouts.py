@@ -40,26 +40,21 @@ class Motor:
 
 
 def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
-    """Places (x, y), 0..1, of a grid of dots, row by row from the top left."""
+    """Places (x, y), 0..1, of a grid of dots, row by row from the top left; y 0.5 of one row."""
     return tuple(
-        (round(column / (columns - 1), 3), round(row / (rows - 1), 3))
+        (round(column / (columns - 1), 3), round(row / (rows - 1), 3) if rows > 1 else 0.5)
         for row in range(rows)
         for column in range(columns)
     )
 
 
-def _row(columns: int) -> tuple[tuple[float, float], ...]:
-    """Places (x, y) of a row of dots: x from 0 to 1, y 0.5."""
-    return tuple((round(column / (columns - 1), 3), 0.5) for column in range(columns))
-
-
 LAYOUTS: Final = {
     "Vest": Layout("Vest", "Tactot", ("VestFront", "VestBack"), _grid(4, 5)),
     "Sleeves": Layout("Tactosy2", "Tactosy2", ("ForearmL", "ForearmR"), _grid(3, 2)),
-    "Head": Layout("Head", "Tactal", ("Head",), _row(6)),
-    "Hands": Layout("Hand", "Hand", ("HandL", "HandR"), _row(3)),
-    "Feet": Layout("Foot", "Foot", ("FootL", "FootR"), _row(3)),
-    "Gloves": Layout("Glove", "TactGlove", ("GloveL", "GloveR"), _row(6)),
+    "Head": Layout("Head", "Tactal", ("Head",), _grid(6, 1)),
+    "Hands": Layout("Hand", "Hand", ("HandL", "HandR"), _grid(3, 1)),
+    "Feet": Layout("Foot", "Foot", ("FootL", "FootR"), _grid(3, 1)),
+    "Gloves": Layout("Glove", "TactGlove", ("GloveL", "GloveR"), _grid(6, 1)),
 }
 _KIND_OF: Final = {position: kind for kind, each in LAYOUTS.items() for position in each.positions}
 
@@ -73,9 +68,9 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
     """Motor for each vibration actuator, by actuator id.
 
     A device of the bHaptics Player has the dots of its configuration, as in live playback.
-    Otherwise the nearest motor on the torso, front or back, is used, and on each forearm the motors
-    in the order of the configuration; actuators elsewhere, or beyond the six of a sleeve, are
-    missing.
+    Otherwise an actuator on the torso has the nearest of 4 columns (x) and 5 rows (z) of the vest,
+    front for y < 0; actuators on a forearm, left for x > 0, have the sleeve's motors in the order
+    of the configuration. Actuators elsewhere, or beyond the six of a sleeve, are missing.
     """
     encoder = device.output.encoder if device.output is not None else None
     if isinstance(encoder, BhapticsEncoder):
@@ -85,28 +80,17 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
             for actuator, (position, index) in zip(device.actuators, dots, strict=True)
             if actuator.type.modality == "vibration"
         }
-    return _nearest_motors(device)
-
-
-def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
-    """Motor for each vibration actuator on torso or forearm, by actuator id, without the encoder.
-
-    Torso: nearest of 4 columns (x) and 5 rows (z), front for y < 0. Forearm: left for x > 0, motors
-    in the order of the actuators, without those beyond the sleeve's six.
-    """
     motors = {}
     taken = {"ForearmL": 0, "ForearmR": 0}
     for actuator in device.actuators:
         if actuator.type.modality != "vibration":
             continue
-        position_on_body = actuator.place
-        parts = position_on_body.parts if isinstance(position_on_body, BodyPlace) else ("torso",)
+        parts = actuator.place.parts if isinstance(actuator.place, BodyPlace) else ("torso",)
         centre = _centre(device, actuator)
         if centre is None:
             continue
         x, y, z = centre
-        # Sleeves have no map of their motors: actuators take them in order of the
-        # configuration.
+        # Sleeves have no map of their motors.
         if parts == ("forearm",):
             position = "ForearmL" if x > 0.0 else "ForearmR"
             if taken[position] < len(LAYOUTS["Sleeves"].dots):
