@@ -21,7 +21,7 @@ from typing import Any, Final, Literal, NoReturn
 
 from ..errors import InputError
 from .findings import Finding, Report, sentence
-from .strict_json import SHOWN, Place, parse, read_bytes, shown_place
+from .strict_json import SHOWN, Place, parse, read_bytes, shown, shown_place
 
 MAX_OWN_BYTES: Final = 1 << 20
 """Default size limit of this program's own files, bytes."""
@@ -400,16 +400,6 @@ def _check_text(shape: Text, value: Any, report: Report, place: Place) -> None:
 
 def _found(value: Any, allowed: str) -> str:
     return f"is {shown(value)}, allowed is {allowed}"
-
-
-def shown(value: Any) -> str:
-    """Encode a value as JSON for a message, cut after :data:`SHOWN` characters."""
-    text = ""
-    for part in json.JSONEncoder().iterencode(value):
-        text += part
-        if len(text) > SHOWN:  # the rest of a large document is not encoded
-            return text[:SHOWN] + "..."
-    return text
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,16 @@ def clean(name: str) -> str:
     return name.encode("utf-8", "replace").decode()
 
 
+def shown(value: Any) -> str:
+    """Encode a value as JSON for a message, cut after :data:`SHOWN` characters."""
+    text = ""
+    for part in json.JSONEncoder().iterencode(value):
+        text += part
+        if len(text) > SHOWN:  # the rest of a large document is not encoded
+            return text[:SHOWN] + "..."
+    return text
+
+
 @dataclass(frozen=True)
 class _Fault:
     """Placeholder of a forbidden value until its location is known."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -19,10 +20,9 @@ from xml.parsers import expat
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, refuse_no_file
 from ..files import limits
-from ..files.findings import Finding, refuse_errors
+from ..files.findings import Finding, as_fact, refuse_errors
 from ..files.kinds import title_of
 from ..files.strict_json import mapped, read_bytes, read_data
-from .leniency import as_fact
 from .registry import FORMATS, FormatInfo
 from .signals.signals import FrequencyRange, Signal
 from .written import Written
@@ -59,22 +59,18 @@ def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     Missing files are ignored; returns nothing.
     """
     for path in files:
-        if path != target and path.is_file() and not _is_written_by_hfx(path):
+        if path == target or not path.is_file():
+            continue
+        starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
+        start = next(filter(None, starts), None)
+        head = b""  # an unreadable file counts as another program's
+        with suppress(OSError), path.open("rb") as file:
+            head = file.read(_HEAD)
+        if start is None or not re.match(start, head, re.DOTALL):
             raise OutputError(
                 f"{path}: cannot be written (another program's file has this name); "
                 f"'{target.name}' needs this name: choose another target."
             )
-
-
-def _is_written_by_hfx(path: Path) -> bool:
-    """Test a file for the first bytes of its format as written by HFX; False if unreadable."""
-    starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
-    start = next(filter(None, starts), None)
-    try:
-        with path.open("rb") as file:
-            return start is not None and bool(re.match(start, file.read(_HEAD), re.DOTALL))
-    except OSError:
-        return False
 
 
 def _formats_without_check() -> list[FormatInfo]:
@@ -241,8 +237,9 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
 def facts_of(path: Path) -> dict[str, Any]:
     """Return a file's format, size, validity and content for ``hfx info``.
 
-    Errors of formats with ``decode`` are only counted, as readers tolerate some. Raises InputError
-    for invalid files of further formats, and for unknown or unreadable files.
+    Of a format without ``facts``: metadata, notes and losses if any, the range of frequencies, and
+    a row per signal. Errors of formats with ``decode`` are only counted, as readers tolerate some.
+    Raises InputError for invalid files of further formats, and for unknown or unreadable files.
     """
     info, findings = validate(path)
     errors = [finding for finding in findings if finding.severity == "error"]
@@ -254,15 +251,12 @@ def facts_of(path: Path) -> dict[str, Any]:
         "bytes": path.stat().st_size,
         "valid": f"no, {len(errors)} errors (run 'hfx validate' for a list)" if errors else "yes",
     }
-    return facts | (info.function("facts")(path) if info.facts else _facts_of_signals(path))
-
-
-def _facts_of_signals(path: Path) -> dict[str, Any]:
-    """Facts of a file with envelopes: metadata, notes and losses if any, Hz, a row per signal."""
+    if info.facts:
+        return facts | info.function("facts")(path)
     signals, frequencies = read_signals(path)
     notes = [note for signal in signals for note in signal.notes]
     left_out = [note for signal in signals for note in signal.left_out]
-    return {
+    return facts | {
         **({"metadata": texts} if signals and (texts := signals[0].credits.texts) else {}),
         **as_fact("notes", notes),
         **as_fact("left_out", left_out),

@@ -171,9 +171,9 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".samples.jsonl",
             dialog=("JSON Lines", "Samples of all effects as lines of JSON, for game engines", 2),
             read_suffix=".jsonl",
-            write_track="jsonl.jsonl_samples:export",
-            check="jsonl.jsonl_samples:validate",
-            facts="jsonl.jsonl_samples:facts",
+            write_track="jsonl_samples:export",
+            check="jsonl_samples:validate",
+            facts="jsonl_samples:facts",
         ),
         FormatInfo(
             "glb",

@@ -56,7 +56,13 @@ def write(
     if info.write_raster:
         written: Written = info.function("write_raster")(raster, device, stem, tolerance)
     else:
-        written = _write_as_signals(info, raster, device, stem, tolerance)
+        signals, frequencies = signals_of(raster, device)
+        written = write_signals(info, signals, frequencies, stem, tolerance)
+        # A format whose range ends below MAX_HZ reports its own limit (off_range), not that of
+        # skin.
+        frequencies = info.function("held")(frequencies)
+        highest_hz = MAX_HZ if frequencies.highest_hz >= MAX_HZ else np.inf
+        written += Written((), losses.beyond_limits(raster, device, highest_hz=highest_hz))
     if not info.holds_waves:
         written += Written(notes=losses.several_frequencies(raster))
     written = written.prefixed(f"{info.title} of device '{device.id}'")
@@ -64,18 +70,6 @@ def write(
         missing = f"the format {id} cannot hold the {' and '.join(lost)} of device '{device.id}'"
         written = Written(written.files, (missing, *written.left_out), written.notes)
     return written
-
-
-def _write_as_signals(
-    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
-) -> Written:
-    """Convert a raster to envelopes and write them; clipped values are reported in ``left_out``."""
-    signals, frequencies = signals_of(raster, device)
-    written = write_signals(info, signals, frequencies, stem, tolerance)
-    # A format whose range ends below MAX_HZ reports its own limit (off_range), not that of skin.
-    frequencies = info.function("held")(frequencies)
-    highest_hz = MAX_HZ if frequencies.highest_hz >= MAX_HZ else np.inf
-    return written + Written((), losses.beyond_limits(raster, device, highest_hz=highest_hz))
 
 
 def write_signals(
@@ -180,55 +174,39 @@ def write_all(
 ) -> Written:
     """Write the files of all formats except the track and the glTF scene.
 
-    A format unable to hold the whole output of a device is left out for this device and reported;
-    so is a track format without any samples. Raises OutputError for an unwritable file.
-
-    Parameters
-    ----------
-    played : sequence of (Path, DeviceConfig, Raster)
-        ``folder/stem``, device and output of each device.
-    stem : Path
-        ``folder/stem`` of files without a device.
-    scene : SpatialRecorder, optional
-        Bodies and effects for the formats with ``write_played``.
+    ``played`` are ``folder/stem``, configuration and output of each device; ``stem`` is
+    ``folder/stem`` of files without a device; ``scene`` has bodies and effects for formats with
+    ``write_played``. A format unable to hold the whole output of a device is left out for this
+    device and reported; so is a track format without any samples, and a format beyond its limits.
+    Raises OutputError for an unwritable file.
     """
     written = Written()
     for info in (FORMATS[id] for id in formats):
         # A format has exactly one kind of writer: of tracks, of all devices, or of a
         # device.
-        if info.write_track:
-            try:
+        try:
+            if info.write_track:
                 time = track.header.time
                 if info.decode:
                     seconds = time.sample_count / float(time.rate_hz)
                     limits.SECONDS.check(seconds, info.title, _LASTS)
                 result = info.function("write_track")(track, devices, stem, tolerance)
                 written += result.prefixed(info.title)
-            except NothingFeltError:
-                written += Written(left_out=(f"nothing is felt: no {info.title}",))
-            except TooLargeError as error:
-                written += Written(left_out=(str(error).removesuffix("."),))
-        elif info.write_played:
-            of_devices = [(device, raster) for _, device, raster in played]
-            try:
+            elif info.write_played:
+                of_devices = [(device, raster) for _, device, raster in played]
                 result = info.function("write_played")(track.header, of_devices, stem, scene)
                 written += result.prefixed(info.title)
-            except TooLargeError as error:
-                written += Written(left_out=(str(error).removesuffix("."),))
-        elif info.is_of_device:
-            for path, device, raster in played:
-                written += _write_or_report(info, raster, device, path, tolerance)
+        except NothingFeltError:
+            written += Written(left_out=(f"nothing is felt: no {info.title}",))
+        except TooLargeError as error:
+            written += Written(left_out=(str(error).removesuffix("."),))
+        for path, device, raster in played if info.is_of_device else ():
+            why = _why_nothing(info, device)
+            if not why:
+                try:
+                    written += write(info.id, raster, device, path, tolerance)
+                    continue
+                except InputError as error:
+                    why = f"device '{device.id}': {str(error).removesuffix('.')}"
+            written += Written(left_out=(f"{why}: no {info.title} for it",))
     return written
-
-
-def _write_or_report(
-    info: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
-) -> Written:
-    """Write a device's output, or return the reason for no file in ``left_out``."""
-    why = _why_nothing(info, device)
-    if not why:
-        try:
-            return write(info.id, raster, device, stem, tolerance)
-        except InputError as error:
-            why = f"device '{device.id}': {str(error).removesuffix('.')}"
-    return Written(left_out=(f"{why}: no {info.title} for it",))

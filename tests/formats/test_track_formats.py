@@ -28,8 +28,8 @@ from hfx_blender.engine.track import (
 )
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
+from hfx_blender.formats import jsonl_samples
 from hfx_blender.formats.glb import glb, glb_reader
-from hfx_blender.formats.jsonl import jsonl_samples
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...files import limits
-from ...files.json_shapes import known_members, shown
-from ...files.strict_json import clean, parse, read_bytes
-from ..leniency import refuse_untolerated
+from ...files.findings import refuse_untolerated
+from ...files.json_shapes import known_members
+from ...files.strict_json import clean, parse, read_bytes, shown
 from ..registry import FORMATS
 from ..signals.curves import Curve, clipped
 from ..signals.signals import (

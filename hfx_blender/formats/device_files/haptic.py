@@ -14,10 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...files.findings import Finding, Report, json_validator
+from ...files.findings import Finding, Report, json_validator, refuse_untolerated, without_nulls
 from ...files.json_shapes import Items, Number, Record, Text, check, loose
 from ...files.strict_json import clean, parse
-from ..leniency import refuse_untolerated, without_nulls
 from ..registry import FORMATS
 from ..signals.curves import Curve
 from ..signals.signals import Credits, FrequencyRange, Signal, Transient, joined_times, text_of

@@ -16,10 +16,10 @@ from typing import Any, Final
 import numpy as np
 
 from ...errors import InputError
+from ...files.findings import refuse_untolerated
 from ...files.json_shapes import known_members
 from ...files.strict_json import clean, encoded, parse
 from ...text import counted
-from ..leniency import refuse_untolerated
 from ..registry import FORMATS
 from ..signals import losses
 from ..signals.curves import Curve, clipped

@@ -22,7 +22,7 @@ from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...errors import InputError
 from ...files import limits
-from ...files.findings import Finding, Report, json_validator
+from ...files.findings import Finding, Report, json_validator, refuse_untolerated, without_nulls
 from ...files.json_shapes import (
     Anything,
     Flag,
@@ -37,7 +37,6 @@ from ...files.json_shapes import (
 )
 from ...files.strict_json import Place, clean, parse
 from ...text import counted
-from ..leniency import refuse_untolerated, without_nulls
 from ..registry import FORMATS
 from ..signals import losses
 from ..signals.curves import Curve

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from ...files.findings import Report, refuse_errors
+from ...files.findings import Report, ToleratedFaults, as_fact, refuse_errors, refuse_untolerated
 from ...files.json_shapes import Items, Number, Record, Shape, Text, check, known_members
 from ...files.strict_json import parse, read_bytes
-from ..leniency import ToleratedFaults, as_fact, refuse_untolerated
 from .body_parts import described
 from .hjif_rules import DOCUMENT, findings
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files import limits
-from ..leniency import ToleratedFaults
+from ...files.findings import ToleratedFaults
 from ..signals.curves import Curve, clipped
 from ..signals.signals import Credits, FrequencyRange, Piece, Signal, Transient, mixed
 from ..sound.waveforms import Waveform, added, piece_of

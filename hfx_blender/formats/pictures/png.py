@@ -36,22 +36,22 @@ def write(values: Grey, path: Path) -> None:
     Grey values are marked as linear (gAMA 1), colours as sRGB. Raises OutputError for an unwritable
     file (no partial file remains), and ValueError for another shape or type.
     """
-    deep = values.dtype == np.uint16
-    coloured = values.ndim == 3 and values.shape[2] == 3 and not deep
-    if not (values.ndim == 2 or coloured) or values.size == 0:
+    is_deep = values.dtype == np.uint16
+    is_coloured = values.ndim == 3 and values.shape[2] == 3 and not is_deep
+    if not (values.ndim == 2 or is_coloured) or values.size == 0:
         raise ValueError(f"expected (H, W) or (H, W, 3), got {values.shape} {values.dtype}")
     if values.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"expected uint8 or uint16, got {values.dtype}")
     rows, columns = values.shape[:2]
-    data = np.ascontiguousarray(values, ">u2").view(np.uint8) if deep else values
+    data = np.ascontiguousarray(values, ">u2").view(np.uint8) if is_deep else values
     data = data.reshape(rows, -1)
     lines = np.zeros((rows, data.shape[1] + 1), np.uint8)
     lines[:, 0] = 2  # filter Up: differences of rows compress smooth maps well
     lines[0, 1:] = data[0]
     np.subtract(data[1:], data[:-1], out=lines[1:, 1:])
-    kind = 2 if coloured else 0
-    header = struct.pack(">IIBBBBB", columns, rows, 16 if deep else 8, kind, 0, 0, 0)
-    space = (b"sRGB", b"\0") if coloured else (b"gAMA", struct.pack(">I", 100_000))
+    kind = 2 if is_coloured else 0
+    header = struct.pack(">IIBBBBB", columns, rows, 16 if is_deep else 8, kind, 0, 0, 0)
+    space = (b"sRGB", b"\0") if is_coloured else (b"gAMA", struct.pack(">I", 100_000))
     with atomic_file(path) as file:
         file.write(_SIGNATURE)
         file.write(_chunk(b"IHDR", header))
@@ -148,27 +148,21 @@ def _text(name: bytes, data: bytes) -> tuple[str, str]:
     """Keyword and text of a chunk; ValueError, IndexError or zlib.error for a damaged chunk."""
     keyword, rest = data.split(b"\0", 1)
     if name == b"tEXt":
-        # The standard says Latin-1; AUTOMATIC1111 and other programs write UTF-8.
-        return keyword.decode("latin-1"), _utf8_or_latin(rest[:_LONGEST_TEXT])
-    if name == b"zTXt":
-        return keyword.decode("latin-1"), _utf8_or_latin(_unpacked(rest[1:]))
-    is_packed, rest = rest[0], rest[2:]
-    _, _, body = rest.split(b"\0", 2)
-    body = _unpacked(body) if is_packed else body[:_LONGEST_TEXT]
-    return keyword.decode("latin-1"), body.decode("utf-8", "replace")
-
-
-def _unpacked(data: bytes) -> bytes:
-    """Decompressed text, cut at 4 MiB; zlib.error for damaged data."""
-    return zlib.decompressobj().decompress(data, _LONGEST_TEXT)
-
-
-def _utf8_or_latin(data: bytes) -> str:
-    """Decode as UTF-8, or as Latin-1 if this fails."""
+        is_packed, body = False, rest
+    elif name == b"zTXt":
+        is_packed, body = True, rest[1:]  # after the number of the packing
+    else:  # iTXt: whether packed, number of the packing, language, translated keyword, text
+        is_packed = bool(rest[0])
+        _, _, body = rest[2:].split(b"\0", 2)
+    # A limit on the output: a small chunk may unpack to gigabytes.
+    body = zlib.decompressobj().decompress(body, _LONGEST_TEXT) if is_packed else body
+    body = body[:_LONGEST_TEXT]
     try:
-        return data.decode("utf-8")
+        text = body.decode("utf-8", "replace" if name == b"iTXt" else "strict")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        # The standard says Latin-1; AUTOMATIC1111 and other programs write UTF-8.
+        text = body.decode("latin-1")
+    return keyword.decode("latin-1"), text
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
@@ -197,31 +191,28 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
     """Undo the row filters ``kinds`` (H,) of ``lines`` (H, bytes); ``unit``: bytes per pixel.
 
-    Raises ValueError for a filter above 4.
+    Returns new rows (H, bytes). Raises ValueError for a filter above 4.
     """
     if kinds.max() > 4:
         raise ValueError(f"row filter {kinds.max()}")
+    rows, width = lines.shape
     if kinds.max() <= 2:
-        done = np.zeros_like(lines)
-        above = np.zeros(lines.shape[1], np.uint8)
+        # Filters None, Sub and Up need no loop over pixels: bytes are sums modulo 256.
+        unfiltered = np.zeros_like(lines)
+        above = np.zeros(width, np.uint8)
         for k, kind in enumerate(kinds.tolist()):
             if kind == 1:
                 row = lines[k].reshape(-1, unit)
                 above = np.cumsum(row, axis=0, dtype=np.uint8).ravel()
             else:
                 above = lines[k] + above if kind == 2 else lines[k]
-            done[k] = above
-        return done
-    return _by_diagonals(kinds, lines, unit)
-
-
-def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """Undo all row filters as in :func:`_unfiltered`, one anti-diagonal of pixels at a time."""
-    rows, width = lines.shape
+            unfiltered[k] = above
+        return unfiltered
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]
     done = np.zeros((rows + 1, columns + 1, unit), np.int16)  # a border of zeros above and left
-    # Pixels of one anti-diagonal depend only on earlier diagonals, so each is one array operation.
+    # Average and Paeth depend on the pixels to the left, above, and above left: these are on
+    # earlier anti-diagonals, so each anti-diagonal is one array operation.
     for diagonal in range(rows + columns - 1):
         i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
         j = diagonal - i

@@ -63,7 +63,11 @@ def _lines(content: bytes, path: Path) -> F64:
 
 
 def _ply(content: bytes, path: Path) -> F64:
-    """Vertices (N, 3) of a PLY file, with ``vertex`` as the first element; else InputError."""
+    """Vertices (N, 3) of a PLY file, not all finite; N may be 0.
+
+    Raises InputError for another file, vertices without x, y and z, data before the vertices, and
+    fewer or other vertices than the header states.
+    """
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
         raise InputError(f"{path}: is no PLY file.")
@@ -75,7 +79,15 @@ def _ply(content: bytes, path: Path) -> F64:
     if not {"x", "y", "z"} <= set(names):
         raise InputError(f"{path}: its vertices have no x, y and z.")
     if order == "":
-        return _ply_text(body, count, [names.index(axis) for axis in "xyz"], path)
+        lines = body.split(b"\n", count)[:count]
+        if len(lines) < count or (count and not lines[-1].strip()):
+            raise InputError(f"{path}: ends early; {count} points were announced.")
+        places = [names.index(axis) for axis in "xyz"]
+        try:
+            return np.loadtxt(lines, np.float64, usecols=places, ndmin=2).reshape(-1, 3)
+        except (ValueError, IndexError) as error:
+            reason = str(error).splitlines()[0][:200]
+            raise InputError(f"{path}: a point is no three numbers ({reason}).") from error
     # A binary vertex is a packed record of the header's properties.
     record = np.dtype([(name, order + kind) for name, kind in columns])
     if len(body) < count * record.itemsize:
@@ -83,18 +95,6 @@ def _ply(content: bytes, path: Path) -> F64:
     table = np.frombuffer(body, record, count)
     with np.errstate(invalid="ignore"):  # any kind of NaN: it is left out
         return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
-
-
-def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
-    """Parse x, y and z (count, 3), at column numbers ``places``, of text lines; else InputError."""
-    lines = body.split(b"\n", count)[:count]
-    if len(lines) < count or (count and not lines[-1].strip()):
-        raise InputError(f"{path}: ends early; {count} points were announced.")
-    try:
-        return np.loadtxt(lines, np.float64, usecols=places, ndmin=2).reshape(-1, 3)
-    except (ValueError, IndexError) as error:
-        reason = str(error).splitlines()[0][:200]
-        raise InputError(f"{path}: a point is no three numbers ({reason}).") from error
 
 
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:

@@ -17,7 +17,7 @@ from ...engine.texture.haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from ...engine.texture.height_field import HeightField
 from ...errors import InputError
 from ...files import suffixes
-from ...files.json_shapes import Anything, Flag, Node, Number, Text, numbers, strict
+from ...files.json_shapes import Anything, Flag, Number, Text, numbers, strict
 from ...files.json_shapes import read as read_json
 from ...files.kinds import refuse_another
 from ..written import Written, write_json
@@ -101,22 +101,35 @@ def write_relief(
 def _write_layers(
     layers: dict[str, npt.NDArray[np.floating[Any]]], stem: Path, bits: int
 ) -> dict[str, Path]:
-    """Write each layer (H, W), 0..1, as ``stem.<name>.png``, and return the paths by name."""
+    """Write each layer (H, W), 0..1, bottom row first, as ``stem.<name>.png`` of 8 or 16 ``bits``;
+    returns the paths by name."""
     files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
     for name, path in files.items():
-        png.write(_codes(layers[name], bits), path)
+        # PNG has the top row first.
+        codes = np.rint(layers[name][::-1].astype(np.float64) * ((1 << bits) - 1))
+        png.write(codes.astype(np.uint8 if bits == 8 else np.uint16), path)
     return files
 
 
 def read(path: Path) -> HapticMap:
-    """Read a map by the path of the JSON file.
+    """Read a map by the path of the JSON file; its layers are in the same folder.
 
-    Raises InputError for a missing or damaged file, layers of different sizes, or invalid values.
+    Raises InputError for a missing or damaged file, a layer elsewhere, layers of different sizes,
+    or invalid values.
     """
     document = read_json(path)
     refuse_another(document.value, document.file, _FORMAT)
     members = document.read(_MAP)
-    intensity, sharpness = (_layer(path, document["layers"][name]) for name in _LAYERS)
+    layers: list[npt.NDArray[np.float32]] = []
+    for node in (document["layers"][name] for name in _LAYERS):
+        # A name with a folder could point to any file of the computer.
+        name = node.value
+        if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
+            node.fail("the name of a picture in the same folder")
+        codes, _ = png.read(path.parent / name)
+        shares = codes[::-1].astype(np.float64) / np.iinfo(codes.dtype).max
+        layers.append(shares.astype(np.float32))
+    intensity, sharpness = layers
     width, height = members["size_mm"]
     rows, columns = intensity.shape
     has_steps = members.get("steps") is not None
@@ -139,23 +152,3 @@ def read(path: Path) -> HapticMap:
         if str(path) in str(error):
             raise
         raise InputError(f"{path}: {error}") from error
-
-
-def _codes(layer: npt.NDArray[np.floating[Any]], bits: int) -> png.Grey:
-    """Quantize a layer 0..1, (H, W) bottom row first, to 0..2**bits - 1, top row first."""
-    full = (1 << bits) - 1
-    codes = np.rint(layer[::-1].astype(np.float64) * full)
-    return codes.astype(np.uint8 if bits == 8 else np.uint16)
-
-
-def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
-    """Read the picture named by ``node``, beside ``path``, as float32 0..1, bottom row first.
-
-    InputError for a name with a folder.
-    """
-    name = node.value
-    if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
-        node.fail("the name of a picture in the same folder")
-    codes, _ = png.read(path.parent / name)
-    full = np.iinfo(codes.dtype).max
-    return (codes[::-1].astype(np.float64) / full).astype(np.float32)

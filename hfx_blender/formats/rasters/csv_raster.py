@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
@@ -30,11 +29,6 @@ _COLUMN: Final = re.compile(r"([^\n,]{1,400})\.([a-z0-9_]{1,60}) \[([^\n,\]]{1,2
 _MAX_COLUMNS: Final = 100_000
 
 
-def header_line(raster: Raster) -> str:
-    """First line without line end: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
-    return ",".join(["time_s", *(column_name(column) for column in raster.columns)])
-
-
 def column_name(column: Column) -> str:
     """Name of a column in the first line: ``r1c1.amplitude_m_s2 [m/s^2]``."""
     return f"{column.actuator}.{column.parameter} [{column.unit}]"
@@ -48,12 +42,12 @@ def write(raster: Raster, path: Path) -> None:
     """
     row_format = ",".join(["%.9g"] * len(raster.columns))
     with atomic_file(path) as file:
-        file.write((header_line(raster) + "\r\n").encode())
+        file.write((",".join(["time_s", *map(column_name, raster.columns)]) + "\r\n").encode())
         for first in range(0, len(raster.times_s), _BLOCK_ROWS):
             part = slice(first, first + _BLOCK_ROWS)
             known: dict[bytes, str] = {}  # most rows repeat (silence, holds): format each once
             lines = []
-            rows = raster.values[part] + 0.0
+            rows = raster.values[part] + 0.0  # -0.0 becomes 0.0
             for time_s, row in zip(raster.times_s[part].tolist(), rows, strict=True):
                 key = row.tobytes()
                 if key not in known:
@@ -90,7 +84,8 @@ def facts(path: Path) -> dict[str, Any]:
 def decode(content: bytes, name: str) -> Raster:
     """Decode a raster: the first row gives the neutral values, the times the rate.
 
-    Raises InputError, with ``name``, as :func:`read`.
+    The rate is the mean of ascending times, as a fraction with a denominator of at most 1001;
+    100 Hz for a single time. Raises InputError, with ``name``, as :func:`read`.
     """
     first, _, rest = content.partition(b"\n")
     try:
@@ -98,7 +93,7 @@ def decode(content: bytes, name: str) -> Raster:
         text = rest.decode("ascii")
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: is not text ({error.reason}).") from None
-    matches = [_COLUMN.fullmatch(match) for match in names[1:_MAX_COLUMNS]]
+    matches = [_COLUMN.fullmatch(column) for column in names[1:_MAX_COLUMNS]]
     if names[0] != "time_s" or not all(matches) or len(names) > _MAX_COLUMNS:
         raise InputError(
             f"{name}: line 1 is not 'time_s,actuator.parameter [unit],...', which rasters have."
@@ -117,13 +112,20 @@ def decode(content: bytes, name: str) -> Raster:
     if table.size == 0 or table.shape[1] != len(names):
         raise InputError(f"{name}: expected {len(names)} numbers in each line.")
     times = table[:, 0]
+    # Uneven times are refused below, whatever their rate is.
+    rate_hz = Fraction(100)
+    if len(times) > 1 and np.isfinite(times).all():
+        lasts = float(times[-1]) - float(times[0])
+        rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0
+        if 0.0 < rate < math.inf:
+            rate_hz = Fraction(rate).limit_denominator(1001)  # 1001: of 29.97 Hz, 30000/1001
     raster = Raster(
         device_id="",
         body_id="",
         actuators=tuple(dict.fromkeys(column.actuator for column in columns)),
         columns=columns,
         times_s=times,
-        rate_hz=_rate_of(times),
+        rate_hz=rate_hz,
         values=table[:, 1:],
         neutral=table[0, 1:].copy(),
         shortfalls=(),
@@ -131,17 +133,3 @@ def decode(content: bytes, name: str) -> Raster:
     )
     raster_rules.refuse(raster, name)
     return raster
-
-
-def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """Mean sampling rate in Hz of ascending times in seconds, as a fraction with a denominator of
-    at most 1001.
-
-    Uneven times are refused later. 100 Hz for one time, no duration or non-finite times.
-    """
-    if len(times) > 1 and np.isfinite(times).all():
-        lasts = float(times[-1]) - float(times[0])
-        rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0
-        if 0.0 < rate < math.inf:
-            return Fraction(rate).limit_denominator(1001)
-    return Fraction(100)

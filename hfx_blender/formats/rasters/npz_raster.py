@@ -11,7 +11,6 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
@@ -40,6 +39,8 @@ _META: Final = 64 << 20
 _MOST_HEAD: Final = 192  # bytes before an array's numbers
 _ASKS: Final = "its arrays would take"
 _HEAD_BYTES: Final = 1 << 12  # first bytes of an array, with its shape
+
+_Head = tuple[tuple[int, ...], np.dtype[Any]]  # shape and type of an array
 
 _TEXT = Text()
 _DOCUMENT = strict(
@@ -150,7 +151,8 @@ def decode(content: bytes, name: str) -> Raster:
 def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
     """Decode an open archive; array shapes are compared before any array is unpacked.
 
-    Raises InputError for a wrong description, shapes or raster.
+    Raises InputError for a wrong description, shapes or raster, and TooLargeError for arrays above
+    the memory limit.
     """
     entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
     if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
@@ -158,7 +160,7 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
     # No limit on the packing ratio: deflate packs a silent raster up to 1,030 times.
     limits.MEMORY.check(sum(entry.file_size for entry in entries.values()), name, _ASKS)
     heads = {key: _head(archive, item) for key, item in entries.items()}
-    if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
+    if "meta" not in heads or heads["meta"][1] != np.uint8 or entries["meta"].file_size > _META:
         raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
     meta = parse(_array(archive, entries["meta"]).tobytes(), name)
     report = Report("NPZ")
@@ -186,8 +188,9 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
 
 
 def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: str) -> None:
-    """Raise InputError for missing arrays, or shapes and types contradicting ``meta``."""
-    rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
+    """Raise InputError for missing arrays, or shapes and types contradicting ``meta``; returns
+    nothing. ``heads`` are shape and type of each array by name."""
+    rows = heads["times_s"][0][:1] if "times_s" in heads else (0,)
     columns = (len(meta["columns"]),)
     # Shapes follow from the number of rows and of described columns.
     shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
@@ -195,25 +198,17 @@ def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: st
         head = heads.get(key)
         if head is None:
             raise InputError(f"{name}: not a raster archive: it has no '{key}'.")
-        if head.kind != np.float64 or head.shape != shape or not rows:
+        if head != (shape, np.dtype(np.float64)) or not rows:
             raise InputError(
-                f"{name}: '{key}' is {head.kind} of the shape {head.shape}, "
+                f"{name}: '{key}' is {head[1]} of the shape {head[0]}, "
                 f"allowed is float64 of {shape}."
             )
     for k in range(len(meta["felt"])):
         first = heads.get(f"felt.{k}.indices")
         for array_name, kind in _FELT.items():
             head = heads.get(f"felt.{k}.{array_name}")
-            if head is None or first is None or head.kind != kind or head.shape != first.shape:
+            if head is None or first is None or head != (first[0], np.dtype(kind)):
                 raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
-
-
-@dataclass(frozen=True)
-class _Head:
-    """Shape and type of an array."""
-
-    shape: tuple[int, ...]
-    kind: np.dtype[Any]
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
@@ -231,11 +226,11 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
         raise ValueError("an array of an unknown shape")
     if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
         raise ValueError("an array of the wrong size")
-    return _Head(shape, kind)
+    return shape, kind
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """Unpack an array into C order; its checksum is compared."""
+    """Unpack an array into C order; zipfile.BadZipFile for a wrong checksum."""
     with archive.open(entry) as packed:
         array = np.lib.format.read_array(packed)  # type: ignore[no-untyped-call]
         packed.read(1)  # reading the end makes zipfile compare the checksum

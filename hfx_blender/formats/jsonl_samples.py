@@ -17,16 +17,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.arrays import F32, I32
-from ...engine.modality import MODALITIES
-from ...engine.rendering.device_config import DeviceConfig
-from ...engine.rendering.render import blocks
-from ...engine.samples import SampleRun, Stream
-from ...engine.track import TrackHeader, TrackReader
-from ...errors import InputError
-from ...files.atomic import atomic_file
-from ...files.findings import Finding, Report, refuse_errors
-from ...files.json_shapes import (
+from ..engine.arrays import F32, I32
+from ..engine.modality import MODALITIES
+from ..engine.rendering.device_config import DeviceConfig
+from ..engine.rendering.render import blocks
+from ..engine.samples import SampleRun, Stream
+from ..engine.track import TrackHeader, TrackReader
+from ..errors import InputError
+from ..files.atomic import atomic_file
+from ..files.findings import Finding, Report, refuse_errors
+from ..files.json_shapes import (
     Flag,
     Items,
     Number,
@@ -35,12 +35,11 @@ from ...files.json_shapes import (
     Table,
     Text,
     check,
-    shown,
     strict,
 )
-from ...files.strict_json import Place, clean, encoded, parse, read_data
-from ..registry import FORMATS
-from ..written import Written
+from ..files.strict_json import Place, clean, encoded, parse, read_data, shown
+from .registry import FORMATS
+from .written import Written
 
 SUFFIX: Final = FORMATS["jsonl"].suffix
 FORMAT: Final = "hfx-samples"
@@ -195,7 +194,8 @@ def _lines(track: TrackReader) -> Iterator[bytes]:
 
 
 def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
-    """JSON of sample ``k`` of a run: times rounded to 1 ns, values to 1e-6.
+    """JSON of sample ``k`` of a run, with the number of its set: time rounded to 1 ns, values to
+    1e-6.
 
     With the place of a spot, m, or the values of actuators, to 1e-4, if the run has these.
     """
@@ -237,7 +237,8 @@ def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
 
 
 def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
-    """Concatenate the entries ``chosen`` of a table of :func:`_texts`, without the final comma."""
+    """Concatenate the entries of a table of :func:`_texts` with the indices ``chosen`` (n,),
+    without the final comma; empty for n = 0."""
     return texts[chosen].tobytes().translate(None, b"\0")[:-1]
 
 
@@ -313,7 +314,8 @@ class _Rules:
         self._time_s = -np.inf
 
     def is_sound(self, value: Any, is_first: bool, place: Place) -> bool:
-        """Report the faults of the next line; False only for a fault of structure or schema."""
+        """Report the faults of the next line, a header exactly if ``is_first``; False only for a
+        fault of structure or schema."""
         kind = value.get("type") if isinstance(value, dict) else None
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
             self._report.error("LINE", place, "expected a header first, then sets and samples")
@@ -327,27 +329,22 @@ class _Rules:
             self._effects = {effect["id"]: effect for effect in value["effects"]}
             self._bodies = {body["id"] for body in value["bodies"]}
         elif kind == "set":
-            self._check_set(value, place)
+            vertices, number = value["vertices"], value["set"]
+            if len(vertices) != len(value["weights"]):
+                self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
+            if any(b <= a for a, b in pairwise(vertices)):
+                self._report.error("SET-ORDER", place, "the vertices do not ascend")
+            if number in self._sets:
+                self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")
+            self._sets[number] = max(vertices, default=-1)
         else:
             self._check_sample(value, place)
         return True
 
-    def _check_set(self, value: dict[str, Any], place: Place) -> None:
-        """Report a set of different lengths, vertices not ascending, or a repeated number."""
-        vertices, number = value["vertices"], value["set"]
-        if len(vertices) != len(value["weights"]):
-            self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
-        if any(b <= a for a, b in pairwise(vertices)):
-            self._report.error("SET-ORDER", place, "the vertices do not ascend")
-        if number in self._sets:
-            self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")
-        self._sets[number] = max(vertices, default=-1)
-
     def _check_sample(self, value: dict[str, Any], place: Place) -> None:
         """Report a sample with a descending time, unknown ids or set, or wrong parameters."""
         if value["t"] < self._time_s:
-            message = "the time is before the last sample"
-            self._report.error("ORDER", place, message)
+            self._report.error("ORDER", place, "the time is before the last sample")
         self._time_s = value["t"]
         effect = self._effects.get(value["effect"])
         if effect is None or value["body"] not in self._bodies:
