@@ -18,12 +18,12 @@ from ...blender.scene_info import fps_of, metres_of
 from ...errors import InputError
 from .. import clips
 from ..effects import effects
+from .path_file import KINDS, MAX_POINTS, PathRecipe
 from .skin_picking import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64
     from ...engine.body.skin_path import SkinPaths
-    from .path_file import PathRecipe
 
 
 PATH = "hfx_path"
@@ -39,7 +39,6 @@ CLOSED = "hfx_path_closed"
 POSITION = "hfx.path_position"
 
 RADIUS_M = 0.03
-MAX_POINTS = 100_000
 
 _skin: SkinPaths | None = None
 
@@ -102,6 +101,9 @@ def knots_of(effect: bpy.types.Object) -> F64:
 
 
 def _points(effect: bpy.types.Object, key: str) -> F64:
+    """Points (n, 3) of a custom property of 3 n numbers, (0, 3) without the property; InputError
+    for any other content.
+    """
     import numpy as np
 
     try:
@@ -152,18 +154,11 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
 def draw(
     effect: bpy.types.Object, places: F64, *, kind: str = "straight", closed: bool = False
 ) -> float:
-    """Give an effect a path through points on the skin; return the length in metres.
+    """Give an effect a path through points (n, 3) on the skin; return the length in metres.
 
-    Parameters
-    ----------
-    places : (n, 3) float64
-        Rest space of the canonical body; a single point is a resting position.
-    kind : str
-        "straight" (shortest paths), "curve", or "traced" (point after point).
-    closed : bool
-        Return to the first point.
-
-    Raises InputError: a point is not on the body.
+    The points are in the rest space of the canonical body; a single point is a resting position.
+    ``kind`` is "straight" (shortest paths), "curve" or "traced" (point after point); ``closed``
+    returns to the first point. Raises InputError: a point is not on the body.
     """
     knots, path = through(places, kind, closed)
     # The control points allow drawing again with another method.
@@ -189,12 +184,9 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
 
 def length_m(effect: bpy.types.Object) -> float:
     """Length of an effect's path without the extension, metres; 0 without a path."""
-    return _length(own_path(effect))
-
-
-def _length(path: F64) -> float:
     from ...engine.areas.spot import lengths_along
 
+    path = own_path(effect)
     return float(lengths_along(path)[-1]) if len(path) else 0.0
 
 
@@ -255,8 +247,6 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
     """Path and motion of an effect, for a path file; InputError without a path."""
     import numpy as np
 
-    from .path_file import PathRecipe
-
     knots = knots_of(effect)
     if not len(knots):
         raise InputError(f"'{effect.name}' has no path yet.")
@@ -264,7 +254,7 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
     return PathRecipe(
         name=name,
         points_m=tuple((x, y, z) for x, y, z in np.round(knots, 6).tolist()),
-        kind=kind if kind in ("straight", "curve") else "traced",
+        kind=kind if kind in KINDS else "traced",
         is_closed=bool(effect.get(CLOSED, 0)),
         motion=motion_keys(scene, effect),
     )
@@ -278,6 +268,8 @@ def motion_keys(
     ``first`` None: the first keyframe. Linear keyframes are exact, further curves are sampled.
     Without an action, keyframes of the effect's clips are used.
     """
+    from ...engine.areas.spot import lengths_along
+
     curve = motion_of(effect)
     if curve is None or not len(curve.keyframe_points):
         strips = sorted((s for _, s in clips.strips_of(effect)), key=lambda s: s.frame_start)
@@ -286,8 +278,10 @@ def motion_keys(
         keys = clips.linear_keys(curve)
     start = keys[0][0] if first is None and keys else first or 0.0
     fps = fps_of(scene)
-    # Shares of a temporarily extended path are converted to shares of the path itself.
-    stretch = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
+    stretch = 1.0
+    if OWN in effect and len(path_of(effect)):
+        # Shares of a temporarily extended path are converted to shares of the path itself.
+        stretch = float(lengths_along(path_of(effect))[-1]) / max(length_m(effect), 1e-12)
     return tuple(
         (max((frame - start) / fps, 0.0), min(max(share * stretch, 0.0), 1.0))
         for frame, share in keys

@@ -81,9 +81,8 @@ def posed_vertices(
     bone_indices = {bone.name: k for k, bone in enumerate(body.pose.bones)}
     model_bones = np.array([bone_indices.get(name, -1) for name in model.bone_names])
     bone_matrices = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    matrices = np.concatenate([bone_matrices, np.eye(4)[None]])[
-        model_bones
-    ]  # index -1: identity for a missing bone
+    # Bones of the model that the armature lacks have index -1: the identity, appended last.
+    matrices = np.concatenate([bone_matrices, np.eye(4)[None]])[model_bones]
     weights = model.weights
     # Flat list of all (vertex, bone) weights of the given vertices, summed per vertex by reduceat.
     counts = np.diff(weights.offsets)[vertices]
@@ -134,6 +133,9 @@ class Picker:
         return self._canonical(np.array(position), triangle)
 
     def _canonical(self, place: F64, triangle: int) -> F64:
+        """Point (3,) of the rest body with the barycentric weights of a world point ``place`` (3,)
+        in a posed triangle.
+        """
         from ...engine.volume.mesh_distance import barycentric
 
         corners = self._triangles[triangle]

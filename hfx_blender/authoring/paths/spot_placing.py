@@ -164,20 +164,9 @@ def rerouted(
 ) -> Route:
     """Path through the positions of keyframes in the order of time, with a position changed.
 
-    Parameters
-    ----------
-    path : (n, 3) float64
-        n > 0.
-    shares : (k,) float64
-        Positions of the keyframes on the path, k > 0, in the order of time.
-    at : int
-        Index of the changed keyframe.
-    place : (3,) float64
-        New position.
-    connect : Connection
-        Path to and from the new position. Further legs of the path are unchanged.
-    new : bool
-        Insert a keyframe before index ``at`` instead of changing keyframe ``at``.
+    ``path`` (n, 3) and ``shares`` (k,) of its length, in the order of time, are the old keyframes;
+    n and k are not 0. Keyframe ``at`` moves to ``place`` (3,), or if ``new`` a keyframe is inserted
+    before index ``at``. ``connect`` gives the legs to and from the new position; further legs stay.
     """
     places = places_on(path, shares)
     before, after = at, at if new else at + 1
@@ -297,7 +286,8 @@ def _key_position(
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])
     shares = np.clip([key.co[1] for key in curve.keyframe_points], 0.0, 1.0)
-    # Index of the keyframe at the frame, or of the first one after it.
+    # Index of the keyframe at the frame, or of the first keyframe after it. Blender keeps the
+    # keyframes of an F-curve sorted by time.
     at = int(np.searchsorted(frames, frame - _SAME_FRAME))
     new = key_at(curve, frame) is None
     route, values = rerouted(path, shares, at, place, _shortest, new=new)
@@ -315,6 +305,7 @@ def _key_position(
 
 
 def _shortest(first: F64, last: F64) -> F64:
+    """Shortest path (n, 3) on the skin between two points, n > 1 also for equal points."""
     path = paths.skin().straight(np.stack([first, last]))
     return path if len(path) > 1 else np.stack([first, last])
 

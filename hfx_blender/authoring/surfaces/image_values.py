@@ -51,9 +51,7 @@ def brightness_of(image: bpy.types.Image) -> F64:
 
     Raises InputError: the image has no pixels, or too many.
     """
-    pixels = pixels_of(image)
-    if pixels.shape[2] < 3:
-        pixels = np.repeat(pixels[..., :1], 3, axis=2)
+    pixels = _three_channels(image)
     # Blender stores 8-bit images as sRGB codes, and further images in linear light.
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
 
@@ -63,12 +61,17 @@ def colours_of(image: bpy.types.Image) -> F64:
 
     Raises InputError: the image has no pixels, too many, or NaN.
     """
-    pixels = pixels_of(image)
-    pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    pixels = _three_channels(image)
     if not np.isfinite(pixels).all():
         raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
     # As in brightness_of: only 8-bit images are stored as sRGB codes.
     return np.clip(linear_to_srgb(pixels) if image.is_float else pixels, 0.0, 1.0).astype(float)
+
+
+def _three_channels(image: bpy.types.Image) -> F32:
+    """RGB (H, W, 3) of an image as stored; the first channel thrice if there are fewer than 3."""
+    pixels = pixels_of(image)
+    return pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
@@ -138,8 +141,7 @@ def store(
     A single array fills red, green and blue. An ``image`` with a single user is reused if the size
     is equal, else removed.
     """
-    first = np.asarray(channels[0])
-    rows, columns = first.shape
+    rows, columns = np.shape(channels[0])
     if image is not None and image.users > 1:
         image = None  # also used by a copy of the object
     elif image is not None and tuple(image.size) != (columns, rows):
@@ -148,11 +150,9 @@ def store(
     if image is None:
         image = bpy.data.images.new(name, columns, rows, float_buffer=True, is_data=True)
     pixels = np.ones((rows, columns, 4), np.float32)
-    pixels[..., :3] = first[..., None]
-    for k, channel in enumerate(channels):
-        pixels[..., k] = channel
-    if len(channels) == 1:
-        pixels[..., 1:3] = pixels[..., :1]
+    # The first array fills the colour channels without an array of their own.
+    for k in range(3):
+        pixels[..., k] = channels[k if k < len(channels) else 0]
     image.pixels.foreach_set(pixels.ravel())
     image.update()
     image.pack()

@@ -44,6 +44,7 @@ class ReliefNodes:
 
     @property
     def has_normal(self) -> bool:
+        """Test for relief that only a bake of normals captures."""
         return self.normal is not None or self.is_surface_bent
 
 
@@ -85,7 +86,13 @@ def relief_of(material: bpy.types.Material) -> ReliefNodes:
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
     if displaced.is_linked:
-        heights.append(_along_normal(tree, displaced.links[0].from_socket))
+        # Displacement vectors count as height along the normal only.
+        along = tree.nodes.new("ShaderNodeVectorMath")
+        along.operation = "DOT_PRODUCT"
+        tree.links.new(displaced.links[0].from_socket, along.inputs[0])
+        normal = tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
+        tree.links.new(normal, along.inputs[1])
+        heights.append(along.outputs["Value"])
         tree.links.remove(displaced.links[0])
     shader = _shader(material)
     if shader is None:
@@ -163,6 +170,9 @@ def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], N
 
 
 def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[[], None]:
+    """Link a shader node to the material's Cycles output; return a function that removes the node
+    and restores the former link.
+    """
     tree = material.node_tree
     surface = tree.get_output_node("CYCLES").inputs["Surface"]
     before = surface.links[0].from_socket if surface.is_linked else None
@@ -189,6 +199,7 @@ def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
 
 
 def _dependency(node: bpy.types.Node, uv_map: str) -> str:
+    """Label of a node's input besides UV map ``uv_map``, as "Generated coordinates"; else ""."""
     if node.type == "TEX_COORD":
         used = next((s.name for s in node.outputs if s.is_linked and s.name != "UV"), "")
         return f"{used} coordinates" if used else ""
@@ -200,7 +211,7 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
         return f"{node.projection.lower()} projection"
     vector = node.inputs.get("Vector")
     if node.type.startswith("TEX_") and node.type != "TEX_IMAGE" and vector is not None:
-        # Textures without coordinates take the mesh's Generated coordinates.
+        # Textures without linked coordinates take the mesh's Generated coordinates.
         return "" if vector.is_linked else f"{node.bl_label} on Generated coordinates"
     return ""
 
@@ -277,15 +288,6 @@ def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
     return source.node
 
 
-def _along_normal(tree: bpy.types.NodeTree, vector: bpy.types.NodeSocket) -> Value:
-    # Displacement vectors count as height along the normal only.
-    node = tree.nodes.new("ShaderNodeVectorMath")
-    node.operation = "DOT_PRODUCT"
-    tree.links.new(vector, node.inputs[0])
-    tree.links.new(tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"], node.inputs[1])
-    return node.outputs["Value"]
-
-
 def _bump_height(tree: bpy.types.NodeTree, bump: bpy.types.Node) -> Value:
     """Height of a Bump node, in added nodes: Height * Strength * Distance, negative if inverted;
     None without a linked Height.
@@ -302,6 +304,7 @@ def _bump_height(tree: bpy.types.NodeTree, bump: bpy.types.Node) -> Value:
 
 
 def _sum(tree: bpy.types.NodeTree, values: list[Value]) -> Value:
+    """Sum of values by new Math nodes, without the Nones; None if there are no others."""
     total: Value = None
     for value in values:
         if value is not None:
@@ -310,6 +313,7 @@ def _sum(tree: bpy.types.NodeTree, values: list[Value]) -> Value:
 
 
 def _math(tree: bpy.types.NodeTree, operation: str, a: Value, b: Value) -> bpy.types.NodeSocket:
+    """Output of a new Math node with two operands."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
     for socket, value in zip(node.inputs, (a, b), strict=False):

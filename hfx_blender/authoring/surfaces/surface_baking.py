@@ -44,9 +44,8 @@ class BakedMaterial:
 
     heights_m: F64  # extrapolated smoothly outside of faces
     roughness: F64  # 0..1
-    luminance: (
-        F32 | None
-    )  # 0..1 of the base colour in linear light; None for a material with relief
+    # 0..1 of the base colour in linear light; None for a material with relief.
+    luminance: F32 | None
     covered: Bool  # texels of faces
     tile_mm: tuple[float, float]  # size of a UV unit along U and V
     tiles: bool  # opposite edges match
@@ -115,23 +114,21 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
         normals[~is_covered] = np.nan
         heights += heights_of_normals(normals, texel_m, tiles=bool(fault))
     roughness = scratch.baked("ROUGHNESS")[..., 0]
-    is_flat = float(np.ptp(heights[is_covered])) < _FLAT_M
+    brightness = None
+    if float(np.ptp(heights[is_covered])) < _FLAT_M:
+        colours = [material_relief.colour_of(material) for material in scratch.materials]
+        linear_light = luminance(np.nan_to_num(scratch.emitted(colours)))
+        brightness = np.clip(linear_light, 0.0, 1.0).astype(np.float32)
     return BakedMaterial(
         # Extrapolation beyond the charts prevents steps at their rims.
         heights_m=fill_holes(np.where(is_covered, heights, np.nan)),
         roughness=fill_holes(np.where(is_covered, roughness, np.nan)).clip(0.0, 1.0),
-        luminance=_luminance(scratch) if is_flat else None,
+        luminance=brightness,
         covered=is_covered,
         tile_mm=(tile_m[0] * 1000.0, tile_m[1] * 1000.0),
         tiles=bool(fault),
         notes=tuple(notes),
     )
-
-
-def _luminance(scratch: _Scratch) -> F32:
-    colour = scratch.emitted([material_relief.colour_of(m) for m in scratch.materials])
-    values = luminance(np.nan_to_num(colour))
-    return np.clip(values, 0.0, 1.0).astype(np.float32)
 
 
 def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
@@ -146,6 +143,10 @@ def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
 
 
 def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> None:
+    """Bake a UV unit of the material instead of UV map ``charts``, which has the ``fault``.
+
+    Raises InputError: several materials, or a material that depends on more than UVs.
+    """
     # A tile stands for the whole surface only if nothing but UVs matters.
     dependency = material_relief.depends_on(scratch.materials, charts.name)
     if dependency or len(scratch.materials) > 1:
@@ -186,13 +187,14 @@ class _Scratch:
         self.scene.view_layers[0].update()
 
     def _add(self, datablock: bpy.types.ID) -> bpy.types.ID:
+        """Register a new datablock for removal at the end of the bake, and return it."""
         self._datablocks.append(datablock)
         return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
-        """Give the copy copies of the materials with faces, by falling area; ``owner``: object's
-        name.
-        Raises InputError: faces without a material.
+        """Give the copied object copies of the materials with faces, by falling area.
+
+        Raises InputError, with the object's name ``owner``: faces without a material.
         """
         mesh = self.copy.data
         new_slots: dict[int, int] = {}
@@ -250,7 +252,7 @@ class _Scratch:
         image, layer = self._image, self.scene.view_layers[0]
         assert image is not None
         width, height = image.size
-        # Cleared here, as Blender clears to opaque black, and alpha marks faces.
+        # Cleared here, as a bake clears to opaque black, and alpha marks faces.
         image.pixels.foreach_set(np.zeros(width * height * 4, np.float32))
         image.update()
         layer.objects.active = self.copy

@@ -29,9 +29,8 @@ class SurfaceRelief:
     """Relief of a surface, input of the haptic map."""
 
     height: HeightField
-    roughness: npt.NDArray[np.floating] | None = (
-        None  # 0..1 on the same rectangle, with an independent resolution; None: default
-    )
+    # 0..1 on the same rectangle, with an independent resolution; None: default
+    roughness: npt.NDArray[np.floating] | None = None
     notes: tuple[str, ...] = ()
     slope: npt.NDArray[np.float32] | None = None  # estimated separately, on the grid of the heights
 
@@ -142,19 +141,12 @@ def _scan_relief(obj: bpy.types.Object) -> SurfaceRelief:
 def read_scan(
     path: Path, *, unit_mm: float, size_mm: tuple[float, float], height_mm: float, resolution: int
 ) -> SurfaceRelief:
-    """Relief of a scan: a point cloud or a height map.
+    """Relief of a scan: a height map for suffixes in ``PICTURES``, else a point cloud.
 
-    Parameters
-    ----------
-    unit_mm : float
-        Unit of a point cloud's coordinates.
-    size_mm, height_mm : (float, float), float
-        Size of a height map, and the height of white above black.
-    resolution : int
-        Largest number of texels along the longer edge of a point cloud.
-
-    Raises InputError: the file is missing or unreadable, or more than half of the heights are
-    missing.
+    ``size_mm`` and ``height_mm`` are the size of a height map, and of white above black. The
+    coordinates of a point cloud have the unit ``unit_mm``; its longer edge gets at most
+    ``resolution`` texels, and an implausible length gives a note. Raises InputError: the
+    file is missing or unreadable, or more than half of the heights are missing.
     """
     if path.suffix.lower() in PICTURES:
         image = image_values.load(str(path))

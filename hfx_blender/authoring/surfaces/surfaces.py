@@ -106,14 +106,6 @@ def has_outdated_settings(obj: bpy.types.Object) -> bool:
     return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
 
 
-def has_edited_material(obj: bpy.types.Object) -> bool:
-    """Test that the hash of the materials differs from that at baking; False without a hash."""
-    from . import material_hash
-
-    baked_state = obj.hfx.surface.material_state
-    return baked_state != "" and baked_state != material_hash.hash_of(obj)
-
-
 def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
     """Make an object's maps and store them in the .blend; return notes.
 
@@ -121,7 +113,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
     edited. Raises InputError: the maps cannot be made. Stored maps are unchanged, and the error is
     shown in the panel.
     """
-    from . import material_hash, surface_sources
+    from . import surface_sources, surface_updates
 
     settings = obj.hfx.surface
     if obj.mode == "EDIT":  # the mesh is outdated in Edit Mode
@@ -134,7 +126,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
             settings.is_outdated = False
             settings.material_state = ""
             if settings.source == "MATERIAL":
-                settings.material_state = material_hash.hash_of(obj)
+                settings.material_state = surface_updates.material_hash(obj)
                 bake_s[obj.name] = time.monotonic() - start_s
         _update_layers(obj)
     except HfxError as error:
@@ -145,10 +137,22 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
 
 
 def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
+    """Store heights, roughness and slope as the relief image, with preview, size and notes; the
+    layers are made again by the next update.
+    """
+    import numpy as np
+
+    from ...engine.texture.mcha import MapSettings, make_map
     from . import image_values
 
     settings, field = obj.hfx.surface, relief.height
-    roughness = _roughness_on_grid(relief.roughness, field)
+    # Roughness has a resolution of its own; the stored image has that of the heights.
+    plain_settings = MapSettings(blur_m=0.0)
+    if relief.roughness is None:
+        shape = field.heights_m.shape
+        roughness = np.full(shape, plain_settings.default_roughness, np.float32)
+    else:
+        roughness = 1.0 - make_map(field, relief.roughness, plain_settings).sharpness
     heights_mm = field.heights_m * 1000.0
     channels = [heights_mm, roughness] + ([] if relief.slope is None else [relief.slope])
     settings.relief_image = image_values.store(
@@ -161,17 +165,6 @@ def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     settings.made_of = _relief_key(obj)
     settings.layers_of = ""
     settings.note = "; ".join(relief.notes)
-
-
-def _roughness_on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
-    """Roughness 0..1 on the grid of ``field``, resampled; constant default roughness for None."""
-    import numpy as np
-
-    from ...engine.texture.mcha import MapSettings, make_map
-
-    if roughness is None:
-        return np.full(field.heights_m.shape, MapSettings().default_roughness, np.float32)
-    return 1.0 - make_map(field, roughness, MapSettings(blur_m=0.0)).sharpness
 
 
 def _update_layers(obj: bpy.types.Object) -> None:

@@ -16,7 +16,7 @@ from ...text import printable
 from ..shared import ON_MESH, FileOperator, HfxOperator, ModalTimer
 
 if TYPE_CHECKING:
-    from ...authoring.surfaces.relief_estimation import ReliefEstimation
+    from ...authoring.surfaces.generated_surfaces import ReliefEstimation
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -280,12 +280,12 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         context.workspace.status_text_set("Estimating the relief. Esc: cancel")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.surfaces import relief_estimation
+        from ...authoring.surfaces import generated_surfaces
 
-        return relief_estimation.apply_estimate(context.object, self._started(context))
+        return generated_surfaces.apply_estimate(context.object, self._started(context))
 
     def _started(self, context: bpy.types.Context) -> ReliefEstimation:
-        from ...authoring.surfaces.relief_estimation import ReliefEstimation
+        from ...authoring.surfaces.generated_surfaces import ReliefEstimation
 
         return ReliefEstimation(_picture_of(context.object), tuple(self.size_mm), self.tiles)
 
@@ -304,13 +304,13 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         self.cancel(context)
 
         def apply() -> str:
-            from ...authoring.surfaces import relief_estimation
+            from ...authoring.surfaces import generated_surfaces
 
             obj = context.scene.objects.get(self._owner)
             if obj is None:  # deleted or renamed in the meantime
                 estimation.stop()
                 raise InputError(f"'{self._owner}' is gone: its relief was not made.")
-            return relief_estimation.apply_estimate(obj, estimation)
+            return generated_surfaces.apply_estimate(obj, estimation)
 
         return self.reported(apply)
 

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring.surfaces import material_hash, surface_updates, surfaces
+from hfx_blender.authoring.surfaces import surface_updates, surfaces
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def _in_a_group(obj: Any) -> None:
     node = _nodes(obj).new("ShaderNodeGroup")
     node.node_tree = group
     surfaces.make_maps(obj)
-    assert not surfaces.has_edited_material(obj)
+    assert not surface_updates.has_edited_material(obj)
     group.nodes.new("ShaderNodeValue").outputs[0].default_value = 3.0
 
 
@@ -149,7 +149,7 @@ def test_an_image_that_is_painted_on_is_noticed(plane: Any) -> None:
     texture = _nodes(plane).new("ShaderNodeTexImage")
     texture.image = image
     surfaces.make_maps(plane)
-    assert material_hash.images_of(plane) == {image}
+    assert surface_updates.images_of(plane) == {image}
     surface_updates.painted_images.add(image.name_full)
     assert surface_updates.check() == [plane]
     assert surface_updates.check() == [plane]  # until the next bake
