@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Relief and colour of a material, from its shader nodes.
+"""Shader nodes of materials: relief and colour for bakes, and a hash that detects edits.
 
 Displacement and Bump nodes are read as heights. Further sources of a bent normal (normal maps,
 groups, mixed shaders) are baked as normals. Nodes are added and rewired, so materials must be
@@ -8,6 +8,7 @@ copies. A map at full strength nearly everywhere is traced to the node.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -24,6 +25,10 @@ Value = bpy.types.NodeSocket | float | None
 """An output socket or a constant; None means 0."""
 
 _BENDS = {"BUMP", "NORMAL_MAP"}
+
+_DEPTH = 5  # of structures in a hash
+_IRRELEVANT = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}
+_MATERIAL_PROPERTIES = ("diffuse_color", "roughness", "metallic")
 
 MOST_SATURATED: Final = 0.5
 """Share of a map at full strength that causes a warning."""
@@ -322,3 +327,94 @@ def _math(tree: bpy.types.NodeTree, operation: str, a: Value, b: Value) -> bpy.t
         else:
             socket.default_value = value or 0.0
     return node.outputs[0]
+
+
+def material_hash(obj: bpy.types.Object) -> str:
+    """Hash of an object's materials, with all nodes, values, links and images.
+
+    Node positions and pixels of images (see :func:`images_of`) do not count.
+    """
+    digest = hashlib.sha1(usedforsecurity=False)
+    for slot in obj.material_slots:
+        material, plain = slot.material, None
+        if material is not None:
+            values = [_plain(getattr(material, name), 0) for name in _MATERIAL_PROPERTIES]
+            root = material.node_tree
+            plain = [values, [] if root is None else [_tree(tree) for tree in _all_trees(root)]]
+        digest.update(repr(plain).encode())
+    return digest.hexdigest()
+
+
+def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
+    """Images used by the nodes of an object's materials."""
+    materials = [slot.material for slot in obj.material_slots if slot.material is not None]
+    trees = [material.node_tree for material in materials if material.node_tree]
+    nodes = (node for tree in trees for node in nodes_of(tree))
+    return {node.image for node in nodes if getattr(node, "image", None) is not None}
+
+
+def _all_trees(tree: bpy.types.NodeTree) -> Iterator[bpy.types.NodeTree]:
+    """Yield a tree and all nested groups, each once; hashes stored in files depend on the order."""
+    trees, visited = [tree], set()
+    while trees:
+        tree = trees.pop()
+        if tree in visited:
+            continue
+        visited.add(tree)
+        yield tree
+        groups = (getattr(node, "node_tree", None) for node in tree.nodes)
+        trees += [group for group in groups if group is not None]
+
+
+def _tree(tree: bpy.types.NodeTree) -> object:
+    """Nodes and links of a tree, nested groups not included, as plain data in a stable order."""
+    # Links refer to nodes by position, and are sorted: Blender stores links in order of creation.
+    numbers = {node.name: k for k, node in enumerate(tree.nodes)}
+    links = sorted(
+        (
+            numbers[link.from_node.name],
+            link.from_socket.identifier,
+            numbers[link.to_node.name],
+            link.to_socket.identifier,
+            link.is_muted,
+        )
+        for link in tree.links
+    )
+    nodes = []
+    for node in tree.nodes:
+        values = [
+            (socket.identifier, _plain(getattr(socket, "default_value", None), 0))
+            for socket in (*node.inputs, *node.outputs)
+        ]
+        # Properties that all nodes share, such as the location, do not change a bake.
+        nodes.append([node.bl_idname, node.mute, values, _struct(node, _DEPTH, _IRRELEVANT)])
+    return [nodes, links]
+
+
+def _struct(struct: bpy.types.bpy_struct, depth: int, without: frozenset[str]) -> object:
+    """Pairs of name and plain value of a structure's properties, except those named ``without``."""
+    return [
+        (prop.identifier, _plain(getattr(struct, prop.identifier), depth - 1))
+        for prop in struct.bl_rna.properties
+        if prop.identifier != "rna_type" and prop.identifier not in without
+    ]
+
+
+def _plain(value: object, depth: int) -> object:
+    """Value as plain data: datablocks by name, structures as lists, None below ``depth`` levels."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, bpy.types.Image):
+        return [value.name_full, value.filepath, value.colorspace_settings.name, *value.size]
+    if isinstance(value, bpy.types.ID):
+        return value.name_full
+    if isinstance(value, bpy.types.bpy_struct):
+        return _struct(value, depth, frozenset()) if depth > 0 else None
+    if isinstance(value, set):
+        return sorted(value)
+    if isinstance(value, bpy.types.bpy_prop_collection) and depth <= 0:
+        return None
+    try:
+        return [_plain(item, depth) for item in value]  # type: ignore[attr-defined]
+    except TypeError:
+        return None

@@ -113,7 +113,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
     edited. Raises InputError: the maps cannot be made. Stored maps are unchanged, and the error is
     shown in the panel.
     """
-    from . import surface_sources, surface_updates
+    from . import material_relief, surface_sources
 
     settings = obj.hfx.surface
     if obj.mode == "EDIT":  # the mesh is outdated in Edit Mode
@@ -126,7 +126,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
             settings.is_outdated = False
             settings.material_state = ""
             if settings.source == "MATERIAL":
-                settings.material_state = surface_updates.material_hash(obj)
+                settings.material_state = material_relief.material_hash(obj)
                 bake_s[obj.name] = time.monotonic() - start_s
         _update_layers(obj)
     except HfxError as error:
