@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -24,8 +25,6 @@ from .configurations.configuration_reader import device_from
 from .configurations.device_shape import ID, WEARABLE_SIDES
 
 SUFFIX: Final = ".json"
-SCRIPT_SUFFIX: Final = ".py"
-_OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def list_devices(folder: Path | None = None) -> list[str]:
@@ -37,7 +36,11 @@ def list_devices(folder: Path | None = None) -> list[str]:
     names: set[str] = set()
     for parent in _folders(folder):
         for path in parent.glob("*" + SUFFIX) if parent.is_dir() else ():
-            names.update(_names(path))
+            side = None
+            with suppress(InputError):
+                side = load_device(path).side
+            sides = WEARABLE_SIDES if side is not None else ()
+            names.update([f"{path.stem}_{name}" for name in sides] or [path.stem])
     return sorted(names)
 
 
@@ -46,25 +49,13 @@ def _folders(folder: Path | None) -> tuple[Path, Path]:
     return folder or resources.user_devices(), resources.device_configs()
 
 
-def _names(path: Path) -> list[str]:
-    try:
-        side = load_device(path).side
-    except InputError:
-        return [path.stem]
-    return [path.stem] if side is None else [f"{path.stem}_{side}" for side in WEARABLE_SIDES]
-
-
 def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceConfig:
     """Read a device configuration, with the user's calibration of the device.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of :func:`list_devices`, or a file: a ``Path``, or text with a folder or with the
-        suffix ``.json``. ``_left`` or ``_right`` after the name, or after the file's stem,
-        chooses the side of a device for one side of the body; by default as in the file.
-    folder : Path, optional
-        Configurations with precedence over shipped ones of the same name; by default the user's.
+    ``name_or_path``: name of :func:`list_devices`, or a file: a ``Path``, or text with a folder or
+    with the suffix ``.json``. ``_left`` or ``_right`` after the name, or after the file's stem,
+    chooses the side of a device for one side of the body; by default as in the file.
+    ``folder``: configurations with precedence over shipped ones of the same name; None: the user's.
 
     Raises InputError: the device is unknown, or its file is no valid configuration.
     """
@@ -100,7 +91,7 @@ def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
             return device
     text = str(name_or_path)
     if is_file(name_or_path):
-        return _read(Path(text))  # raises: no such file, or no device with sides
+        return device_from(read(Path(text)))  # raises: no such file, or no device with sides
     known = ", ".join(list_devices(folder)) or "none"
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
 
@@ -134,25 +125,36 @@ def _on_side(path: Path) -> DeviceConfig | None:
     mirrored if the file has the opposite side. None without either, or if the device has no side.
     """
     if path.is_file():
-        return _with_script(_read(path), path, path)
+        return _with_script(device_from(read(path)), path, path)
     stem, _, side = path.stem.rpartition("_")
     written = path.with_name(stem + SUFFIX) if stem else path
     if side not in WEARABLE_SIDES or not written.is_file():
         return None
-    device = _with_script(_read(written), written, path)
-    # A device without sides has no mirrored one.
+    device = _with_script(device_from(read(written)), written, path)
     if device.side is None:
-        return None
-    return device if device.side == side else _mirrored(device)
+        return None  # a device for both sides cannot be mirrored
+    if device.side == side:
+        return device
+    # Id and name end with the side of the file, as "_left" and " (left)".
+    return replace(
+        device,
+        id=f"{device.id.removesuffix(f'_{device.side}')}_{side}",
+        name=f"{device.name.removesuffix(f' ({device.side})')} ({side})",
+        side=side,
+        is_mirrored=not device.is_mirrored,
+    )
 
 
 def script_beside(configuration: Path) -> Path | None:
     """Script of a device, ``<device>.py`` next to the configuration, or None."""
-    script = configuration.with_suffix(SCRIPT_SUFFIX)
+    script = configuration.with_suffix(".py")
     return script if script.is_file() else None
 
 
 def _with_script(device: DeviceConfig, configuration: Path, loaded: Path) -> DeviceConfig:
+    """Copy of a device with the script next to ``configuration``; ``device`` itself without one.
+    ``loaded``: requested path, with the side in its name.
+    """
     script = script_beside(configuration)
     if script is None:
         return device
@@ -168,15 +170,11 @@ def check(path: Path, models: Callable[[str], PerceptualModel] | None = load_mod
     loads a model by id, None skips this.
     """
     try:
-        device = _read(path)
+        device = device_from(read(path))
     except InputError as error:
         return [str(error)]
-    return _placing_faults(device, path, models) if models is not None else []
-
-
-def _placing_faults(
-    device: DeviceConfig, path: Path, models: Callable[[str], PerceptualModel]
-) -> list[str]:
+    if models is None:
+        return []
     faults = []
     for i, actuator in enumerate(device.actuators):
         # The models of the actuator's modality, and of modalities that it substitutes.
@@ -193,21 +191,3 @@ def _placing_faults(
                 faults.append(f"{path}: actuators[{i}].place: {error}")
                 break
     return faults
-
-
-def _mirrored(device: DeviceConfig) -> DeviceConfig:
-    """Copy of a device with a side for the opposite side: the suffixes ``_left`` of the id and ``
-    (left)`` of the name are exchanged, and ``is_mirrored`` is inverted.
-    """
-    side = _OTHER_SIDE[str(device.side)]
-    return replace(
-        device,
-        id=device.id.removesuffix(f"_{device.side}") + f"_{side}",
-        name=device.name.removesuffix(f" ({device.side})") + f" ({side})",
-        side=side,
-        is_mirrored=not device.is_mirrored,
-    )
-
-
-def _read(path: Path) -> DeviceConfig:
-    return device_from(read(path))

@@ -120,7 +120,9 @@ def _answers(
     script_input = renderer.script_input()
     answers = np.zeros_like(script_input)
     row = 0
-    times_s = _script_times_s(track.header)
+    # Times from frames, as in live playback: a script gets equal numbers, rounding included.
+    base, fps = track.header.time, float(track.header.time.fps)
+    times_s = [(float(base.frame(k)) - base.scene_start) / fps for k in range(base.sample_count)]
     try:
         with _ScriptRun(script, device, answers) as run:
             batch: list[bytes] = []
@@ -175,13 +177,6 @@ def _when(header: TrackHeader, row: int) -> str:
     row = min(row, header.time.sample_count - 1)
     (time_s,) = header.time.times_s(np.array([row]))
     return f" at {time_s:.3f} s (frame {float(header.time.frame(row)):g})"
-
-
-def _script_times_s(header: TrackHeader) -> list[float]:
-    """Time of each row in seconds, 0 at the scene's first frame, rounded as in live playback."""
-    time, fps = header.time, float(header.time.fps)
-    rows = range(time.sample_count)
-    return [(float(time.frame(row)) - time.scene_start) / fps for row in rows]
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
@@ -246,8 +241,8 @@ class _ScriptRun:
 
     def ask(self, batch: Sequence[bytes]) -> None:
         """Wait until all rows before the last batch are answered, then send a new batch.
-        So the script always has work, and the pipe has a bounded length. ``_FaultError`` as of
-        ``wait``.
+        So the script always has work, and the pipe has a bounded length. Raises _FaultError: the
+        script has failed, or has exceeded a time limit.
         """
         self.wait(self._asked - self._last)
         if self._answered == self._asked:
@@ -270,23 +265,23 @@ class _ScriptRun:
             try:
                 received = self._worker.receive(max(limit_s, 0.0))
             except TimeoutError:
-                raise self._fault(self._late(is_sum=limit_s == self._left_s)) from None
+                count = len(self._answers)
+                if not self._is_ready:
+                    text = f"did not start within {START_S:g} s"
+                elif limit_s == self._left_s:
+                    total_s = SUM_S + SUM_ROW_S * count
+                    text = f"it took longer than {total_s:g} s for {count} rows in all"
+                else:
+                    text = f"it did not answer within {ROW_S:g} s"
+                raise self._fault(text) from None
             # Only the time of waiting counts: the work of this process is not the script's.
             if self._is_ready:
                 self._left_s -= time.monotonic() - began
             self._process_message(received)
 
     def _fault(self, text: str) -> _FaultError:
+        """Fault at the first unanswered row; without a row during the start."""
         return _FaultError(text, self._answered if self._is_ready else None)
-
-    def _late(self, *, is_sum: bool) -> str:
-        """Reason of an exceeded time limit; ``is_sum``: that for all rows."""
-        if not self._is_ready:
-            return f"did not start within {START_S:g} s"
-        if is_sum:
-            allowed_s = SUM_S + SUM_ROW_S * len(self._answers)
-            return f"it took longer than {allowed_s:g} s for {len(self._answers)} rows in all"
-        return f"it did not answer within {ROW_S:g} s"
 
     def _process_message(self, received: Message | None) -> None:
         """Process READY, an answer (stored as the next row of ``answers``), or a line to log.

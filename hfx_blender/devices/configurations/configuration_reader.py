@@ -4,23 +4,34 @@
 from __future__ import annotations
 
 import itertools
+import math
 
+import numpy as np
+
+from ...engine.arrays import F64
+from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality, Parameter
 from ...engine.rendering.conditioning.drive import DriveCurve
 from ...engine.rendering.device_config import (
     Actuator,
     ActuatorControl,
     ActuatorType,
+    BodyPlace,
     Brand,
     DeviceConfig,
     Mount,
+    Place,
+    RoomPlace,
     Scheme,
     Substitution,
+    VertexPlace,
+    VertexSet,
 )
+from ...engine.rendering.mounts import place_on
 from ...errors import InputError
 from ...files.json_shapes import Node, Number
 from ...files.kinds import refuse_another
-from . import layout_reader, output_reader
+from . import output_reader
 from .device_shape import DEVICE, SCHEMA
 
 
@@ -35,11 +46,19 @@ def device_from(document: Node) -> DeviceConfig:
     types = {
         name: _actuator_type(name, node) for name, node in top["actuator_types"].members().items()
     }
-    mount = layout_reader.mount(top["mount"]) if "mount" in top else None
-    actuators = tuple(_actuator(node, types, mount) for node in top["actuators"].items())
-    _refuse_repeated_ids(top["actuators"])
+    mount = _mount(top["mount"]) if "mount" in top else None
+    actuators = _actuators(top["actuators"], types, mount)
     if mount is not None:
-        layout_reader.refuse_overlap(top["mount"], mount, top["actuators"])
+        _refuse_overlap(top["mount"], mount, top["actuators"])
+    scheme, substitutions = Scheme(), {}
+    if "rendering" in top:
+        options = dict(top["rendering"].get("options", {}))
+        if "sigma_m" in options:
+            options["sigma_m"] = float(options["sigma_m"])
+        scheme = Scheme(top["rendering"].get("scheme"), **options)
+    if "substitutions" in top:
+        for source, node in top["substitutions"].members().items():
+            substitutions[source] = _substitution(source, node, [a.type for a in actuators])
     side = top.get("side")
     size = top["size_m"] if "size_m" in top else None
     device_id, name = top.get("id"), top.get("name")
@@ -49,11 +68,9 @@ def device_from(document: Node) -> DeviceConfig:
         description=top.get("description", ""),
         actuator_types=types,
         actuators=actuators,
-        scheme=layout_reader.scheme(top["rendering"]) if "rendering" in top else Scheme(),
+        scheme=scheme,
         mount=mount,
-        substitutions=_substitutions(top["substitutions"], actuators)
-        if "substitutions" in top
-        else {},
+        substitutions=substitutions,
         gain=top["defaults"].number("gain", 1.0) if "defaults" in top else 1.0,
         brand=_brand(top["brand"]) if "brand" in top else None,
         width_m=None if size is None else size.number("width"),
@@ -63,22 +80,34 @@ def device_from(document: Node) -> DeviceConfig:
     )
 
 
-def _refuse_repeated_ids(actuators: Node) -> None:
-    """Raise ``InputError`` at the first actuator with the id of an earlier actuator."""
-    seen: set[str] = set()
-    for actuator in actuators.items():
-        node = actuator["id"]
-        if node.value in seen:
-            raise InputError(
-                f'{node.file}: {node.path} is "{node.value}", which an actuator before '
-                "it has; allowed is a name of its own."
-            )
-        seen.add(node.value)
-
-
 def _brand(node: Node) -> Brand:
+    """Read maker and model, by default "", with pairs of USB vendor and product ids as numbers."""
     usb = ((int(ids["vendor_id"], 16), int(ids["product_id"], 16)) for ids in node.get("usb", ()))
     return Brand(node.get("vendor"), node.get("model", ""), tuple(usb), node.get("serial", ""))
+
+
+def _actuators(
+    node: Node, types: dict[str, ActuatorType], mount: Mount | None
+) -> tuple[Actuator, ...]:
+    """Read the actuators, in order; ``types`` are the actuator types by name. InputError for an
+    unknown type, an invalid place, or the id of an earlier actuator.
+    """
+    actuators = []
+    for item in node.items():
+        kind = types.get(item.get("type"))
+        if kind is None:
+            item["type"].fail("one of " + ", ".join(types))
+        actuators.append(Actuator(item.get("id"), kind, _place(item["place"], mount)))
+    known: set[str] = set()
+    for item in node.items():
+        own_id = item["id"]
+        if own_id.value in known:
+            raise InputError(
+                f'{own_id.file}: {own_id.path} is "{own_id.value}", which an actuator before '
+                "it has; allowed is a name of its own."
+            )
+        known.add(own_id.value)
+    return tuple(actuators)
 
 
 def _actuator_type(name: str, node: Node) -> ActuatorType:
@@ -107,6 +136,7 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
     and output of each curve rise strictly from (0, 0), so that the curve can be inverted.
     """
     curves = []
+    # A flat piece would have no single drive for an output, and could not be inverted.
     for item in node.items():
         points = item.curve("points")
         is_rising = all(a[0] < b[0] and a[1] < b[1] for a, b in itertools.pairwise(points))
@@ -149,33 +179,111 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
     return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
 
 
-def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -> Actuator:
-    kind = types.get(node.get("type"))
-    if kind is None:
-        node["type"].fail("one of " + ", ".join(types))
-    return Actuator(node.get("id"), kind, layout_reader.place(node["place"], mount))
-
-
-def _substitutions(node: Node, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
-    types = tuple(actuator.type for actuator in actuators)
-    return {name: _substitution(name, item, types) for name, item in node.members().items()}
-
-
-def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> Substitution:
+def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substitution:
+    """Read how a device with actuators of ``types`` plays the modality ``source``: target, scale
+    and, for vibration, frequency, by default the first resonance of the vibration actuators, else
+    the neutral frequency of the first. InputError if no actuator has the target modality.
+    """
     target = node.get("as")
     targets = tuple(dict.fromkeys(kind.modality for kind in types if kind.modality != source))
     if target not in targets:
         node["as"].fail("one of " + ", ".join(targets))
     frequency_hz = None
     if target == "vibration":
-        frequency_hz = node.number("frequency_hz", _own_frequency_hz(types))
+        vibrating = [kind for kind in types if kind.modality == "vibration"]
+        resonances = (kind.resonance_hz for kind in vibrating if kind.resonance_hz is not None)
+        default_hz = next(resonances, vibrating[0].controls[1].neutral)
+        frequency_hz = node.number("frequency_hz", default_hz)
     return Substitution(source, target, node["scale"].number("value"), frequency_hz)
 
 
-def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
-    """Default frequency, Hz, for modalities played as vibration: the first resonance of the
-    vibration actuators in order, else the neutral frequency of the first.
+def _mount(node: Node) -> Mount:
+    """Read the mount of a layout: origin and bend radius, metres, None for a flat layout; the y
+    axis is made orthogonal to x, and both of unit length. InputError for near-parallel or zero
+    axes.
     """
-    vibrating = [kind for kind in types if kind.modality == "vibration"]
-    resonances = (kind.resonance_hz for kind in vibrating if kind.resonance_hz is not None)
-    return next(resonances, vibrating[0].controls[1].neutral)
+    # Gram-Schmidt: the part of the y axis along the x axis is removed.
+    x = _direction(node["x_axis"])
+    y = np.array(node.numbers("y_axis"))
+    y = y - (y @ x) * x
+    if np.linalg.norm(y) < 0.1:
+        node["y_axis"].fail("a direction across the x_axis")
+    y /= np.linalg.norm(y)
+    bend_m = node.number("bend_radius_mm") / 1000.0 if "bend_radius_mm" in node else None
+    return Mount(_triple(node, "origin_m"), (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m)
+
+
+def _direction(node: Node) -> F64:
+    """Unit vector (3,) of a node; InputError for a vector shorter than 0.1."""
+    direction = np.array(node.value, np.float64)
+    if np.linalg.norm(direction) < 0.1:
+        node.fail("a direction: three numbers of which one is not near 0")
+    return direction / np.linalg.norm(direction)  # type: ignore[no-any-return]
+
+
+def _triple(node: Node, key: str) -> tuple[float, float, float]:
+    x, y, z = node.numbers(key)
+    return x, y, z
+
+
+def _refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
+    """Raise InputError for a bent mount whose circumference is less than the extent of all pads
+    along x; a flat mount passes.
+    """
+    if mount.bend_radius_m is None:
+        return
+    places = [a["place"]["pad"]["at_mm"] for a in actuators.value if "pad" in a["place"]]
+    width_mm = max((x for x, _ in places), default=0) - min((x for x, _ in places), default=0)
+    round_mm = 2000.0 * math.pi * abs(mount.bend_radius_m)
+    if width_mm > round_mm:
+        node["bend_radius_mm"].fail(
+            f"at least {math.ceil(width_mm / math.tau * 100.0) / 100.0:g} mm: pads are "
+            f"{width_mm:g} mm apart along x, and the circumference is {round_mm:.1f} mm"
+        )
+
+
+def _place(node: Node, mount: Mount | None) -> Place:
+    """Read the place of an actuator: vertices, a place in the room, or a place on the body by its
+    centre, metres, or as a pad, which ``mount`` converts to metres.
+    Raises InputError: a model stands twice, an aim is near 0, or a pad has no ``mount``.
+    """
+    ((kind, member),) = node.members().items()
+    if kind == "vertices":
+        sets = tuple(VertexSet(x["model"], x["hash"], tuple(x["ids"])) for x in member.value)
+        if len({vertex_set.model_id for vertex_set in sets}) != len(sets):
+            member.fail("each model once")
+        return VertexPlace(sets)
+    if kind == "room":
+        return _room_place(member)
+    if "centre_m" in member:
+        centre = _triple(member, "centre_m")
+    elif mount is None:
+        member.fail("a placement, vertices or room: the device has no 'mount' for a pad")
+    else:
+        # A pad lies on the mount's surface, whose coordinates are millimetres.
+        (on_body,) = place_on(mount, np.array([member.numbers("at_mm")]) / 1000.0)
+        centre = float(on_body[0]), float(on_body[1]), float(on_body[2])
+    return BodyPlace(
+        parts=tuple(member.get("parts")),
+        centre_m=centre,
+        radius_m=member.number("radius_m"),
+        side=member.get("side"),
+        stroked_by=tuple(member.get("stroked_by", ())),
+    )
+
+
+def _room_place(node: Node) -> RoomPlace:
+    """Read a place in the room; ``reaches`` is by default all body parts. Without ``at_m`` all are
+    reached equally; else range is by default 100 m, cone 360 degrees, aim None or a unit vector.
+    """
+    parts = tuple(node.get("reaches", PARTS))
+    if "at_m" not in node:
+        return RoomPlace(parts)
+    x, y, z = _direction(node["aim"]) if "aim" in node else (0.0, 0.0, 0.0)
+    return RoomPlace(
+        parts,
+        at_m=_triple(node, "at_m"),
+        aim=(float(x), float(y), float(z)) if "aim" in node else None,
+        range_m=node.number("range_m", 100.0),
+        cone_deg=node.number("cone_deg", 360.0),
+    )

@@ -123,16 +123,6 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
     return strict({"unit": unit, "minimum": low, "maximum": value}, {"neutral": low})
 
 
-def _limits(modality: Modality, parameter: Parameter) -> Record:
-    """JSON shape of optional limits of a parameter: minimum and maximum within the modality's
-    range; the minimum of a strength that is silent at 0 can only be 0.
-    """
-    value = Number(parameter.minimum, parameter.maximum, parameter.unit)
-    is_silent_at_0 = parameter.name == modality.strength and modality.is_silent_at_0
-    least = Number(0, 0, note="0, at which the actuator is silent") if is_silent_at_0 else value
-    return strict({}, {"minimum": least, "maximum": value})
-
-
 _TIMING: Final[Mapping[str, Shape]] = {
     "latency_ms": Number(0.0, 60_000.0, "ms"),
     "update_interval_ms": Number(0.1, 60_000.0, "ms"),
@@ -166,10 +156,16 @@ def _actuator_type(modality: Modality) -> Record:
     has waveform, resonance, drive curves and thresholds.
     """
     is_vibration = modality.name == "vibration"
+    limits = {}
+    for parameter in modality.controls:
+        least = value = Number(parameter.minimum, parameter.maximum, parameter.unit)
+        if parameter.name == modality.strength and modality.is_silent_at_0:
+            least = Number(0, 0, note="0, at which the actuator is silent")
+        limits[parameter.name] = strict({}, {"minimum": least, "maximum": value})
     return strict(
         {"parameters": strict({p.name: _range(modality, p) for p in modality.controls})},
         {
-            "limits": strict({}, {p.name: _limits(modality, p) for p in modality.controls}),
+            "limits": strict({}, limits),
             **_TIMING,
             **(_VIBRATION if is_vibration else _NO_VIBRATION),
         },
@@ -223,6 +219,9 @@ ACTUATOR: Final = strict(
 
 
 def _substitution(source: Modality, target: Modality) -> Record:
+    """JSON shape of playing one modality as another: scale in units of target per source, and for
+    vibration an optional frequency.
+    """
     # A negative scale is useful only for a strength that can be negative, as of cooling wind.
     least = 0.0 if target.is_silent_at_0 else -1000.0
     unit = Text((f"{target.strength_parameter.unit} per {source.strength_parameter.unit}",))
@@ -275,24 +274,24 @@ _TRANSPORTS: Final = {
 }
 
 
-def _bytes(number: str) -> Record:
-    return strict(
+_BYTES: Final = {
+    number: strict(
         {},
         {
             **dict.fromkeys(("header", "footer", "stop"), _HEX),
-            "full_scale": Number(1, FULL_SCALES[number], is_whole=True),
+            "full_scale": Number(1, full_scale, is_whole=True),
             "checksum": Text(get_args(Checksum)),
         },
     )
-
-
-def _dot(motors: int) -> Record:
-    return strict({"index": Number(0, motors - 1, is_whole=True)})
-
-
+    for number, full_scale in FULL_SCALES.items()
+}
+_DOTS: Final = {
+    position: strict({"index": Number(0, motors - 1, is_whole=True)})
+    for position, motors in BHAPTICS_MOTORS.items()
+}
 _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
     "hfx-wire": ("serial", strict({})),
-    "bytes": ("serial", tagged("number", {number: _bytes(number) for number in FULL_SCALES})),
+    "bytes": ("serial", tagged("number", _BYTES)),
     "text": (
         "serial",
         strict(
@@ -334,16 +333,7 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
     ),
     "bhaptics": (
         "websocket",
-        strict(
-            {
-                "dots": Items(
-                    tagged("position", {at: _dot(count) for at, count in BHAPTICS_MOTORS.items()}),
-                    1,
-                    MAX_ACTUATORS,
-                    order="unique",
-                )
-            }
-        ),
+        strict({"dots": Items(tagged("position", _DOTS), 1, MAX_ACTUATORS, order="unique")}),
     ),
 }
 """Transport and shape of each encoder."""
@@ -351,22 +341,24 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
 TRANSPORT_OF: Final = {encoder: transport for encoder, (transport, _) in _ENCODERS.items()}
 
 
-def _output(encoder: str) -> Record:
-    transport, members = _ENCODERS[encoder]
-    return strict(
-        {"encoder": _with_kind(members, encoder)},
-        {"transport": tagged("kind", {transport: _TRANSPORTS[transport]})},
-    )
-
-
 def _with_kind(members: Shape, kind: str) -> Shape:
+    """Add the constant field ``kind`` to a shape, or to each alternative of a tagged shape."""
     if isinstance(members, Tagged):
         return Tagged(members.tag, {k: _with_kind(v, kind) for k, v in members.kinds.items()})
     assert isinstance(members, Record)
     return tagged("kind", {kind: members}).kinds[kind]
 
 
-OUTPUT: Final = Tagged("encoder.kind", {encoder: _output(encoder) for encoder in _ENCODERS})
+OUTPUT: Final = Tagged(
+    "encoder.kind",
+    {
+        encoder: strict(
+            {"encoder": _with_kind(members, encoder)},
+            {"transport": tagged("kind", {transport: _TRANSPORTS[transport]})},
+        )
+        for encoder, (transport, members) in _ENCODERS.items()
+    },
+)
 
 DEVICE: Final = strict(
     {

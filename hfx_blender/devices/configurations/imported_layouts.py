@@ -110,15 +110,11 @@ _LAYOUT: Final = strict(
 
 
 def import_layout(path: Path, device_id: str) -> Path:
-    """Convert a node map or a layout of Unitouch Studio to a configuration of the user.
+    """Convert a node map or a layout of Unitouch Studio to a configuration of the user; return the
+    written file.
 
     Nodes become motors on the nearest skin of their part of the body, with OSC channels at their
     own addresses. Amplitudes are guessed (10 m/s^2) and should be measured.
-
-    Returns
-    -------
-    Path
-        The written configuration.
 
     Raises InputError: the file is neither, or the id is not allowed or in use.
     Raises OutputError: the configuration cannot be written.
@@ -157,7 +153,10 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
     for k, node in enumerate(document.hold(_MAP)["nodes"].items(), 1):
         parts, side = _bone_parts(node)
         radius_m = node.number("radius", 0.02) * scale
-        position = _position(node["node_data"] if "node_data" in node else node) * scale
+        place = (node["node_data"] if "node_data" in node else node).hold(_POSITION)
+        # From Unity (X right, Y up, Z front) to X left, Y back, Z up.
+        x, y, z = (place.number(axis) for axis in "xyz")
+        position = np.array([-x, -z, y]) * scale
         allowed = on_parts(parts, model)
         if side is not None:
             allowed &= model.side == SIDES.index(side)
@@ -209,13 +208,6 @@ def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
                 return parts, None if parts == _TORSO else side.lower()
     known = ", ".join([*_MIDDLE, *(f"Left{limb}" for limb in _LIMB)])
     Node(bone, node.file, (node.place, "target_bone")).fail(f"{known} (and Right)")
-
-
-def _position(node: Node) -> F64:
-    """Convert x, y, z of Unity (X right, Y up, Z front) to (3,) metres, X left, Y back, Z up."""
-    node.hold(_POSITION)
-    x, y, z = (node.number(axis) for axis in "xyz")
-    return np.array([-x, -z, y])
 
 
 def _nearest(skin: F64, position: F64, axes: Sequence[int]) -> list[float]:

@@ -17,7 +17,6 @@ from ...engine.rendering.device_config import (
     OutputConfig,
     SerialTransport,
     TextEncoder,
-    Transport,
     UdpTransport,
     WebsocketTransport,
     WireEncoder,
@@ -43,21 +42,17 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
         "buttplug": _buttplug,
         "bhaptics": _bhaptics,
     }
-    encoder = node["encoder"]
-    kind = encoder.get("kind")
+    kind = node["encoder"].get("kind")
+    encoder = readers[kind](node["encoder"], actuators)
     transport = node["transport"] if "transport" in node else Node({}, node.file)
-    return OutputConfig(readers[kind](encoder, actuators), _transport(transport, kind))
-
-
-def _transport(node: Node, encoder: str) -> Transport:
-    kind = TRANSPORT_OF[encoder]
-    if kind == "serial":
-        return SerialTransport(node.get("baud", 115200))
-    host = node.get("host", "127.0.0.1")
+    # The encoder implies the kind of transport.
+    if TRANSPORT_OF[kind] == "serial":
+        return OutputConfig(encoder, SerialTransport(transport.get("baud", 115200)))
+    host, port = transport.get("host", "127.0.0.1"), transport.get("port", _PORTS[kind])
     if not is_local(host):
-        node["host"].fail(LOCAL)
-    transport = UdpTransport if kind == "udp" else WebsocketTransport
-    return transport(host, node.get("port", _PORTS[encoder]))
+        transport["host"].fail(LOCAL)
+    is_udp = TRANSPORT_OF[kind] == "udp"
+    return OutputConfig(encoder, (UdpTransport if is_udp else WebsocketTransport)(host, port))
 
 
 def is_local(host: str) -> bool:
@@ -77,6 +72,9 @@ def is_local(host: str) -> bool:
 
 
 def _wire(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
+    """Check that a board with this project's firmware can drive the actuators: 32 at most, all
+    silent at their minimum. InputError otherwise.
+    """
     if len(actuators) > MAX_WIRE_CHANNELS:
         node.fail(f"another encoder: this one takes {MAX_WIRE_CHANNELS} actuators at most")
     for actuator in actuators:  # a board that falls silent sets its pins to 0
@@ -103,6 +101,10 @@ def _text(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
 
 
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
+    """Read OSC addresses, one for each control with a range, or one template for all; by default
+    shares of full scale in bundles. InputError for another number, or a template with the same
+    address for two controls.
+    """
     counts = [sum(c.minimum < c.maximum for c in x.type.controls) for x in actuators]
     # A single template has to give a different address for each channel.
     if "address" in node:

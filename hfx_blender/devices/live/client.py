@@ -105,26 +105,15 @@ class LiveClient:
         script: Mapping[str, Any] | None = None,
         offset_ms: float = 0.0,
     ) -> DeviceState:
-        """Open and arm a device under a name; a device of the same name is closed first.
+        """Open and arm a device under a name; a device of the same name is closed first. Return the
+        state, "connecting"; failures of the opening arrive as events.
 
-        Parameters
-        ----------
-        configuration : str or Path
-            As for :func:`~hfx_blender.devices.configuration.load_device`.
-        output : mapping
-            Target as for :func:`~hfx_blender.devices.host.opening.open_output`.
-        folder : Path, optional
-            Folder of the user's configurations.
-        script : mapping, optional
-            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. A
-            script whose bytes are not approved is not run, and the device has a fault.
-        offset_ms : float
-            Delay of the values.
-
-        Returns
-        -------
-        DeviceState
-            State "connecting"; failures of the opening arrive as events.
+        ``configuration``: as for :func:`~hfx_blender.devices.configuration.load_device`.
+        ``output``: target as for :func:`~hfx_blender.devices.host.opening.open_output`.
+        ``folder``: the user's configurations.
+        ``script``: ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's
+        script. A script with unapproved bytes is not run, and the device has a fault.
+        ``offset_ms``: delay of the values.
 
         Raises DeviceError: the output process cannot be started.
         """

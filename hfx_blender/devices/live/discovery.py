@@ -98,13 +98,8 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
 def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
     """Look for all shipped devices and devices of a folder, for some tenths of a second.
 
-    Returns
-    -------
-    ports : list of str
-        Names of all serial ports.
-    found : list of Found
-    faults : list of str
-        Messages about configurations that cannot be read.
+    Returns the names of all serial ports, the matches, and messages about unreadable
+    configurations.
     """
     from ..configuration import list_devices, load_device
 

@@ -51,7 +51,8 @@ class _Driven:
         is rejected and the second accepted, so that a repeated datagram stays rejected.
         """
         rises = number > self.number
-        # A lower number after a silence: the second datagram of a restarted game is accepted.
+        # A lower number after a silence: the second datagram of a restarted game is accepted. A
+        # single one may be a late copy, which a network can repeat at any time.
         if not rises and now_s - self.heard_s > DEAD_MAN_S:
             rises = self.first is not None and number > self.first
             self.first = number
@@ -63,14 +64,9 @@ class _Driven:
 class GameDoor:
     """Values of a game as a :class:`.track_playback.ValueSource`, without an end.
 
-    Parameters
-    ----------
-    devices : mapping
-        Devices by their names in the client.
-    port : int
-        UDP port; 0: any free port. The attribute ``port`` has the port in use.
-    token : bytes, optional
-        Secret of 16 bytes, also an attribute; random by default.
+    ``devices``: devices by their names in the client.
+    ``port``: UDP port; 0: any free port. The attribute ``port`` has the port in use.
+    ``token``: secret of 16 bytes, also an attribute; random by default.
 
     Raises UsageError: the port is not allowed or in use.
     """

@@ -56,16 +56,9 @@ def event_of(body: bytes) -> Event | None:
 class HostPipe:
     """Messages to an output process and events from the process; can be started again.
 
-    Only threads of this object wait for the process.
-
-    Attributes
-    ----------
-    urgent : deque of bytes
-        Unsent messages, all to be sent, in order.
-    newest : dict
-        Newest unsent values or moment of each device number.
-    places : mapping
-        Index of each stream in the header of the present scene.
+    Only threads of this object wait for the process. Attributes: ``urgent``, unsent messages, all
+    to be sent, in order; ``newest``, newest unsent values or moment of each device number;
+    ``places``, index of each stream in the header of the present scene.
     """
 
     def __init__(self) -> None:

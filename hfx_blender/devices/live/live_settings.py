@@ -40,14 +40,28 @@ class LiveSettings:
 
 
 def load() -> dict[str, LiveSettings]:
-    """Load the settings by device name; empty without a valid file, invalid members as default."""
+    """Load the settings by device name; empty without a valid file. Invalid members have their
+    default, the delay is clipped to 0..1000 ms.
+    """
     try:
         content = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    if not isinstance(content, dict):
-        return {}
-    return {str(k): _settings_of(entry) for k, entry in content.items() if isinstance(entry, dict)}
+    settings = {}
+    for name, entry in content.items() if isinstance(content, dict) else ():
+        if not isinstance(entry, dict):
+            continue
+        members: dict[str, Any] = {}
+        for field in fields(LiveSettings):
+            value = entry.get(field.name, field.default)
+            if isinstance(field.default, str):
+                members[field.name] = value if isinstance(value, str) else field.default
+            else:  # the delay
+                is_number = isinstance(value, int | float) and math.isfinite(value)
+                delay_ms = min(max(float(value), 0.0), MAX_OFFSET_MS) if is_number else 0.0
+                members[field.name] = delay_ms
+        settings[str(name)] = LiveSettings(**members)
+    return settings
 
 
 def store(name: str, settings: LiveSettings) -> None:
@@ -61,19 +75,6 @@ def store(name: str, settings: LiveSettings) -> None:
         resources.live_settings(),
         lambda: {k: asdict(entry) for k, entry in sorted({**load(), name: settings}.items())},
     )
-
-
-def _settings_of(entry: dict[str, Any]) -> LiveSettings:
-    """Settings of a JSON object; invalid members as default, the delay clipped to 0..1000 ms."""
-    members: dict[str, Any] = {}
-    for field in fields(LiveSettings):
-        value = entry.get(field.name, field.default)
-        if isinstance(field.default, str):
-            members[field.name] = value if isinstance(value, str) else field.default
-        else:
-            is_number = isinstance(value, int | float) and math.isfinite(value)
-            members[field.name] = min(max(float(value), 0.0), MAX_OFFSET_MS) if is_number else 0.0
-    return LiveSettings(**members)
 
 
 class UnapprovedScriptError(InputError):

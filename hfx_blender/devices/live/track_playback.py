@@ -6,7 +6,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Protocol, Self
 
 import numpy as np
@@ -48,17 +47,10 @@ class PlayedTrack:
     ``path``: a ``.hfxtrack`` file.
     ``body``: name or id of the body with the devices; by default the first body.
 
-    Attributes
-    ----------
-    header : TrackHeader
-        For :meth:`~hfx_blender.devices.live.client.LiveClient.describe`.
-    body_id : str
-    start_s, end_s : float
-        Time of the first sample and end of the last, on the clock of the recorded scene.
-    sample_s : float
-        Interval of samples.
-    latencies_ms : iterable of float
-        Actuator latencies that :meth:`show` compensates; empty at first.
+    The attributes ``header`` and ``body_id`` are for :meth:`.client.LiveClient.describe`.
+    ``start_s`` and ``end_s`` are the time of the first sample and the end of the last, on the clock
+    of the recorded scene; ``sample_s`` is the interval of samples. :meth:`show` compensates the
+    actuator latencies ``latencies_ms``, empty at first.
 
     Raises InputError: the file cannot be read, or has no such body.
     """
@@ -71,7 +63,13 @@ class PlayedTrack:
         self._reader = TrackReader(path)
         try:
             self.header = of_one_moment(self._reader.header)
-            self.body_id = self._body_id(body)
+            bodies = self.header.bodies
+            ids = [x.id for x in bodies if body in (None, x.id, x.name)]
+            if not ids:
+                names = ", ".join(f"'{x.name}'" for x in bodies[:5]) or "none"
+                missing = "" if body is None else f" '{body[:100]}'"
+                raise InputError(f"{path}: it has no body{missing}; there are: {names}.")
+            self.body_id = ids[0]
             settings = self._reader.header.settings
             self._play_space = PlaySpace.of_settings(settings) if SETTING in settings else None
         except BaseException:
@@ -85,12 +83,7 @@ class PlayedTrack:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -119,13 +112,8 @@ class PlayedTrack:
     ) -> LiveFrame:
         """Samples at a time; no effects before the first sample and after the last.
 
-        Parameters
-        ----------
-        time_s : float
-        later_s : mapping, optional
-            Time of the samples for actuators with a latency, by latency in ms.
-        gains : mapping, optional
-            As of :class:`LiveFrame`.
+        ``later_s``: time of the samples for actuators with a latency, by latency in ms.
+        ``gains``: as of :class:`LiveFrame`.
 
         Raises InputError: the file is damaged.
         """
@@ -141,15 +129,6 @@ class PlayedTrack:
             later={ms: read(then) for ms, then in (later_s or {}).items()},
         )
 
-    def _body_id(self, body: str | None) -> str:
-        bodies = self.header.bodies
-        ids = [x.id for x in bodies if body in (None, x.id, x.name)]
-        if not ids:
-            names = ", ".join(f"'{x.name}'" for x in bodies[:5]) or "none"
-            missing = "" if body is None else f" '{body[:100]}'"
-            raise InputError(f"{self.path}: it has no body{missing}; there are: {names}.")
-        return ids[0]
-
 
 def play(
     source: ValueSource,
@@ -164,16 +143,10 @@ def play(
 
     Devices are stopped at the end, also after an exception, and ports are closed.
 
-    Parameters
-    ----------
-    from_s : float, optional
-        Start time on the source's clock; by default the source's start.
-    offset_s : float
-        Longest delay of a device, also of the end.
-    progress : callable
-        Takes the played share, 0..1.
-    connected : callable
-        Called once, when the devices are ready.
+    ``from_s``: start time on the source's clock; None: the source's start.
+    ``offset_s``: longest delay of a device, also of the end.
+    ``progress``: takes the played share, 0..1.
+    ``connected``: called once, when the devices are ready.
 
     Raises DeviceError: all devices have failed.
     Raises InputError: the file is damaged.
@@ -184,6 +157,7 @@ def play(
         connected()
         begin_s = source.start_s if from_s is None else from_s
         length_s = max(source.end_s - begin_s, 1e-9)
+        # The upper bound keeps signs of life more frequent than the host's 250 ms.
         step_s = min(max(source.sample_s, _STEPS_S[0]), _STEPS_S[1])
         begun = time.monotonic()
         while (now_s := begin_s + time.monotonic() - begun) < source.end_s:
