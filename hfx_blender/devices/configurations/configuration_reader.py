@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality, Parameter
-from ...engine.rendering.conditioning.drive import DriveCurve
+from ...engine.rendering.conditioning.waveform import DriveCurve
 from ...engine.rendering.device_config import (
     Actuator,
     ActuatorControl,

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...engine.arrays import F64, I64
 from ...engine.rendering.conditioning.actuator_limits import limited
-from ...engine.rendering.conditioning.drive import drive_of
+from ...engine.rendering.conditioning.waveform import drive_of
 from ...engine.rendering.device_config import (
     ActuatorType,
     BytesEncoder,

@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
-from ...engine.rendering.conditioning.drive import driven
 from ...engine.rendering.conditioning.waveform import (
     Waveform,
     cycles_on_the_way,
     cycles_since_the_beginning,
     cycles_until_it_repeats,
+    driven,
     kept_through_silence,
     kinds_of,
     waves,

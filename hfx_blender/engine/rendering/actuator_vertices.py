@@ -52,6 +52,7 @@ def vertices_of(place: Place, model: PerceptualModel) -> I32:
         return np.flatnonzero(on_parts(place.parts, model)).astype(np.int32)
     patches = _PATCHES.setdefault(model, {})
     if place not in patches:
+        # Editing a device makes new places without end, so a full cache begins from nothing.
         if len(patches) >= _MOST_PATCHES:
             patches.clear()
         patches[place] = _patch(place, model)
@@ -84,7 +85,7 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
 
     Raises InputError without a vertex on the parts, or with none within 0.2 m of the radius.
     """
-    candidates, places = _skin_of(place.parts, place.side, model)
+    candidates, places = _skin_of(place.parts, place.side, model)  # vertices, and x, y, z of them
     where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
     if not len(candidates):
         raise InputError(f"model '{model.id}' has no vertex on {where}.")
@@ -98,7 +99,7 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
         )
     within = distances <= place.radius_m
     within[nearest] = True
-    # Skin that strokes over the device feels it anywhere on the named parts.
+    # Stroking parts, as fingers over a phone, feel the effect everywhere.
     if place.stroked_by:
         strokers = np.flatnonzero(on_parts(place.stroked_by, model))
         return np.union1d(candidates[within], strokers).astype(np.int32)
@@ -118,7 +119,7 @@ def _named(place: VertexPlace, model: PerceptualModel) -> I32:
                 f"its vertices were chosen on another '{model.id}' (hash "
                 f"{named.content_hash[:12]}..., this model has {model.content_hash[:12]}...)."
             )
-        vertices = np.array(named.vertices, np.int32)
+        vertices = np.array(named.vertices, np.int32)  # ascending, so the last is the largest
         if vertices[-1] >= len(model):
             raise InputError(
                 f"vertex {vertices[-1]} is not on model '{model.id}', which has {len(model)}."

@@ -52,18 +52,16 @@ class ActuatorCells:
         entries ``slice(offsets[k], offsets[k + 1])`` of ``vertices`` and ``weights`` (total,).
         """
         count = len(offsets) - 1
-        if statistic == "strongest" and len(self.reached):
-            native = library()
-            if native is not None:
-                starts, reached, factors = self._by_vertex
-                gains = np.zeros((count, len(self.rows)))
-                native.hfx_strongest(
-                    *(count, offsets, vertices, weights, len(starts) - 1, starts, reached, factors),
-                    *(len(self.rows), gains),
-                )
-                return gains
         gains = np.zeros((count, len(self.rows)))
         if not len(self.reached):
+            return gains
+        native = library() if statistic == "strongest" else None
+        if native is not None:
+            starts, reached, factors = self._by_vertex
+            native.hfx_strongest(
+                *(count, offsets, vertices, weights, len(starts) - 1, starts, reached, factors),
+                *(len(self.rows), gains),
+            )
             return gains
         step = max(1, DENSE_ENTRIES // len(self.reached))
         for first in range(0, count, step):
@@ -87,8 +85,12 @@ class ActuatorCells:
         """Weights (n, D) of samples at the D reached vertices; 0 outside the sample."""
         count = len(offsets) - 1
         dense = np.zeros((count, len(self.reached)), np.float32)
-        if _is_one_set(offsets, vertices):  # a painted area, or a body well inside a volume
-            size = len(vertices) // count
+        size = int(offsets[1] - offsets[0])
+        has_one_size = size > 0 and (np.diff(offsets) == size).all()
+        sets = vertices.reshape(count, size) if has_one_size else None
+        # One set for all samples, of a painted area or a body well inside a volume: rows are
+        # copied. Most sets that differ already differ in the last row.
+        if sets is not None and (sets[0] == sets[-1]).all() and (sets == sets[0]).all():
             shared = np.flatnonzero(self._is_reached[vertices[:size]])
             dense[:, self._slot_of[vertices[shared]]] = weights.reshape(count, size)[:, shared]
             return dense
@@ -116,13 +118,3 @@ class ActuatorCells:
             sums = np.add.reduceat(spread, starts, axis=1, dtype=np.float64)
             gains[:, filled] = sums / self.counts[filled]
         return gains
-
-
-def _is_one_set(offsets: I64, vertices: I32) -> bool:
-    """Test that n > 0 samples have the same vertices in the same order; False for empty samples."""
-    count = len(offsets) - 1
-    size = int(offsets[1] - offsets[0])
-    if size == 0 or not (np.diff(offsets) == size).all():
-        return False
-    rows = vertices.reshape(count, size)
-    return bool((rows[0] == rows[-1]).all() and (rows == rows[0]).all())

@@ -21,8 +21,7 @@ import numpy as np
 
 from ..arrays import F64, I64
 from ..modality import MODALITIES
-from .conditioning.drive import DriveCurve
-from .conditioning.waveform import Waveform
+from .conditioning.waveform import DriveCurve, Waveform
 
 Statistic = Literal["strongest", "mean"]
 SchemeName = Literal[

@@ -34,18 +34,9 @@ def rendered_modalities(device: DeviceConfig, modality: str) -> set[str]:
 class ActuatorGroup:
     """The A actuators of one modality of a device.
 
-    Attributes
-    ----------
-    members : list of int
-        Indices of the actuators in the device.
-    strength_columns : (A,) int64
-        Columns of their strengths in the device's raster; a vibration's frequency is the next
-        column.
-    takes_waveform : (A,) bool
-    neutral, lowest, highest : (A,) float64
-        Of the strength.
-    play_space : PlaySpace
-        Initially the world.
+    Attributes: ``members``, indices of the actuators in the device; ``strength_columns`` (A,) of
+    the device's raster, a vibration's frequency in the next column; ``takes_waveform`` (A,);
+    ``neutral``, ``lowest`` and ``highest`` (A,) strength; ``play_space``, initially the world.
     """
 
     def __init__(self, device: DeviceConfig, modality: str, models: ModelLoader) -> None:
@@ -92,7 +83,13 @@ class ActuatorGroup:
         )
         gains: F64 = of_sets[run.set_of]
         if self._standing and run.positions is not None:
-            self._reach(run, gains)
+            # Actuators with a position in the room respond by reach, not by shared vertices.
+            model, points = self._models(run.stream.model_id), self.play_space.local(run)
+            for column in self._standing:
+                standing = self._actuators[column].place
+                assert isinstance(standing, RoomPlace)
+                is_part = on_parts(standing.parts, model)
+                gains[:, column] = room_gains(standing, is_part, run, points)
         return gains
 
     def notes(self) -> Iterator[str]:
@@ -113,27 +110,14 @@ class ActuatorGroup:
                     f"actuators {reasons}"
                 )
 
-    def _reach(self, run: SampleRun, gains: F64) -> None:
-        """Replace, in place, gains (n, A) of actuators with a position in the room by reach."""
-        model = self._models(run.stream.model_id)
-        points = self.play_space.local(run)
-        for column in self._standing:
-            room_place = self._actuators[column].place
-            assert isinstance(room_place, RoomPlace)
-            gains[:, column] = room_gains(
-                room_place, on_parts(room_place.parts, model), run, points
-            )
-
     def panning_on(self, model_id: str) -> FocusPanning | None:
         """Panning of spots on a model, cached; None without a :func:`panned_layout`."""
         if model_id not in self._focus:
-            model = self._models(model_id)
+            model, is_mirrored = self._models(model_id), self._device.is_mirrored
             layout = panned_layout(self._device, self._actuators, model)
-            self._focus[model_id] = (
-                None
-                if layout is None
-                else FocusPanning(layout, model, is_mirrored=self._device.is_mirrored)
-            )
+            self._focus[model_id] = None
+            if layout is not None:
+                self._focus[model_id] = FocusPanning(layout, model, is_mirrored=is_mirrored)
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
@@ -156,10 +140,8 @@ class ActuatorGroup:
             ],
             axis=1,
         )
-        is_felt = amplitudes >= thresholds
-        return np.asarray(
-            (amplitudes > 0.0).any(axis=1) & ~(is_felt & (amplitudes > 0.0)).any(axis=1)
-        )
+        is_on = amplitudes > 0.0
+        return np.asarray(is_on.any(axis=1) & ~(is_on & (amplitudes >= thresholds)).any(axis=1))
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
         """Mask (n,) of samples with a frequency out of range of an actuator with ``fires`` (n, A).

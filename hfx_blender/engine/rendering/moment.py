@@ -12,9 +12,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import F64
+from ..arrays import F64, I64, Bool
 from ..body.model import load_model
 from ..samples import SampleRun
 from ..scene import SceneDescription, TimeBase
@@ -60,16 +59,13 @@ class MomentRenderer:
         )
         self.body_id = self._renderer.body_id
         self._effects = header.effects
-        self._late: dict[float, tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]] = {}
-        sounding = [a for a in device.actuators if a.type.takes_waveform]
-        for latency_ms in {actuator.type.latency_ms for actuator in device.actuators}:
-            columns = [
-                np.arange(part.start, part.stop)
-                for actuator, part in zip(device.actuators, device.actuator_columns, strict=True)
-                if actuator.type.latency_ms == latency_ms
-            ]
-            is_late = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
-            self._late[latency_ms] = np.concatenate(columns), is_late
+        # For each latency: raster columns, and a mask of the waveform actuators.
+        self._late: dict[float, tuple[I64, Bool]] = {}
+        late = [a.type.latency_ms for a in device.actuators for _ in a.type.controls]
+        sounding = [a.type.latency_ms for a in device.actuators if a.type.takes_waveform]
+        for latency_ms in set(late):
+            columns = np.flatnonzero(np.array(late) == latency_ms)
+            self._late[latency_ms] = columns, np.array(sounding) == latency_ms
 
     def prepare(self) -> None:
         """Compute reached vertices and panning of spots of all effects before any contact.
@@ -119,16 +115,16 @@ class MomentRenderer:
                 continue
             values[columns] = self.values(later[latency_ms])[columns]
             if is_late.any():
-                tones = [_only(tone, ~is_late) for tone in tones]
-                tones += [_only(tone, is_late) for tone in self.tones()]
+                # Of the later moment's tones only these actuators play, of the earlier the rest.
+                parts = [(tone, ~is_late) for tone in tones]
+                parts += [(tone, is_late) for tone in self.tones()]
+                tones = [
+                    replace(tone, amplitudes=np.where(is_on, tone.amplitudes, 0.0))
+                    for tone, is_on in parts
+                ]
         return values, tones
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
         """Non-empty runs on the wearer, each with the gains of its first sample (A,), in 0..1."""
         on_wearer = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         return [(run, self._renderer.gains(run)[0]) for run in on_wearer]
-
-
-def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
-    """Copy of a tone, silent but at the actuators of the mask ``chosen`` (W,)."""
-    return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

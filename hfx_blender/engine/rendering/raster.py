@@ -7,7 +7,7 @@ After the raster of Mango (Schneider et al., UIST 2015): actuators x time, and a
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
@@ -111,24 +111,15 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
     for raster in rasters:
         for stream in raster.felt:
             key = (stream.stream.effect_id, stream.stream.body_id)
-            before = streams.get(key)
-            if before is not None:
-                is_rendered = before.is_rendered | stream.is_rendered
-                stream = FeltStream(stream.stream, stream.indices, stream.strengths, is_rendered)
+            if key in streams:
+                # The same samples on a further device: rendered if either device plays there.
+                is_rendered = streams[key].is_rendered | stream.is_rendered
+                stream = replace(stream, is_rendered=is_rendered)
             streams[key], rates[key] = stream, float(raster.rate_hz)
     missing = []
     for key, stream in streams.items():
-        lost = ~stream.is_rendered
-        count = int(np.count_nonzero(lost))
-        if not count:
-            continue
-        missing.append(
-            Unrendered(
-                *key,
-                stream.stream.modality,
-                samples=count,
-                share=count / len(lost),
-                seconds=count / rates[key],
-            )
-        )
+        count = int(np.count_nonzero(~stream.is_rendered))
+        if count:
+            share, seconds = count / len(stream.is_rendered), count / rates[key]
+            missing.append(Unrendered(*key, stream.stream.modality, count, share, seconds))
     return missing

@@ -29,6 +29,9 @@ from .dispatch import ActuatorGroup, MissingActuators, ModelLoader
 from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
+_UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
+"""Reasons of samples that no actuator plays."""
+
 
 @dataclass(eq=False)
 class _Outcome:
@@ -40,11 +43,6 @@ class _Outcome:
     is_off: Bool  # (n,) frequency out of range
     is_over: Bool  # (n,) cut by a limit
     is_faint: Bool  # (n,) below the detection threshold
-
-    @classmethod
-    def none(cls, indices: I64, strengths: F64) -> _Outcome:
-        """Outcome of samples (n,) before rendering: all masks False."""
-        return cls(indices, strengths, *(np.zeros(len(indices), np.bool_) for _ in range(4)))
 
 
 @dataclass(eq=False)
@@ -61,21 +59,11 @@ class Renderer:
     """Renderer of a track's blocks, in order of time, for one device.
 
     Memory: arrays of a block, the raster (8 bytes per time and column), 20 bytes per sample.
-    Raises InputError for an unknown wearer.
 
-    Parameters
-    ----------
-    models : callable
-        Loads a perceptual model by id.
-    body_id : str, optional
-        Body that wears the device, also an attribute; optional for a track with one body.
-    compensates_latency : bool
-        Advance values by each actuator's latency.
-
-    Attributes
-    ----------
-    groups : tuple of ActuatorGroup
-        The device's actuators by modality.
+    ``models`` loads a perceptual model by id. ``body_id``, also an attribute, is the body that
+    wears the device; None for the only body of a track, InputError for an unknown body.
+    ``compensates_latency``: advance values by each actuator's latency. The attribute ``groups`` has
+    the device's actuators by modality.
     """
 
     def __init__(
@@ -138,9 +126,14 @@ class Renderer:
         if rows[0] < self._next_row or rows[-1] >= len(self._values):
             raise ValueError(f"samples {rows[0]} to {rows[-1]} come out of order")
         self._next_row = int(rows[-1]) + 1
-        outcomes = [
-            _Outcome.none(run.indices, run.levels * np.abs(self._strength(run))) for run in runs
-        ]
+        outcomes = []
+        for run in runs:
+            # A temperature is as strong as its deviation from the effect's neutral.
+            is_heat = run.stream.modality == "temperature"
+            neutral = self._neutral_c(run.stream) if is_heat else 0.0
+            strengths = run.levels * np.abs(run.parameters[:, 0] - neutral)
+            masks = np.zeros((4, len(run)), np.bool_)
+            outcomes.append(_Outcome(run.indices, strengths, *masks))
         for group in self.groups:
             shares = [
                 _GroupShare(run, outcome, np.searchsorted(rows, run.indices), group.gains(run))
@@ -170,7 +163,7 @@ class Renderer:
         notes += self._missing.notes(self._header)
         late = []
         for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
-            # Rows within the latency cannot be advanced any further; see ``advanced``.
+            # Rows within the latency have no earlier row to go to; see ``advanced``.
             rows = self._late_rows(kind)
             if (self._values[:rows, part.start] != self._neutral[part.start]).any():
                 late.append(actuator.id)
@@ -180,14 +173,8 @@ class Renderer:
         return tuple(dict.fromkeys([*notes, *counted(late, text)]))
 
     def _neutral_c(self, stream: Stream) -> float:
+        """Skin temperature without the stream's effect, degrees Celsius."""
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
-
-    def _strength(self, run: SampleRun) -> F64:
-        """First parameter of each sample, (n,); for temperature minus the effect's neutral, in
-        degrees, signed."""
-        if run.stream.modality == "temperature":
-            return run.parameters[:, 0] - self._neutral_c(run.stream)
-        return run.parameters[:, 0]
 
     def _model(self, model_id: str) -> PerceptualModel:
         """Load a model; InputError unless equal to the model of the recording."""
@@ -267,7 +254,7 @@ class Renderer:
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
             columns = group.strength_columns + 1
-            # Silence keeps the neutral frequency, so that devices do not retune.
+            # So devices do not retune in silence.
             is_silent = mixed.strengths == 0.0
             frequencies = np.where(is_silent, self._neutral[columns], mixed.frequencies_hz)
             self._values[rows[:, None], columns] = frequencies
@@ -303,12 +290,9 @@ class Renderer:
     def raster(self, answers: F64 | None = None) -> Raster:
         """Finish the raster; no block can be added afterwards.
 
-        Parameters
-        ----------
-        answers : (T, columns) float64, optional
-            Output of the device's script for :meth:`script_input`; held and limited like all
-            values. Samples at changed rows count as rendered if any actuator plays there, else as
-            not rendered.
+        ``answers`` (T, columns) are the output of the device's script for :meth:`script_input`,
+        held and limited like all values; None without a script. Samples at changed rows count as
+        rendered if any actuator plays there, else as not rendered.
         """
         time = self._header.time
         for part, kind in self._parts():
@@ -316,8 +300,7 @@ class Renderer:
         streams = tuple(_felt(stream, outcomes) for stream, outcomes in self._outcomes.items())
         shortfalls = tuple(self._shortfalls(streams))
         partials = self.partials()
-        # A script replaces the values; what was rendered is judged anew at the rows that it
-        # changed.
+        # A script replaces the values; at rows changed by the script, samples are judged again.
         if answers is not None:
             without, self._values = self._values, np.zeros_like(self._values)
             for part, kind in self._parts():
@@ -359,17 +342,16 @@ class Renderer:
 
     def _late_rows(self, kind: ActuatorType) -> int:
         """Latency of an actuator type in rows; 0 without compensation."""
-        return (
-            rows_of(self._header.time.rate_hz, kind.latency_ms) if self._compensates_latency else 0
-        )
+        if not self._compensates_latency:
+            return 0
+        return rows_of(self._header.time.rate_hz, kind.latency_ms)
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
         """Columns of an actuator (T, P), advanced by the latency if compensated."""
-        latency_ms = kind.latency_ms if self._compensates_latency else 0.0
-        rate_hz = self._header.time.rate_hz
-        return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
+        return advanced(self._values[:, part], self._neutral[part], self._late_rows(kind))
 
     def _limited(self, values: F64, part: slice) -> F64:
+        """Values (T, P) of the columns ``part``, clipped; rows with a non-finite value neutral."""
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
@@ -405,25 +387,21 @@ class Renderer:
             np.array([kind.strength.highest for kind in kinds]),
         )
 
-    def _why_not(self, stream: Stream) -> Reason:
-        """Reason for samples that drive no actuator.
-
-        ``device``: the effect drives another device; else ``place`` if a group renders the
-        modality, or ``modality``.
-        """
-        effect = self._effects[stream.effect_id]
-        if effect.device_id is not None and effect.device_id != self._device.id:
-            return "device"
-        can = any(group.renders(stream.modality) for group in self.groups)
-        return "place" if can else "modality"
-
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
         """Yield, per stream and reason, the number of samples not rendered, off frequency, limited
         or below threshold, if above 0; with the share of the stream's samples and seconds."""
         for rendered in felt:
-            outcomes = self._outcomes[rendered.stream]
+            stream, outcomes = rendered.stream, self._outcomes[rendered.stream]
+            # Samples drive no actuator if their effect drives another device, if actuators of the
+            # modality do not reach them, or if the device does not render the modality.
+            device_id = self._effects[stream.effect_id].device_id
+            undriven: Reason = "modality"
+            if device_id is not None and device_id != self._device.id:
+                undriven = "device"
+            elif any(group.renders(stream.modality) for group in self.groups):
+                undriven = "place"
             losses: dict[Reason, list[Bool]] = {
-                self._why_not(rendered.stream): [~rendered.is_rendered],
+                undriven: [~rendered.is_rendered],
                 "frequency": [outcome.is_off for outcome in outcomes],
                 "limit": [outcome.is_over for outcome in outcomes],
                 "threshold": [outcome.is_faint for outcome in outcomes],
@@ -432,9 +410,9 @@ class Renderer:
                 samples = sum(int(np.count_nonzero(mask)) for mask in masks)
                 if samples:
                     yield Shortfall(
-                        rendered.stream.effect_id,
-                        rendered.stream.body_id,
-                        rendered.stream.modality,
+                        stream.effect_id,
+                        stream.body_id,
+                        stream.modality,
                         reason,
                         samples,
                         share=samples / len(rendered.indices),
@@ -451,10 +429,6 @@ def _felt(stream: Stream, outcomes: list[_Outcome]) -> FeltStream:
         np.concatenate([np.zeros(0), *(outcome.strengths for outcome in outcomes)]),
         np.concatenate([np.zeros(0, np.bool_), *(outcome.is_rendered for outcome in outcomes)]),
     )
-
-
-_UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
-"""Reasons of samples that no actuator plays."""
 
 
 def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:

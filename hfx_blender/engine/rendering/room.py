@@ -48,6 +48,7 @@ class PlaySpace:
             rows = np.array([pose[1] for pose in content], np.float64).reshape(-1, 3, 4)
         except (TypeError, ValueError, IndexError, OverflowError):
             raise InputError(f"The track's {SETTING} is not a list of poses.") from None
+        # A setting stores the upper three rows of each matrix.
         last = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), 1, 4))
         matrices = np.concatenate([rows, last], axis=1)
         is_right = len(rows) > 0 and np.isfinite(rows).all() and (np.diff(indices) > 0).all()
@@ -103,6 +104,7 @@ def reaches(place: RoomPlace, points: F64) -> Bool:
     distance = np.linalg.norm(way, axis=1)
     inside: Bool = distance <= place.range_m  # False for NaN
     if place.aim is not None:
+        # Cosines instead of angles; the margin keeps points on the edge of a cone inside.
         along = way @ np.array(place.aim)
         inside &= along >= np.cos(np.radians(place.cone_deg / 2.0)) * distance - 1e-12
     return inside
@@ -116,7 +118,7 @@ def room_gains(place: RoomPlace, on_parts: Bool, run: SampleRun, points: F64) ->
     """
     weights = np.where(on_parts[run.vertices] & reaches(place, points), run.weights, 0.0)
     gains = np.zeros(len(run))
-    filled = np.flatnonzero(run.sizes > 0)
+    filled = np.flatnonzero(run.sizes > 0)  # reduceat has no identity for an empty sample
     if len(filled):
         gains[filled] = np.maximum.reduceat(weights, run.offsets[:-1][filled])
     return gains

@@ -23,20 +23,16 @@ from .actuator_vertices import on_parts, rows_of
 from .coverage import ActuatorCells
 from .device_config import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
 from .mounts import Pad, on_mount
-from .panning.neighbours import SkinNeighbours, parted
-from .panning.planar import PlanarPanning
-from .panning.ring import LinePanning, RingPanning
-from .panning.splat import GaussianSplatting, NearestPanning
-from .panning.surface_panning import surface_gains
-from .panning.vbap import VectorBasePanning
+from .panning.complex import FARTHEST_M
+from .panning.constant_power import LinePanning, RingPanning, VectorBasePanning
+from .panning.positional import GaussianSplatting, NearestPanning, PlanarPanning
+from .panning.surface_panning import SkinNeighbours, parted, surface_gains
 
 _LONE_SPACING_M: Final = 0.05
 """Spacing of a single actuator, metres."""
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
 """Sample rings of a disc larger than the gaps between actuators: share of its radius, places."""
-_FARTHEST_M: Final = 1e6
-"""Largest coordinate, metres, to which positions are clipped; larger squares may overflow."""
 
 _NO_DIRECTION: Final = 1e-6
 """Share of a layout's size within which an actuator is in the middle and has no direction."""
@@ -101,34 +97,38 @@ def _panned_layout(
     if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
         return None  # Renderer.notes reports the latter
     rows = rows_of(device, actuators, model)
-    centres = np.array(
-        [_centre(actuator, row, model) for actuator, row in zip(actuators, rows, strict=True)]
-    )
+    centres = np.array([_centre(a, row, model) for a, row in zip(actuators, rows, strict=True)])
+    spacing_m = _spacing_m(centres)
+    # The vertex of each actuator that is nearest to its centre.
+    away = (model.vertices[row] - centre for centre, row in zip(centres, rows, strict=True))
+    nearest = (np.argmin(np.linalg.norm(offsets, axis=1)) for offsets in away)
+    anchors = np.array([row[k] for row, k in zip(rows, nearest, strict=True)], np.int64)
+    # The fade beyond the layout must not reach parts on which the device is not worn.
+    candidates = _candidates(actuators, rows, model)
     if device.scheme.name == "surface":
-        anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
         panned = surface_gains(model, anchors, device.scheme.law)
-        # The fade beyond the layout must not reach parts on which the device is not worn.
-        own = np.isin(panned.vertices, _candidates(actuators, rows, model))
-        return PannedLayout(
-            panned.vertices[own],
-            panned.gains[own],
-            panned.fade[own],
-            _spacing_m(centres),
-            panned.at,
-        )
-    vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
-    anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
+        own = np.isin(panned.vertices, candidates)
+        vertices, gains, fade = panned.vertices[own], panned.gains[own], panned.fade[own]
+        return PannedLayout(vertices, gains, fade, spacing_m, panned.at)
+    # Fade in space, as flat layouts have no skin: 1 up to one spacing away, 0 from two on.
+    points = model.vertices[candidates].astype(np.float64)
+    away_m = np.full(len(points), np.inf)
+    for centre in centres:
+        np.minimum(away_m, np.linalg.norm(points - centre, axis=1), out=away_m)
+    fade = np.clip(2.0 - away_m / spacing_m, 0.0, 1.0)
+    is_near = fade > 0.0
+    vertices, points, fade = candidates[is_near], points[is_near], fade[is_near]
     # All flat schemes share the rule that neighbours are close along the skin.
     neighbours = SkinNeighbours(model, centres, anchors)
     gains_at = _FLAT[device.scheme.name](device, centres)
 
     def at(places: F64) -> F64:
         is_place = np.isfinite(places).all(axis=1)
-        clipped = np.clip(np.where(is_place[:, None], places, 0.0), -_FARTHEST_M, _FARTHEST_M)
+        # Larger squares of coordinates may overflow.
+        clipped = np.clip(np.where(is_place[:, None], places, 0.0), -FARTHEST_M, FARTHEST_M)
         return parted(gains_at(clipped) * is_place[:, None], neighbours.are_joined)
 
-    gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
-    return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
+    return PannedLayout(vertices, at(points) * fade[:, None], fade, spacing_m, at)
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
@@ -151,13 +151,11 @@ def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
     return np.asarray(areas @ model.vertices[row] / areas.sum())
 
 
-def _nearest(centre: F64, row: I32, model: PerceptualModel) -> int:
-    """Vertex id of ``row`` nearest to a centre in space."""
-    return int(row[np.argmin(np.linalg.norm(model.vertices[row] - centre, axis=1))])
-
-
 def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
-    """Ascending vertices on the parts and sides of body places, or else of ``rows``."""
+    """Ascending vertices on the parts and sides of body places; of other places, of ``rows``.
+
+    A body place without a side stands for its parts on both sides.
+    """
     allowed = np.zeros(len(model), np.bool_)
     for actuator, row in zip(actuators, rows, strict=True):
         configured = actuator.place
@@ -173,19 +171,11 @@ def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: Perceptua
     return np.flatnonzero(allowed).astype(np.int32)
 
 
-def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F64]:
-    """Candidates near the layout, with fades: 1 up to one spacing away, 0 from two."""
-    points = model.vertices[candidates].astype(np.float64)
-    distances = np.full(len(points), np.inf)
-    for centre in centres:
-        np.minimum(distances, np.linalg.norm(points - centre, axis=1), out=distances)
-    fade = np.clip(2.0 - distances / _spacing_m(centres), 0.0, 1.0)
-    is_near = fade > 0.0
-    return candidates[is_near], fade[is_near]
-
-
 def _spacing_m(centres: F64) -> float:
-    """Largest distance of nearest neighbours, metres; actuators at one place do not count."""
+    """Largest distance of nearest neighbours, m; 0.05 if all actuators are at one place.
+
+    Actuators at one place are no neighbours of each other.
+    """
     between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     between[between == 0.0] = np.inf
     nearest = between.min(axis=1)
@@ -193,21 +183,14 @@ def _spacing_m(centres: F64) -> float:
     return float(nearest.max()) if len(nearest) else _LONE_SPACING_M
 
 
-def _mount(device: DeviceConfig, centres: F64) -> Mount:
-    """Mount of the layout: configured, or the plane of least squares through the actuators."""
-    return _fitted(centres) if device.mount is None else device.mount
-
-
-def _fitted(centres: F64) -> Mount:
-    """Mount in the plane of least squares through actuators, with the mean as origin."""
+def _mount(mount: Mount | None, centres: F64) -> Mount:
+    """``mount`` or, for None, the least squares plane through actuators, their mean as origin."""
+    if mount is not None:
+        return mount
     middle = centres.mean(axis=0)
     axes = np.linalg.svd(centres - middle, full_matrices=True)[2]
     origin, x_axis, y_axis = (tuple(float(v) for v in vector) for vector in (middle, *axes[:2]))
     return Mount(origin, x_axis, y_axis)  # type: ignore[arg-type]
-
-
-def _pad(device: DeviceConfig, centres: F64) -> Pad:
-    return Pad(_mount(device, centres), centres, _spacing_m(centres))
 
 
 _Gains = Callable[[F64], F64]
@@ -215,14 +198,15 @@ _Gains = Callable[[F64], F64]
 
 
 def _planar(device: DeviceConfig, centres: F64) -> _Gains:
-    pad = _pad(device, centres)
+    """Barycentric gains on the unrolled mount, closed where the layout surrounds the cylinder."""
+    pad = Pad(_mount(device.mount, centres), centres, _spacing_m(centres))
     panning = PlanarPanning(pad.at(centres), device.scheme.law, pad.closed_m)
     return lambda points: panning.gains(pad.at(points))
 
 
 def _ring(device: DeviceConfig, centres: F64) -> _Gains:
     """Gains of a ring: by angle about the middle of a flat mount, or around a bent mount."""
-    mount = _mount(device, centres)
+    mount = _mount(device.mount, centres)
     if mount.bend_radius_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
     ring = on_mount(mount, centres)
@@ -243,7 +227,8 @@ def _round(mount: Mount, centres: F64, radius_m: float) -> _Gains:
 
 def _line(device: DeviceConfig, centres: F64) -> _Gains:
     """Gains of a line along the layout's x axis, closed where the layout surrounds the cylinder."""
-    mount, pad = _mount(device, centres), _pad(device, centres)
+    mount = _mount(device.mount, centres)
+    pad = Pad(mount, centres, _spacing_m(centres))
     if mount.bend_radius_m is not None and pad.closed_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))
     panning = LinePanning(pad.at(centres)[:, 0])
@@ -263,9 +248,9 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
         with suppress(ValueError):
             return _seen_from(middle, centres, np.eye(3))
     # Flat layout: pan by directions in its plane about its middle.
-    mount = _mount(device, centres)
+    mount = _mount(device.mount, centres)
     if mount.bend_radius_m is not None:  # a plane through the actuators is not the tangent plane
-        mount = _fitted(centres)
+        mount = _mount(None, centres)
     axes = np.array([mount.x_axis, mount.y_axis])
     ring = on_mount(mount, centres)
     centre = np.array(mount.origin_m) + 0.5 * (ring.min(axis=0) + ring.max(axis=0)) @ axes
@@ -280,6 +265,7 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _seen_from(origin: F64, centres: F64, axes: F64) -> _Gains:
+    """Gains of VBAP by directions from ``origin`` (3,) along ``axes`` (2 or 3, 3)."""
     panning = VectorBasePanning((centres - origin) @ axes.T)
     return lambda points: panning.gains((points - origin) @ axes.T)
 
@@ -298,6 +284,7 @@ _FLAT: Final[dict[str, Callable[[DeviceConfig, F64], _Gains]]] = {
     "nearest": lambda device, centres: NearestPanning(centres).gains,
     "splat": lambda device, centres: GaussianSplatting(centres, device.scheme.sigma_m).gains,
 }
+"""Gains of the flat schemes, by name, of a device and its actuators' ``centres`` (A, 3)."""
 
 
 class FocusPanning:
@@ -319,6 +306,7 @@ class FocusPanning:
 
     def gains(self, focus: F32) -> F64:
         """Gains (n, A), 0..1, for spots (n, 4): centre in rest space and radius, m."""
+        # A resting spot repeats its focus: distinct ones are rendered once.
         known, which = np.unique(focus.astype(np.float64), axis=0, return_inverse=True)
         places = known[:, :3] * [self._side, 1.0, 1.0]
         beyond_m = known[:, 3] - 0.5 * self._layout.spacing_m
@@ -337,6 +325,7 @@ class FocusPanning:
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
     """Points (18, 3) around ``centre`` in the plane across ``normal``: 6 on a ring of half
     ``radius_m``, then 12 on a ring of ``radius_m``."""
+    # The further right singular vectors of a row are an orthonormal basis across the row.
     axes = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
     first_axis, second_axis = axes[1], axes[2]
     rings = []

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ..arrays import F64
-from ..rendering.panning.ring import RingPanning
-from ..rendering.panning.vbap import VectorBasePanning
+from ..rendering.panning.constant_power import RingPanning, VectorBasePanning
 from .hearing import Hearing
 from .layouts import LoudspeakerLayout
 

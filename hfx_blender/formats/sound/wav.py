@@ -21,11 +21,12 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64, I64
 from ...engine.rendering.conditioning.actuator_limits import limited
-from ...engine.rendering.conditioning.drive import DriveCurve, driven
 from ...engine.rendering.conditioning.waveform import (
+    DriveCurve,
     cycles_on_the_way,
     cycles_since_the_beginning,
     cycles_until_it_repeats,
+    driven,
     kept_through_silence,
     kinds_of,
     waves,

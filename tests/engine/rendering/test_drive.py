@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
 from hfx_blender.devices.host.encoders import Channels
-from hfx_blender.engine.rendering.conditioning.drive import DriveCurve, drive_of, driven
+from hfx_blender.engine.rendering.conditioning.waveform import DriveCurve, drive_of, driven
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.renderer import Renderer

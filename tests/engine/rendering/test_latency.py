@@ -28,7 +28,7 @@ def test_a_latency_is_rounded_to_the_nearest_row(latency_ms, rows):
 @given(st.integers(1, 60), st.floats(0.0, 60_000.0))
 def test_rows_move_as_they_are_and_the_end_is_neutral(count, latency_ms):
     values = np.arange(2.0 * count).reshape(count, 2)
-    actual = advanced(values, np.array([-1.0, -2.0]), RATE, latency_ms)
+    actual = advanced(values, np.array([-1.0, -2.0]), rows_of(RATE, latency_ms))
     rows = min(rows_of(RATE, latency_ms), count)
     assert actual[: count - rows].tolist() == values[rows:].tolist()
     free = max(count - rows, rows)  # no early or late row from here on
@@ -38,7 +38,7 @@ def test_rows_move_as_they_are_and_the_end_is_neutral(count, latency_ms):
 def test_early_values_of_a_late_actuator_are_delayed_not_lost():
     values = np.zeros((100, 1))
     values[2:5], values[40:45], values[60] = 1.0, 2.0, 3.0
-    actual = advanced(values, np.zeros(1), RATE, 300.0)
+    actual = advanced(values, np.zeros(1), rows_of(RATE, 300.0))
     expected = np.zeros(100)
     expected[2:5], expected[10:15], expected[30] = 1.0, 2.0, 3.0
     assert actual[:, 0].tolist() == expected.tolist()

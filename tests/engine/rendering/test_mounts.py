@@ -16,7 +16,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Mount, Scheme
 from hfx_blender.engine.rendering.mounts import Pad, on_mount, place_on
-from hfx_blender.engine.rendering.panning.planar import PlanarPanning
+from hfx_blender.engine.rendering.panning.positional import PlanarPanning
 from hfx_blender.engine.rendering.schemes import cells_of, panned_layout
 
 CHEST = Mount((0.0, -0.1, 1.2), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))  # seen from the front

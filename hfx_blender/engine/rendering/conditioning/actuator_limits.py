@@ -18,10 +18,11 @@ def limited(
 ) -> F64:
     """Clip values (..., P) of an actuator to ``lowest`` and ``highest``, both included.
 
-    If any of the P parameters is NaN or infinite, all become ``silent``: a minimum or maximum alone
-    would turn NaN into full power. Limits and ``silent`` are (P,) or broadcastable.
+    If any of the P parameters is NaN or infinite, all become ``silent``. Limits and ``silent`` are
+    (P,) or broadcastable.
     """
     values = np.asarray(values, np.float64)
+    # Before clipping, as a minimum or maximum alone would turn NaN or infinity into full power.
     is_number = np.isfinite(values).all(axis=-1, keepdims=True)
     return np.clip(np.where(is_number, values, silent), lowest, highest)
 
@@ -29,13 +30,8 @@ def limited(
 class DeviceLimits:
     """Ranges of all A actuators of a device, with up to P controls each.
 
-    An actuator with fewer controls repeats its strength.
-
-    Attributes
-    ----------
-    neutral : (columns,) float64
-    silent : (A, P) float64
-        Neutral values by actuator, strength first.
+    An actuator with fewer controls repeats its strength. Neutral values are the attributes
+    ``neutral`` (columns,) and, by actuator with the strength first, ``silent`` (A, P).
     """
 
     def __init__(self, device: DeviceConfig) -> None:
@@ -44,6 +40,7 @@ class DeviceLimits:
         self.neutral: F64 = device.neutral
         counts = np.array([len(kind.controls) for kind in kinds])
         places = np.arange(counts.max())
+        # A column for each control, so that all actuators are clipped by one array operation.
         self._columns: I64 = device.strength_columns[:, None] + np.where(
             places < counts[:, None], places, 0
         )
@@ -67,14 +64,14 @@ class DeviceLimits:
         return columns
 
 
-def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) -> F64:
-    """Rows (T, P) of one actuator advanced by its latency in whole rows, ``neutral`` last.
+def advanced(values: F64, neutral: F64, latency_rows: int) -> F64:
+    """Rows (T, P) of one actuator, ``latency_rows`` earlier, ``neutral`` last.
 
-    Values within the latency after the first row would have to be sent before. Such values
-    stay at their own rows, if these are otherwise neutral, and are felt late. Returns ``values``
-    itself if the latency is less than half a row.
+    Values of the first ``latency_rows`` would have to be sent before. Such values stay at their own
+    rows, if these are otherwise neutral, and are felt late. Returns ``values`` itself without a
+    latency.
     """
-    rows = min(rows_of(rate_hz, latency_ms), len(values))
+    rows = min(latency_rows, len(values))
     if not rows:
         return values
     early = np.concatenate([values[rows:], np.tile(neutral, (rows, 1))])
@@ -101,6 +98,7 @@ def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F6
     numerator, denominator = _interval(rate_hz, interval_ms)
     if numerator <= denominator or not len(values):
         return values
+    # Whole numbers: floats would put a row on a border into either interval.
     intervals = np.arange(len(values), dtype=np.int64) * denominator // numerator
     deviation = np.abs(values[:, 0] - neutral[0])
     # Stable sort: by interval, then the strongest first, then the earliest.

@@ -8,7 +8,7 @@ An actuator driven by a waveform plays the sum of all vibrations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,7 +21,7 @@ MARGIN: Final = 1.25
 The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi and
 Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
-_ALIKE_HZ: Final = 1.0
+_SAME_HZ: Final = 1.0
 """Largest difference of equal frequencies, as in ``mixing.combine_vibration``."""
 
 
@@ -33,40 +33,26 @@ class StrongestContributor:
         self._numbers: dict[str, int] = {}
 
     def frequencies(self, names: Sequence[str], amplitudes: F64, frequencies_hz: F64) -> F64:
-        """Frequencies of the next rows, (R, A); 0 in silence.
+        """Frequencies of the next rows, (R, A), from amplitudes (n, R, A), frequencies (n, R).
 
-        Contributors of equal frequency support each other. NaN at actuators with a contributor
-        whose frequency is not finite.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Contributors; a name means the same contributor in all calls.
-        amplitudes : (n, R, A) float64
-        frequencies_hz : (n, R) float64
+        Contributors of equal frequency support each other; a name of ``names`` (n,) is the same
+        contributor in all calls. 0 in silence; NaN at actuators with a contributor whose frequency
+        is not finite.
         """
         numbers = np.array([self._numbers.setdefault(n, len(self._numbers)) for n in names])
         is_bad = ~np.isfinite(frequencies_hz)
         hz = np.where(is_bad, 0.0, frequencies_hz)
-        if np.ptp(hz, axis=0).max(initial=0.0) <= _ALIKE_HZ:  # equal frequencies
-            chosen_hz = self._any_of(numbers, amplitudes, hz)
+        if np.ptp(hz, axis=0).max(initial=0.0) <= _SAME_HZ:
+            # Equal frequencies, the common case: no contributor can take over from another.
+            strongest = np.argmax(amplitudes, axis=0)
+            sounds = amplitudes.max(axis=0) > 0.0
+            self._held = np.where(sounds[-1], numbers[strongest[-1]], self._held)
+            chosen_hz = np.where(sounds, hz[strongest, np.arange(hz.shape[1])[:, None]], 0.0)
         else:
             chosen_hz = self._chosen_of(numbers, amplitudes, hz)
         if is_bad.any():
             chosen_hz[(is_bad[..., None] & (amplitudes > 0.0)).any(axis=0)] = np.nan
         return chosen_hz
-
-    def _any_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """Frequencies (R, A) of the strongest of contributors within 1 Hz; 0 in silence.
-
-        ``amplitudes`` (n, R, A), ``hz`` (n, R); holds the strongest contributor (``numbers``) of
-        the last row.
-        """
-        strongest = np.argmax(amplitudes, axis=0)
-        sounds = amplitudes.max(axis=0) > 0.0
-        self._held = np.where(sounds[-1], numbers[strongest[-1]], self._held)
-        rows = np.arange(amplitudes.shape[1])[:, None]
-        return np.where(sounds, hz[strongest, rows], 0.0)
 
     def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
         """Frequencies (R, A) of the held contributors, from amplitudes (n, R, A) and ``hz`` (n, R).
@@ -75,8 +61,8 @@ class StrongestContributor:
         times that of the held one, or in its silence. 0 in silence.
         """
         count, rows, width = amplitudes.shape
-        alike = (np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ).astype(np.float64)
-        together = np.einsum("ijr,jra->ira", alike, amplitudes)
+        is_same = (np.abs(hz[:, None] - hz[None]) <= _SAME_HZ).astype(np.float64)
+        together = np.einsum("ijr,jra->ira", is_same, amplitudes)
         # The extra last contributor stands for "absent" and has no support.
         support = np.zeros((count + 1, rows, width))
         support[:count] = np.where(amplitudes > 0.0, together, 0.0)
@@ -130,10 +116,8 @@ class Partials:
         """
         is_on = amplitudes.any(axis=1)
         if is_on.any():
-            part = rows[is_on], amplitudes[is_on], frequencies_hz[is_on]
-            self._parts.setdefault(name, []).append(
-                (part[0], part[1].astype(np.float32), part[2].astype(np.float32))
-            )
+            sines = (values[is_on].astype(np.float32) for values in (amplitudes, frequencies_hz))
+            self._parts.setdefault(name, []).append((rows[is_on], *sines))
 
     def forget(self) -> None:
         """Discard the stored rows of all effects."""
@@ -161,7 +145,7 @@ class Partials:
             rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
             total[rows] += partial.amplitudes
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Scale all partials of a row equally, so that their sum keeps the limit.
+            # Scale all partials of a row equally: the sum keeps the limit and its spectrum.
             share = np.where(total > highest, highest / total, 1.0)
         limited = []
         for partial in partials:
@@ -172,7 +156,7 @@ class Partials:
             limited.append(Partial(partial.effect_id, partial.first_row, amplitudes, hz))
         return tuple(limited)
 
-    def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
+    def _one(self, name: str, row_count: int, latency_rows: Sequence[int]) -> Partial:
         """Unlimited partial of effect ``name``, each actuator's column advanced by its latency.
 
         Covers first to last row, 0 in gaps. A row with a non-finite amplitude or frequency, or a
@@ -185,12 +169,12 @@ class Partials:
         # Effects vibrate at 0.1 Hz at least; values that are not finite are reported when read.
         safe = np.isfinite(values).all(axis=1) & np.isfinite(hz) & (hz > 0.0)
         values[~safe] = 0.0
-        latencies = list(latency_rows)
-        first = max(0, int(rows[0]) - max(latencies))
-        stop = int(rows[-1]) + 1 - min(latencies)
+        # Rows from the earliest of the actuators with most latency to the last with least.
+        first = max(0, int(rows[0]) - max(latency_rows))
+        stop = int(rows[-1]) + 1 - min(latency_rows)
         amplitudes = np.zeros((max(stop - first, 0), self.count))
         frequencies = np.zeros_like(amplitudes)
-        for column, late in enumerate(latencies):
+        for column, late in enumerate(latency_rows):
             at = rows - late - first
             inside = (at >= 0) & (at < len(amplitudes)) & (rows - late < row_count)
             amplitudes[at[inside], column] = np.maximum(values[inside, column], 0.0)

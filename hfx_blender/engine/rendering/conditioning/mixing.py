@@ -56,26 +56,12 @@ def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
 def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
     """Amplitude and frequency of several vibrations at each place.
 
-    Equal frequencies (within 1 Hz of the lowest of a group) count as in phase and add; groups add
-    as powers. The frequency is that of the strongest group.
-
-    Parameters
-    ----------
-    amplitudes : (n, ...) float64
-        Peak acceleration, m/s^2.
-    frequencies_hz : (n, ...) float64
-        Broadcast against ``amplitudes``.
-
-    Returns
-    -------
-    amplitude : (...) float64
-        m/s^2.
-    frequency_hz : (...) float64
-        Lowest frequency of the strongest group; 0 in silence.
+    ``amplitudes`` (n, ...) are peaks, m/s^2; frequencies broadcast against them. Equal frequencies
+    (within 1 Hz of the lowest of a group) count as in phase and add; groups add as powers. The
+    frequency (...) is the lowest of the strongest group; 0 in silence.
     """
-    frequencies = np.where(
-        np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz
-    )  # silence sorts last
+    # Infinite frequencies of silence sort last.
+    frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)
     amplitudes, places = np.broadcast_to(amplitudes, frequencies.shape), frequencies.shape[1:]
     if len(frequencies) > 1:
         order = np.argsort(frequencies, axis=0, kind="stable")

@@ -18,11 +18,11 @@ from ...arrays import F64, I64
 from ...volume.mesh_distance import barycentric
 from ..device_config import LAWS, Law
 
-_PAIRS_AT_ONCE: Final = 1 << 17
+_PAIRS_AT_ONCE: Final = 1 << 17  # of a point and a simplex
 
 _ON_IT_M: Final = 1e-12
 
-_FARTHEST_M: Final = 1e6
+FARTHEST_M: Final = 1e6
 """Largest coordinate, metres, to which points are clipped; larger squares may overflow."""
 
 SAME_PLACE: Final = 1e-9
@@ -48,7 +48,7 @@ class ActuatorComplex:
         """
         points = np.asarray(points, np.float64)
         finite = np.flatnonzero(np.isfinite(points).all(axis=1))
-        points = np.clip(points, -_FARTHEST_M, _FARTHEST_M)
+        points = np.clip(points, -FARTHEST_M, FARTHEST_M)
         of_places = np.zeros((len(points), len(self.places)))
         distances = np.full(len(points), np.inf)
         step = max(1, _PAIRS_AT_ONCE // len(self.simplices))
@@ -67,7 +67,14 @@ class ActuatorComplex:
 
         A pair per point; with ``blend`` also farther simplices, weights summing to 1 per point.
         """
-        row, simplex = self._candidates(points, blend)
+        # Candidates by bounding balls. The complex reaches the centre of a ball, so the nearest
+        # centre is an upper bound, and a ball beginning farther away cannot hold the nearest point.
+        middles, radii_m = self._balls
+        squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
+        away_m = np.sqrt(squares)
+        nearest_m = away_m.min(axis=1, keepdims=True)
+        slack_m = blend * nearest_m + 1e-9 * (1.0 + nearest_m)
+        row, simplex = np.nonzero(away_m - radii_m <= nearest_m + slack_m)
         corners = self.places[self.simplices[simplex]]
         weights = barycentric(points[row], corners)
         feet = np.einsum("ij,ijk->ik", weights, corners)
@@ -79,8 +86,7 @@ class ActuatorComplex:
         if not blend:
             return row[best], simplex[best], weights[best], least
         width = blend * least[row]
-        # Linear falloff of blending weights from 1 at the least distance to 0 at (1 + blend) times
-        # it.
+        # Blending weights fall linearly from 1 at the least distance to 0 at 1 + blend times it.
         counts = np.divide(least[row] - distances, width, out=np.zeros_like(width), where=width > 0)
         counts = np.maximum(1.0 + counts, 0.0)
         # Points on the complex keep their exact shares.
@@ -98,16 +104,6 @@ class ActuatorComplex:
         middles = corners.mean(axis=1)
         return middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
 
-    def _candidates(self, points: F64, blend: float) -> tuple[I64, I64]:
-        """Pairs (point, simplex) possibly nearest by bounding balls, in order of points."""
-        middles, radii_m = self._balls
-        squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
-        away_m = np.sqrt(squares)
-        nearest_m = away_m.min(axis=1, keepdims=True)  # a centre belongs to the complex
-        slack_m = blend * nearest_m + 1e-9 * (1.0 + nearest_m)
-        row, simplex = np.nonzero(away_m - radii_m <= nearest_m + slack_m)
-        return row.astype(np.int64), simplex.astype(np.int64)
-
 
 def merged_places(positions: F64) -> tuple[F64, I64]:
     """Merge equal positions (A, D): places (P, D), and the place of each actuator, (A,).
@@ -121,7 +117,8 @@ def merged_places(positions: F64) -> tuple[F64, I64]:
     grid = SAME_PLACE * max(float(np.ptp(positions, axis=0).max()), 1e-300)
     keys = np.round((positions - positions.min(axis=0)) / grid)
     _, first, place_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # order of first occurrence
+    # np.unique sorts by position; rank restores the order of the first occurrence.
+    order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return positions[first[order]], rank[place_of.ravel()].astype(np.int64)

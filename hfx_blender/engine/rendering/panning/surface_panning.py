@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Barycentric rendering on the body's surface, between neighbours along the skin.
+"""Panning along the skin: neighbours for all schemes, and barycentric rendering between them.
 
 Schneider et al. (UIST 2015) triangulate a flat pad. On a body the dual of the actuators' geodesic
 Voronoi cells replaces the Delaunay triangulation, so that no edge crosses air between two fingers,
-or an arm and the chest.
+or an arm and the chest. Under every scheme, actuators on different limbs or more than 200 mm of
+skin apart never render one place together: over such gaps no single sensation is felt in between.
 """
 
 from __future__ import annotations
@@ -15,12 +16,35 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import F64, I32, I64
+from ...arrays import F64, I32, I64, Bool
 from ...body.model import PerceptualModel
-from ...body.skin_distance import edge_graph
+from ...body.parts import PARTS
+from ...body.skin_distance import SkinDistances, edge_graph
 from ..device_config import Law
 from .complex import ActuatorComplex, gain, merged_places
-from .neighbours import MAX_SPAN_M, along_edges_m, limbs_of, parted
+
+MAX_SPAN_M: Final = 0.2
+"""Largest distance of two neighbours along the skin, metres."""
+
+_SURELY_NEAR_M: Final = 0.1
+"""Distance in space, metres, up to which skin is not measured."""
+
+_ELLIPSOID_MARGIN_M: Final = 0.01
+
+_MEASURED_ONE_BY_ONE: Final = 64
+_SOURCES_AT_ONCE: Final = 64
+"""Sources of one shortest-path search: 20 MiB on the finest body model."""
+_ROWS_AT_ONCE: Final = 1 << 12
+
+AreJoined = Callable[[I64, I64], Bool]
+"""Test of pairs of actuators, (k,) and (k,), for rendering a place together, (k,) bool."""
+
+_LIMBS: Final = {
+    "head": 0,
+    "torso": 1,
+    **dict.fromkeys(("upper_arm", "forearm", "hand_dorsum", "hand_palm", "fingers"), 2),
+    **dict.fromkeys(("upper_leg", "lower_leg", "foot_dorsum", "foot_sole"), 3),
+}
 
 _ROUND_ABOUT: Final = 1.7
 """Largest ratio of the path along the skin to the straight path (half around a limb: 1.57)."""
@@ -92,7 +116,8 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     graph = edge_graph(model.vertices, model.triangles)
     # Geodesic Voronoi cells; triangles of skin that touch three cells join their actuators.
     nearest, distance_m = _cells(graph, unique)
-    cells = _meeting(model.triangles.astype(np.int64), nearest)
+    cells = nearest[model.triangles.astype(np.int64)]
+    cells = np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
     pairs = np.unique(
         np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [0, 2]]]), axis=0
     )
@@ -112,8 +137,12 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     def at(where: F64) -> F64:
         return parted(gain(complex_.shares(where, _BLEND)[0], law), are_joined)
 
-    # Fade by each vertex's distance in spacings of its nearest actuator.
-    span_m = _spacing(pairs, length_m, len(unique))
+    # Fade by each vertex's distance in spacings of its nearest actuator: the actuator's longest
+    # joined pair, or 50 mm for a lone actuator.
+    span_m = np.zeros(len(unique))
+    for end in pairs.T:
+        np.maximum.at(span_m, end, length_m)
+    span_m[span_m == 0.0] = MAX_SPAN_M / 4.0
     near = np.flatnonzero(nearest >= 0)
     fade = np.clip(2.0 - distance_m[near] / span_m[nearest[near]], 0.0, 1.0)
     near, fade = near[fade > 0.0], fade[fade > 0.0]
@@ -139,15 +168,6 @@ def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
     )
     index = np.searchsorted(anchors, np.maximum(source, 0))
     return np.where(np.isfinite(distance), index, -1).astype(np.int64), distance
-
-
-def _meeting(triangles: I64, nearest: I64) -> I64:
-    """Distinct triples of cells (n, 3) at the corners of a skin triangle, ascending in each row.
-
-    Cells may repeat in a row; triangles with a vertex in no cell (-1) are left out.
-    """
-    cells = nearest[triangles]
-    return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
 
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
@@ -177,6 +197,7 @@ def _dual(cells: I64, pairs: I64, count: int) -> I64:
     ``count`` is the number of cells. A triangle needs three joined pairs.
     """
     i, j, k = cells.T
+    # A pair as one number, so that membership is a search in a sorted array.
     joined = pairs @ [count, 1]
     is_triangle = (i != j) & (j != k)
     for a, b in ((i, j), (j, k), (i, k)):
@@ -190,9 +211,121 @@ def _dual(cells: I64, pairs: I64, count: int) -> I64:
     return np.concatenate(simplices).astype(np.int64)
 
 
-def _spacing(pairs: I64, length_m: F64, count: int) -> F64:
-    """Largest length (count,) of the ``pairs`` (k, 2) of each anchor; 50 mm for a lone anchor."""
-    longest = np.zeros(count)
-    for end in pairs.T:
-        np.maximum.at(longest, end, length_m)
-    return np.where(longest > 0.0, longest, MAX_SPAN_M / 4.0)
+def limbs_of(model: PerceptualModel) -> I64:
+    """Number (V,) of each vertex's region: head, torso, or arm or leg of a side."""
+    kind = np.array([_LIMBS[part] for part in PARTS])[model.part]
+    is_trunk = kind <= 1  # no sides
+    return np.asarray(kind * 3 + np.where(is_trunk, 0, model.side), np.int64)
+
+
+class SkinNeighbours:
+    """Pairs of A actuators that may render a place together; measured on demand and cached.
+
+    ``centres`` (A, 3) are in rest space, m; ``anchors`` (A,) are the vertices under the actuators.
+    """
+
+    def __init__(self, model: PerceptualModel, centres: F64, anchors: I64) -> None:
+        self._model = model
+        self._centres = centres
+        self._anchors = anchors
+        self._limb = limbs_of(model)[anchors]
+        self._measured: dict[tuple[int, int], bool] = {}
+        self._skin: SkinDistances | None = None
+
+    def are_joined(self, firsts: I64, seconds: I64) -> Bool:
+        """Test pairs of actuators for one limb and at most 200 mm along the skin, (k,) bool.
+
+        Pairs up to 100 mm apart in space count as joined without measuring.
+        """
+        straight_m = np.linalg.norm(self._centres[firsts] - self._centres[seconds], axis=1)
+        joined = (straight_m <= MAX_SPAN_M) & (self._limb[firsts] == self._limb[seconds])
+        doubtful = np.flatnonzero(joined & (straight_m > _SURELY_NEAR_M))
+        pairs = [
+            (min(a, b), max(a, b))
+            for a, b in zip(firsts[doubtful].tolist(), seconds[doubtful].tolist(), strict=True)
+        ]
+        self._measure({pair for pair in pairs if pair not in self._measured})
+        joined[doubtful] = [self._measured[pair] for pair in pairs]
+        return joined
+
+    def _measure(self, pairs: set[tuple[int, int]]) -> None:
+        """Measure and cache pairs: edge paths first for more than 64, then exact paths."""
+        left = sorted(pairs)
+        if len(left) > _MEASURED_ONE_BY_ONE:
+            # A path along edges is never shorter than the exact path, so a short one decides.
+            graph = edge_graph(self._model.vertices, self._model.triangles)
+            ends, allowed_m = self._anchors[np.array(left)], np.full(len(left), MAX_SPAN_M)
+            is_near = np.isfinite(along_edges_m(graph, ends, allowed_m)).tolist()
+            self._measured |= {p: True for p, near in zip(left, is_near, strict=True) if near}
+            left = [p for p, near in zip(left, is_near, strict=True) if not near]
+        for pair in left:
+            self._measured[pair] = self._is_near(*pair)
+
+    def _is_near(self, first: int, second: int) -> bool:
+        """Test a pair for a skin path up to 200 mm, inside an ellipsoid about both ends."""
+        model, anchor = self._model, int(self._anchors[second])
+        self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
+        source = self._skin.nearest(self._centres[first])
+        # Points of a path within the span have distances to both ends that sum to at most the span.
+        away_m = np.linalg.norm(model.vertices - source.point, axis=1)
+        away_m += np.linalg.norm(model.vertices - model.vertices[anchor], axis=1)
+        inside = away_m <= MAX_SPAN_M + _ELLIPSOID_MARGIN_M
+        inside[source.corners] = True
+        triangles = model.triangles[inside[model.triangles].any(axis=1)]
+        reached, _ = SkinDistances(model.vertices, triangles).around(source, MAX_SPAN_M)
+        return bool(np.isin(anchor, reached))
+
+
+def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
+    """Lengths (k,) of shortest edge paths of vertex pairs (k, 2), m; inf beyond ``allowed_m``."""
+    from scipy.sparse.csgraph import dijkstra
+
+    lengths_m = np.full(len(ends), np.inf)
+    sources, row = np.unique(ends[:, 0], return_inverse=True)
+    for first in range(0, len(sources), _SOURCES_AT_ONCE):
+        in_batch = np.flatnonzero((row >= first) & (row < first + _SOURCES_AT_ONCE))
+        away_m = dijkstra(
+            graph,
+            directed=False,
+            indices=sources[first : first + _SOURCES_AT_ONCE],
+            limit=float(allowed_m[in_batch].max()),
+        )
+        lengths_m[in_batch] = away_m[row[in_batch] - first, ends[in_batch, 1]]
+    return np.where(lengths_m <= allowed_m, lengths_m, np.inf)
+
+
+def parted(gains: F64, are_joined: AreJoined) -> F64:
+    """Restrict gains (n, A) so that no two unjoined actuators play together; gains stay continuous.
+
+    Of an unjoined pair the weaker is silent, and the stronger fades out until both are equal: on a
+    gap from a quarter of the way to the middle. Without such a pair ``gains`` itself is returned.
+    """
+    firsts, seconds = playing_together(gains)
+    is_apart = ~are_joined(firsts, seconds)
+    if not is_apart.any():
+        return gains
+    firsts, seconds = firsts[is_apart], seconds[is_apart]
+    where = {k: np.flatnonzero(gains[:, k] > 0.0) for k in np.union1d(firsts, seconds).tolist()}
+    share = np.ones_like(gains)
+    for a, b in zip(firsts.tolist(), seconds.tolist(), strict=True):
+        rows = np.intersect1d(where[a], where[b], assume_unique=True)
+        power_a, power_b = gains[rows, a] ** 2, gains[rows, b] ** 2
+        total = power_a + power_b
+        # From 0 at equal power to 1 where the pair's second actuator is silent.
+        lead = np.divide(power_a - power_b, total, out=0.0 * total, where=total > 0.0)
+        share[rows, a] = np.minimum(share[rows, a], 2.0 * lead)
+        share[rows, b] = np.minimum(share[rows, b], -2.0 * lead)
+    np.clip(share, 0.0, 1.0, out=share)
+    share *= gains
+    return share
+
+
+def playing_together(gains: F64) -> tuple[I64, I64]:
+    """Pairs of actuators, first < second, with positive gains (n, A) at a common place."""
+    columns = np.flatnonzero((gains > 0.0).any(axis=0))
+    shared = np.zeros((len(columns),) * 2, np.float32)
+    for first in range(0, len(gains), _ROWS_AT_ONCE):
+        playing = (gains[first : first + _ROWS_AT_ONCE, columns] > 0.0).astype(np.float32)
+        shared += playing.T @ playing
+    firsts, seconds = np.nonzero(np.triu(shared, 1))
+    return columns[firsts].astype(np.int64), columns[seconds].astype(np.int64)

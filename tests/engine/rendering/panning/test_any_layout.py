@@ -22,7 +22,7 @@ from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.rendering import coverage
 from hfx_blender.engine.rendering.device_config import LAWS, Actuator, BodyPlace, Scheme, SchemeName
-from hfx_blender.engine.rendering.panning import planar, ring, splat, surface_panning, vbap
+from hfx_blender.engine.rendering.panning import constant_power, positional, surface_panning
 from hfx_blender.engine.rendering.schemes import PannedLayout, panned_layout
 
 PANNING = tuple(name for name in get_args(SchemeName) if name != "coverage")
@@ -137,12 +137,12 @@ def test_each_scheme_has_a_power_promise():
 
 SOURCES = {
     "Danieau": coverage,
-    "Schneider": splat.NearestPanning,
-    "Schneider, flat": planar,
+    "Schneider": positional.NearestPanning,
+    "Schneider, flat": positional,
     "Schneider, skin": surface_panning,
-    "Politis": ring,
-    "Pulkki": vbap,
-    "Westover": splat.GaussianSplatting,
+    "Politis": constant_power,
+    "Pulkki": constant_power,
+    "Westover": positional.GaussianSplatting,
 }
 
 

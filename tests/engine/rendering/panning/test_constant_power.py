@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.rendering.panning.ring import LinePanning, RingPanning
-from hfx_blender.engine.rendering.panning.splat import GaussianSplatting, NearestPanning
-from hfx_blender.engine.rendering.panning.vbap import VectorBasePanning
+from hfx_blender.engine.rendering.panning.constant_power import (
+    LinePanning,
+    RingPanning,
+    VectorBasePanning,
+)
+from hfx_blender.engine.rendering.panning.positional import GaussianSplatting, NearestPanning
 
 BELT = np.arange(8) * 2 * np.pi / 8
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

@@ -14,13 +14,13 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering.device_config import DeviceConfig, Scheme
-from hfx_blender.engine.rendering.panning.neighbours import (
+from hfx_blender.engine.rendering.panning.constant_power import RingPanning
+from hfx_blender.engine.rendering.panning.surface_panning import (
     MAX_SPAN_M,
     SkinNeighbours,
     limbs_of,
     parted,
 )
-from hfx_blender.engine.rendering.panning.ring import RingPanning
 from hfx_blender.engine.rendering.schemes import panned_layout
 
 MODEL = load_model("hfx-vibration-1")

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.rendering.panning.complex import LAWS, gain
-from hfx_blender.engine.rendering.panning.planar import PlanarPanning
+from hfx_blender.engine.rendering.panning.positional import PlanarPanning
 
 EDGE = 0.0635  # Schneider et al. 2015: tactors 6.35 cm apart, in rows of 3, 4, 3
 

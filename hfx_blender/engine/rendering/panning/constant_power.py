@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector-base amplitude panning over two or three neighbours (Pulkki 1997).
+"""Panning at constant power: around a belt, along a strip, and over any directions.
 
-Politis, Pugliese, Takala pan sound over any layout of loudspeakers in this way and propose the same
-for touch: a direction is a linear combination of its neighbours' unit vectors; the coefficients,
-normalised to constant power, are the gains.
+Politis, Pugliese, Takala: an audio-tactile belt, and vector-base amplitude panning (Pulkki 1997)
+over any layout of loudspeakers, proposed for touch, too. A direction is a linear combination of the
+unit vectors of two or three neighbours; the coefficients, normalised to constant power, are gains.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import F64, I64
 from .complex import merged_places
-from .ring import RingPanning
+from .positional import simplices_of
 
 _ROUNDING: Final = 1e-9
 
@@ -66,28 +66,30 @@ class VectorBasePanning:
         gains = np.zeros((len(units), len(self._units)))
         is_known = np.zeros(len(units), np.bool_)
         if len(self._bases):
-            # Solve p = sum of g_i l_i for every base; only a base around p has no negative factor.
+            # Solve p = sum of g_i l_i for every base; only a base around p has no negative factor,
+            # so the base whose least factor is largest is the right one.
             factors = np.einsum("nd,sde->nse", units, self._inverses)
             best = np.argmax(factors.min(axis=2), axis=1)
             rows = np.arange(len(units))
             chosen = factors[rows, best]
             is_known = chosen.min(axis=1) >= -_ROUNDING
             gains[rows[:, None], self._bases[best]] = np.maximum(chosen, 0.0)
+        # Outside all bases: by angle in the plane, in space at the rim of the open hull.
         beyond = np.flatnonzero(~is_known)
-        if len(beyond):
-            gains[beyond] = self._beyond(units[beyond])
+        if len(beyond) and self._is_flat:
+            angles = np.arctan2(units[beyond, 1], units[beyond, 0])
+            gains[beyond] = self._arcs.gains(angles[:, None])
+        elif len(beyond):
+            gains[beyond] = _on_rim(units[beyond], self._units, self._rim)
         norms = np.linalg.norm(gains, axis=1, keepdims=True)
         return np.divide(gains, norms, out=np.zeros_like(gains), where=norms > 0.0)
 
-    def _beyond(self, units: F64) -> F64:
-        """Gains (n, P) for unit vectors outside all bases: by angle in 2-D, else at the rim."""
-        if self._is_flat:
-            return self._arcs.gains(np.arctan2(units[:, 1], units[:, 0])[:, None])
-        return _on_rim(units, self._units, self._rim)
-
 
 def _pairs(units: F64) -> I64:
-    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart."""
+    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart.
+
+    None of a single unit.
+    """
     if len(units) == 1:
         return np.zeros((0, 2), np.int64)
     angles = np.arctan2(units[:, 1], units[:, 0])
@@ -105,6 +107,7 @@ def _triplets(units: F64) -> tuple[I64, I64]:
     """
     triangles = _hull(units)
     corners = units[triangles]
+    # A triangle in a plane with the centre has no volume and is no base: its matrix is singular.
     volumes = np.linalg.det(corners)
     outwards = np.abs(volumes) > 1e-6
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -133,8 +136,6 @@ def _hull(units: F64) -> I64:
         triangles: I64 = ConvexHull(units).simplices.astype(np.int64)
     except (QhullError, ValueError):
         # Coplanar sources: a ring seen from outside its plane, triangulated in this plane.
-        from .planar import simplices_of
-
         centred = units - units.mean(axis=0)
         axes = np.linalg.svd(centred, full_matrices=False)[2]
         triangles = simplices_of(centred @ axes[:2].T)
@@ -165,3 +166,66 @@ def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
         gains[better] = 0.0
         gains[np.ix_(better, [i, j])] = factors[better]
     return gains
+
+
+class LinePanning:
+    """Panning along a strip: the two neighbours of a place share its power; ends play beyond.
+
+    ``positions`` (A,) are along the strip, m. With a ``period`` the strip is closed: the last
+    position is next to the first, and positions and places are within 0 and the period.
+    """
+
+    def __init__(self, positions: F64, period: float | None = None) -> None:
+        places, place_of = merged_places(positions[:, None])
+        order = np.argsort(places[:, 0], kind="stable")
+        self._places = places[order, 0]
+        self._place_of = np.argsort(order)[place_of]
+        self._period = period
+
+    def gains(self, points: F64) -> F64:
+        """Gains (n, A), squares summing to 1, for places (n, 1), m; 0 if not finite.
+
+        Actuators at one place divide its power. g1 = sqrt(1 - d / D), g2 = sqrt(d / D) at distance
+        d from the first of two neighbours that are D apart (Politis, Pugliese, Takala).
+        """
+        values, count = points[:, 0], len(self._places)
+        shares = np.zeros((len(values), count))
+        rows = np.flatnonzero(np.isfinite(values))
+        at = values[rows]
+        after = np.searchsorted(self._places, at, side="right")
+        if self._period is None:
+            # Beyond an end both neighbours are the end itself, at a gap of 0.
+            before, after = np.maximum(after - 1, 0), np.minimum(after, count - 1)
+            gap = self._places[after] - self._places[before]
+            way = at - self._places[before]
+        else:
+            before, after = (after - 1) % count, after % count
+            # On a ring the last place is before the first.
+            gap = np.mod(self._places[after] - self._places[before], self._period)
+            gap[gap == 0.0] = self._period  # a single actuator
+            way = np.mod(at - self._places[before], self._period)
+        share = np.clip(np.divide(way, gap, out=np.zeros_like(way), where=gap > 0.0), 0.0, 1.0)
+        # Added, not assigned: with one place both neighbours are the same column.
+        np.add.at(shares, (rows, before), 1.0 - share)
+        np.add.at(shares, (rows, after), share)
+        crowd = np.bincount(self._place_of, minlength=count)
+        return np.sqrt((shares / crowd)[:, self._place_of])
+
+
+class RingPanning(LinePanning):
+    """Panning around a belt by ``angles`` (A,) of the actuators seen from the centre, radians.
+
+    The two neighbours of a direction share its power; a single actuator plays all directions.
+    """
+
+    def __init__(self, angles: F64) -> None:
+        super().__init__(_turns(angles), period=1.0)
+
+    def gains(self, points: F64) -> F64:
+        """Gains (n, A), squares summing to 1, for angles (n, 1), radians; 0 if not finite."""
+        return super().gains(_turns(points))
+
+
+def _turns(angles: F64) -> F64:
+    """Angles in radians as turns, 0 included to 1 excluded."""
+    return np.asarray(np.mod(angles / (2.0 * np.pi), 1.0))
