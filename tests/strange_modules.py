@@ -19,7 +19,7 @@ CHILDREN = (
     "devices.host.host",
     "devices.workers.render_worker",
     "devices.workers.script_worker",
-    "engine.texture.relief.relief_worker",
+    "engine.texture.relief.relief_estimate",
     "generation.generation_process",
     "hfx_tools.relief.data_set",
     "hfx_tools.relief.training",

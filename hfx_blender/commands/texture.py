@@ -122,8 +122,8 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configuration import load_device
     from ..devices.configurations import surface_calibration
     from ..devices.configurations.stroke_device import StrokeDevice
+    from ..engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
     from ..engine.texture.stroke_rendering import render_stroke
-    from ..engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
     from ..formats.signals import stroke_files
 
     for path in options.output:

@@ -19,7 +19,7 @@ import numpy as np
 from .arrays import F32, F64, I32, I64, Bool
 from .body.model import PerceptualModel, SkinWeights
 from .response_filters.controls import Filter, FilterKind
-from .texture.surface_texture import SurfaceTexture
+from .texture.haptic_map import SurfaceTexture
 from .volume.shape import Falloff, Shape
 
 

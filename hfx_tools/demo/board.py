@@ -21,11 +21,15 @@ from hfx_blender.blender.compat import new_fcurve, set_keys
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
+from hfx_blender.engine.texture.haptic_map import (
+    STANDARD_GRAVITY,
+    DeviceRange,
+    SurfaceRenderer,
+    SurfaceTexture,
+)
 from hfx_blender.engine.texture.procedural import MATERIALS
 from hfx_blender.engine.texture.stroke import line
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.errors import OutputError
 from hfx_blender.files.atomic import atomic_file
 from hfx_blender.files.staging import temporary_folder

@@ -164,7 +164,7 @@ class ReliefEstimation:
         except OSError as error:
             raise OutputError(f"The temporary folder cannot be written to ({error}).") from error
         self._worker = Worker(
-            "engine.texture.relief.relief_worker", source, self._target, keeps_errors=True
+            "engine.texture.relief.relief_estimate", source, self._target, keeps_errors=True
         )
         self._worker.start()
 

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from ...engine.texture.haptic_map import DeviceRange, HapticMap
+    from ...engine.texture.haptic_map import DeviceRange, HapticMap, SurfaceTexture
     from ...engine.texture.height_field import HeightField
-    from ...engine.texture.surface_texture import SurfaceTexture
     from .surface_sources import SurfaceRelief
 
 _IMAGES = ("relief_image", "intensity_image", "sharpness_image")
@@ -309,7 +308,7 @@ def map_of(obj: bpy.types.Object) -> HapticMap:
 def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
     """Up-to-date haptic material; InputError without maps, or heights for the renderer."""
     from ...devices.configurations import surface_calibration
-    from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
+    from ...engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
 
     ensure_maps(obj)
     settings, field = obj.hfx.surface, field_of(obj)

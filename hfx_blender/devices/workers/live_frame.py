@@ -18,7 +18,7 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.samples import Drive, SampleRun, Stream
 from ...engine.track.header import TrackHeader
-from ...engine.track.header_json import from_json, to_json
+from ...engine.track.layout import from_json, to_json
 from ...processes.messages import MessageError, decode_json, encode_json
 from .haptics import ARRAYS
 from .message_bodies import Array, decode_arrays, encode_arrays

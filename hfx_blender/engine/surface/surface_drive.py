@@ -20,7 +20,7 @@ from ...errors import InputError
 from ..arrays import F64
 from ..samples import SampleRun
 from ..scene import HapticSurface, SceneDescription
-from ..texture.surface_texture import SurfaceRenderer, SurfaceTexture
+from ..texture.haptic_map import SurfaceRenderer, SurfaceTexture
 
 SETTING: Final = "surface_drive"
 """Key in track settings: ``{effect id: [c_v in 1/m, largest amplitude in m/s^2]}``."""

@@ -36,7 +36,7 @@ class SurfaceMesh:
 
 @dataclass(frozen=True, eq=False)
 class ContactPaths:
-    """Contacts at successive times, each with its path since the time before.
+    """Contacts at successive times with their paths since the time before.
 
     A path has two straight pieces. With continuous coordinates the second continues the first; at a
     seam, the first is on the departing side and the second on the arriving side.
@@ -69,19 +69,9 @@ class ContactPaths:
 class ContactFollower:
     """Tracker of points of skin on one mesh, for any number of times at once.
 
-    Parameters
-    ----------
-    reach_m : float
-        Largest distance of touching skin from the surface.
-    max_contacts : int
-        Largest number at one time: points in ``first``, then the nearest.
-    first : (ids,) bool, optional
-        Preferred points of skin, by id.
-
-    Attributes
-    ----------
-    crowded : int
-        Number of times with more contacts.
+    Skin up to ``reach_m`` from the surface touches it. At most ``max_contacts`` at one time are
+    tracked: points preferred by the mask ``first`` (ids,), then the nearest. The attribute
+    ``crowded`` counts the times with more contacts.
     """
 
     def __init__(
@@ -93,7 +83,7 @@ class ContactFollower:
         self.crowded = 0
         self._first = first
         self._still: _Still | None = None
-        self._known_turn: tuple[F64, F64] | None = None  # linear part, rotation
+        self._known_turn: tuple[F64, F64] | None = None  # linear part of a matrix, and rotation
         self._places_stand = True  # last places are in search space
         self._last = _no_places()
         self._last_ids = np.zeros(0, np.int64)
@@ -103,19 +93,10 @@ class ContactFollower:
     ) -> ContactPaths:
         """Track contacts at the next times; returns paths.
 
-        Parameters
-        ----------
-        matrices : (T, 4, 4) float64
-            Mesh to world.
-        vertices : (T or 1, V, 3) float64
-            Vertices of the mesh; one row for a rigid mesh.
-        time, ids : (n,) int64
-            Time index and id of each point of skin; ascending by time, then by id.
-        points : (n, 3) float64
-            World space, metres.
-        follows : (T,) bool
-            Each time is the sample after the time before, the first after the last time of the last
-            call.
+        ``matrices`` (T, 4, 4) are mesh to world, ``vertices`` (T or 1, V, 3) of the mesh have a
+        single row for a rigid mesh. ``points`` (n, 3) of skin are in world space, m, with time
+        index ``time`` (n,) and ``ids`` (n,), ascending by time, then by id. ``follows`` (T,): a
+        time is the sample after the time before, the first after the last call's last.
         """
         places, space = self._nearest(matrices, vertices, time, points)
         places = self._chosen(places, time, ids)
@@ -132,7 +113,7 @@ class ContactFollower:
             ids = np.concatenate([self._last_ids, ids])
         is_still = self._still is not None and space is self._still.placed
         if not (is_still and self._places_stand) and len(space) == 1:
-            # In one fixed space, paths are differences of places: move the carried places into it.
+            # In a fixed space, paths are differences of places: move the carried places there.
             corners = space[0][self._mesh.triangles[places.triangle[:carried]]]
             places.place[:carried] = np.einsum("nk,nkc->nc", places.weights[:carried], corners)
         paths = self._paths(space, places, time, ids, follows, carried)
@@ -157,6 +138,7 @@ class ContactFollower:
         later = np.zeros(len(places.point), np.bool_)
         if self._first is not None:
             later = ~self._first[ids[places.point]]
+        # Rank of each contact among the contacts of a time.
         order = np.lexsort((places.distance, later, time[places.point]))
         rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
         return _part(places, np.sort(order[rank < self._max_contacts]))
@@ -188,7 +170,7 @@ class ContactFollower:
             return None
         linear = matrices[:, :3, :3]
         if self._still is None:
-            self._still = _still(self._mesh, vertices[0], linear[0], self._reach_m)
+            self._still = _Still(self._mesh, vertices[0], linear[0], self._reach_m)
         still = self._still
         if not (vertices[0] == still.local).all():
             return None  # deformed between calls
@@ -242,14 +224,12 @@ class ContactFollower:
         before = np.full(len(ids), -1, np.int64)
         seams = np.zeros(0, np.int64)
         key = time * _IDS + ids
-        # Keys order contacts by time and id, so the same id one time earlier is a binary search
-        # away.
+        # Keys order contacts by time, then id: a binary search finds the id one time earlier.
         slot = key.searchsorted(key - _IDS)
         continued = ((key.take(slot) == key - _IDS) & (time >= 0) & follows[time]).nonzero()[0]
         if len(continued):
             was = before[continued] = slot[continued]
-            # The start of the path: on a deforming mesh, the old barycentric weights on the new
-            # vertices.
+            # Start of the path; on a deforming mesh, old barycentric weights on new vertices.
             material = places.place.take(was, axis=0)
             if len(vertices) > 1:
                 at = time[continued][:, None], self._mesh.triangles[triangle[was]]
@@ -286,8 +266,16 @@ class ContactFollower:
 
         ``was`` are the contacts' entries at the time before, ``way`` (m, 3) their paths in space.
         """
-        # Continuous coordinates change by the mean of what both triangles' charts predict.
-        sides = self._along(vertices, time, np.stack([triangle[was], triangle[continued]]), way)
+        # The path in the surface coordinates of the triangle before and of the present triangle.
+        both = np.stack([triangle[was], triangle[continued]])
+        if self._still is not None and vertices is self._still.placed:
+            charts = self._still.charts.take(both, axis=0)
+        else:
+            flat = both.ravel()
+            corners = vertices[np.tile(time, 2)[:, None], self._mesh.triangles[flat]]
+            charts = _charts(corners, self._mesh.coordinates_m[flat]).reshape(*both.shape, 2, 3)
+        sides = np.einsum("snci,ni->scn", charts, way)
+        # Continuous coordinates change by the mean of both triangles' predictions.
         expected = 0.5 * (sides[0] + sides[1])
         error = ends[3].take(continued, axis=1) - ends[0].take(continued, axis=1) - expected
         error *= error
@@ -300,42 +288,22 @@ class ContactFollower:
             ends[2][:, seams] = ends[3][:, seams] - 0.5 * arriving
         return seams
 
-    def _along(self, vertices: F64, time: I64, triangle: I64, way: F64) -> F64:
-        """Paths ``way`` (n, 3) in the surface coordinates of triangles (s, n), (s, 2, n)."""
-        if self._still is not None and vertices is self._still.placed:
-            charts = self._still.charts.take(triangle, axis=0)
-        else:
-            corners = vertices[time[:, None], self._mesh.triangles[triangle]]
-            count = triangle.size
-            charts = _charts(
-                corners.reshape(count, 3, 3), self._mesh.coordinates_m[triangle.reshape(count)]
-            ).reshape(*triangle.shape, 2, 3)
-        return np.asarray(np.einsum("snci,ni->scn", charts, way))
 
-
-@dataclass(frozen=True, eq=False)
 class _Still:
-    """First placement of a rigid mesh, with its search."""
+    """First placement of a rigid mesh, by vertices (V, 3) and the linear part (3, 3), with search.
 
-    local: F64  # (V, 3)
-    inverse: F64  # (3, 3) of the linear part of its placing
-    placed: F64  # (1, V, 3) in the space of the search
-    search: SurfaceLocator
-    charts: F64  # (F, 2, 3)
+    ``placed`` (1, V, 3) are the vertices in the space of the search, ``charts`` (F, 2, 3) as of
+    :func:`_charts` there.
+    """
 
-
-def _still(mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> _Still:
-    """Search of a rigid mesh, from vertices (V, 3) and the linear part of its placement."""
-    placed = local @ linear.T
-    corners = placed[mesh.triangles]
-    # The pseudoinverse of a flattened object gives no rotation, so that _turns rejects it.
-    return _Still(
-        local.copy(),
-        np.linalg.pinv(linear),
-        placed[None],
-        SurfaceLocator(corners, reach_m),
-        _charts(corners, mesh.coordinates_m),
-    )
+    def __init__(self, mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> None:
+        self.local = local.copy()
+        # The pseudoinverse of a flattened object gives no rotation, so that _turns rejects it.
+        self.inverse = np.linalg.pinv(linear)
+        self.placed = (local @ linear.T)[None]
+        corners = self.placed[0][mesh.triangles]
+        self.search = SurfaceLocator(corners, reach_m)
+        self.charts = _charts(corners, mesh.coordinates_m)
 
 
 def _no_places() -> NearestPlaces:
@@ -347,16 +315,18 @@ _PLACES: Final = tuple(item.name for item in fields(NearestPlaces))
 
 
 def _part(places: NearestPlaces, chosen: I64) -> NearestPlaces:
+    """Entries ``chosen`` of places, in that order."""
     return NearestPlaces(*(getattr(places, name)[chosen] for name in _PLACES))
 
 
 def _joined(parts: list[NearestPlaces]) -> NearestPlaces:
+    """Entries of all parts, part after part."""
     columns = ([getattr(part, name) for part in parts] for name in _PLACES)
     return NearestPlaces(*map(np.concatenate, columns))
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:
-    """Linear maps (n, 2, 3) from space to surface coordinates, one for each triangle.
+    """Linear maps (n, 2, 3) from space to surface coordinates, for each triangle.
 
     Corners are (n, 3, 3), their coordinates (n, 3, 2). 0 for a triangle without area.
     """

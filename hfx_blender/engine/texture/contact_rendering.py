@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rendering of contacts on a surface sample by sample: drive and frequency of each.
 
-The three methods are those for strokes. Micro-collisions need only the path since the sample
+The three methods are the same as for strokes. Micro-collisions need only the path since the sample
 before; the rest need a window of heights, stored for each contact.
 """
 
@@ -15,10 +15,10 @@ import numpy as np
 
 from ..arrays import F64, I64
 from .contact_path import ContactPaths
+from .haptic_map import SurfaceRenderer, SurfaceTexture
 from .height_field import HeightField, Order
 from .lookup import REST_M_S, strongest_crossed
-from .surface_texture import SurfaceRenderer, SurfaceTexture
-from .synthesis import amplitude_and_frequency, without_waviness
+from .stroke_rendering import amplitude_and_frequency, without_waviness
 from .textile import RATE_HZ, WINDOW_S, weighted_rms
 
 _MAX_FACTOR: Final = 32
@@ -27,13 +27,7 @@ _AT_ONCE: Final = 1 << 13
 
 
 class ContactRenderer:
-    """Renderer of the contacts of one body with one surface.
-
-    Parameters
-    ----------
-    step_s : float
-        Time between samples.
-    """
+    """Renderer of the contacts of a body with a surface, for samples ``step_s`` apart."""
 
     def __init__(self, texture: SurfaceTexture, step_s: float) -> None:
         self._texture = texture
@@ -93,8 +87,7 @@ class ContactRenderer:
         strongest, texel = strongest_crossed(starts, ends, map_)
         if len(seam):
             count = len(moving)
-            # The stronger of both pieces counts; at a tie the lower texel number, as within a
-            # segment.
+            # The stronger piece counts; at a tie the lower texel number, as within a segment.
             second = (strongest[count:] > strongest[seam]) | (
                 (strongest[count:] == strongest[seam]) & (texel[count:] < texel[seam])
             )
@@ -115,8 +108,7 @@ class ContactRenderer:
         if not len(paths) or paths.time[carried:].max(initial=0) == 0:
             return self._at_once(new, paths, moving)
         heights = np.concatenate([stored, new])
-        # Row of heights before each row. For a new contact this is the row itself, as if the finger
-        # had rested there.
+        # Row of heights before each row; for a new contact the row itself, as of a resting finger.
         back = np.arange(-1, len(heights) - 1)
         back[: len(stored) : blocks] += 1
         shift = len(stored) - carried
@@ -169,8 +161,7 @@ class ContactRenderer:
         seams = paths.seams - paths.carried
         if most <= steps * (1.0 + 1e-9) and new.size <= _AT_ONCE:
             return _on_the_way(field, self._order, places, seams, steps, 1)
-        # Oversample long paths, so that no step skips a texel; paths with equal factors share a
-        # call.
+        # Oversample long paths, so that no step skips a texel. Equal factors share a call.
         factors = np.ceil(texels.max(axis=0) / steps - 1e-9).clip(1, _MAX_FACTOR)
         for factor in set(factors.tolist()):
             mine = (factors == factor).nonzero()[0]

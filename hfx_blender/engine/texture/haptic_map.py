@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic maps: intensity and sharpness of each texel, relative to the range of a device."""
+"""Material of a haptic surface: heights, renderer, and haptic map relative to a device's range."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..arrays import F32, F64
-from .height_field import check_texel
+from .height_field import HeightField, check_texel
+from .surface_names import DRIVE_PER_M
 
 STANDARD_GRAVITY: Final = 9.80665
 """Acceleration of 1 g, m/s^2."""
@@ -31,10 +33,8 @@ class DeviceRange:
     update_s: float = 0.05  # least time between two changes
 
     def __post_init__(self) -> None:
-        for name, (low, high) in (
-            ("amplitude", self.amplitude_g),
-            ("frequency", self.frequency_hz),
-        ):
+        for name, limits in (("amplitude", self.amplitude_g), ("frequency", self.frequency_hz)):
+            low, high = limits
             if not (np.isfinite([low, high]).all() and 0.0 <= low <= high and high > 0.0):
                 raise InputError(
                     f"Device range: {name} {low:g} to {high:g}; expected 0 <= low <= high."
@@ -81,6 +81,7 @@ def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
     low, high = limits
     if high == low:
         return share
+    # The margin keeps the top step of a range that is a multiple of the step, despite rounding.
     count = np.floor((high - low) / step * (1.0 + 1e-9))
     steps = np.clip(np.rint(share * ((high - low) / step)), 0.0, count)
     return (steps * (step / (high - low))).astype(np.float32)
@@ -90,28 +91,16 @@ def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
 class HapticMap:
     """Two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
 
-    Raises InputError for layers that differ in size or leave 0..1, or a texel without size.
-
-    Parameters
-    ----------
-    intensity : (H, W) float32
-        0 silent to 1 strongest. Row 0 is at the bottom, as in :class:`.HeightField`.
-    sharpness : (H, W) float32
-        0 lowest frequency (rough) to 1 highest (smooth).
-    texel_m : (float, float)
-        Size of a texel along x and y.
-    device : DeviceRange
-        Meaning of 0 and 1 in g and Hz.
-    steps : NoticeableSteps, optional
-        Steps to which both layers are rounded.
+    Row 0 is at the bottom, as in :class:`.HeightField`. Raises InputError for layers that differ in
+    size or leave 0..1, or a texel without size.
     """
 
-    intensity: F32
-    sharpness: F32
-    texel_m: tuple[float, float]
-    tiles: bool = True
-    device: DeviceRange = field(default_factory=DeviceRange)
-    steps: NoticeableSteps | None = None
+    intensity: F32  # (H, W) 0 silent to 1 strongest
+    sharpness: F32  # (H, W) 0 lowest frequency (rough) to 1 highest (smooth)
+    texel_m: tuple[float, float]  # size of a texel along x and y
+    tiles: bool = True  # repeat the map; else its edge continues outwards
+    device: DeviceRange = field(default_factory=DeviceRange)  # meaning of 0 and 1 in g and Hz
+    steps: NoticeableSteps | None = None  # steps to which both layers are rounded; None: none
 
     def __post_init__(self) -> None:
         check_texel(self.texel_m, "Haptic map")
@@ -137,16 +126,6 @@ class HapticMap:
         rows, columns = self.intensity.shape
         return columns * self.texel_m[0], rows * self.texel_m[1]
 
-    @property
-    def amplitude_m_s2(self) -> F64:
-        """Peak acceleration of each texel, (H, W), m/s^2."""
-        return self.device.amplitude_m_s2(self.intensity)
-
-    @property
-    def frequency_hz(self) -> F64:
-        """Frequency of each texel, (H, W), Hz."""
-        return self.device.frequency_of(self.sharpness)
-
     def in_steps(self, steps: NoticeableSteps | None = None) -> HapticMap:
         """Copy with both layers rounded to noticeable steps; None: the default steps."""
         steps = steps or NoticeableSteps()
@@ -156,3 +135,38 @@ class HapticMap:
             sharpness=_stepped(self.sharpness, self.device.frequency_hz, steps.frequency_hz),
             steps=steps,
         )
+
+
+class SurfaceRenderer(Enum):
+    """Method of rendering a surface as vibration."""
+
+    MCHA = "mcha"  # micro-collisions: strongest texel of the haptic map on the path
+    TEXTILE = "textile"  # weighted spectrum of heights in a window, single frequency
+    DIRECT = "direct"  # heights as a waveform, for wide-band actuators
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTexture:
+    """Haptic material of a surface.
+
+    ``drive_per_m`` is c_v of equation 3: drive (0..1) per metre of height. ``is_calibrated``: this
+    is the user's common setting, replaced by a device's own c_v (:mod:`..surface.surface_drive`).
+    Raises InputError without the renderer's heights or map, or for an unusable ``drive_per_m``.
+    """
+
+    height: HeightField | None = None  # required by TEXTILE and DIRECT
+    map: HapticMap | None = None  # required by MCHA; texels may differ in size from the heights
+    renderer: SurfaceRenderer = SurfaceRenderer.MCHA
+    drive_per_m: float = DRIVE_PER_M
+    device: DeviceRange = field(default_factory=DeviceRange)  # of drive 0..1, also for a map
+    is_calibrated: bool = False
+
+    def __post_init__(self) -> None:
+        if self.renderer is SurfaceRenderer.MCHA and self.map is None:
+            raise InputError("Haptic surface: micro-collisions need a haptic map.")
+        if self.renderer is not SurfaceRenderer.MCHA and self.height is None:
+            raise InputError(f"Haptic surface: renderer '{self.renderer.value}' needs heights.")
+        if not (np.isfinite(self.drive_per_m) and self.drive_per_m >= 0.0):
+            raise InputError(
+                f"Haptic surface: drive per metre is {self.drive_per_m:g}; expected 0 or more."
+            )

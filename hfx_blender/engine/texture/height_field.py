@@ -31,19 +31,11 @@ class HeightField:
     """Heights over a rectangle of a plane, in metres.
 
     Raises InputError without texels or size, or for non-finite heights (see :mod:`.scan`).
-
-    Parameters
-    ----------
-    heights_m : (H, W) float64
-    texel_m : (float, float)
-        Size of a texel along x and y.
-    tiles : bool
-        Repeat the rectangle; else its edge continues outwards.
     """
 
-    heights_m: F64
-    texel_m: tuple[float, float]
-    tiles: bool = True
+    heights_m: F64  # (H, W)
+    texel_m: tuple[float, float]  # size of a texel along x and y
+    tiles: bool = True  # repeat the rectangle; else its edge continues outwards
 
     def __post_init__(self) -> None:
         heights = np.asarray(self.heights_m, np.float64)
@@ -74,8 +66,8 @@ class HeightField:
         """
         mode: Literal["wrap", "edge"] = "wrap" if self.tiles else "edge"
         more = np.pad(self.heights_m, ((0, 1), (0, 2)), mode)
-        size = more.size - 1
-        return np.ndarray((size,), np.complex128, more, 0, (more.itemsize,))
+        # A view of overlapping pairs: complex numbers at the distance of real numbers.
+        return np.ndarray((more.size - 1,), np.complex128, more, 0, (more.itemsize,))
 
     def at_places(self, places: F64, order: Order = "linear") -> F64:
         """Heights (...), m, at rows and columns (2, ...), 0 at the centre of the first texel.
@@ -118,17 +110,10 @@ def from_image(
 ) -> HeightField:
     """Height field of a picture of heights.
 
-    Raises InputError for a picture without texels, or an unusable depth or size.
-
-    Parameters
-    ----------
-    grey : (H, W) float
-        Linear values, 0 lowest and 1 highest, bottom row first; convert sRGB pictures by
-        :func:`.linear_light.height_from_colour`.
-    depth_m : float
-        Height of white over black; may be negative.
-    size_m : (float, float)
-        Size of the whole picture.
+    ``grey`` (H, W) are linear values, 0 lowest and 1 highest, bottom row first; convert sRGB
+    pictures by :func:`.linear_light.height_from_colour`. ``depth_m`` is the height of white over
+    black and may be negative; ``size_m`` is that of the whole picture. Raises InputError for a
+    picture without texels, or an unusable depth or size.
     """
     values = np.asarray(grey, np.float64)
     if values.ndim != 2 or values.size == 0:
@@ -140,7 +125,7 @@ def from_image(
 
 
 def check_texel(texel_m: tuple[float, float], what: str) -> None:
-    """Raise InputError for a size other than two positive numbers; ``what`` begins the message."""
+    """Raise InputError unless a size is two positive numbers; ``what`` begins the message."""
     if len(texel_m) != 2 or not all(np.isfinite(t) and t > 0.0 for t in texel_m):
         shown = " x ".join(f"{1e3 * t:g}" for t in texel_m)
         raise InputError(f"{what}: a texel of {shown} mm; expected more than 0 both ways.")
@@ -212,6 +197,7 @@ def bilinear(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F
 def _between(
     first: npt.NDArray[np.floating[Any]], second: npt.NDArray[np.floating[Any]], share: F64
 ) -> npt.NDArray[np.floating[Any]]:
+    """Values ``first`` at share 0 to ``second`` at share 1, (...) each."""
     way = second - first
     way = way * share
     way += first
@@ -220,6 +206,7 @@ def _between(
 
 def wrapped_cells(index: I64, rows: int, columns: int, tiles: bool) -> I64:
     """Row and column indices (2, ...) wrapped, or clamped without tiling, into a grid."""
+    # A power of two, as of most pictures: one mask for both axes instead of two divisions.
     if tiles and rows & (rows - 1) == 0 and columns & (columns - 1) == 0:
         last = np.array([rows - 1, columns - 1]).reshape(2, *[1] * (index.ndim - 1))
         return np.asarray(index & last)
@@ -236,6 +223,7 @@ def wrapped(index: I64, count: int, tiles: bool) -> I64:
 
 
 def _catmull_rom(t: F64) -> tuple[F64, F64, F64, F64]:
+    """Weights (...) each of the texels -1, 0, 1 and 2 for positions (...), 0..1 from texel 0."""
     squared = t * t
     cubed = squared * t
     return (
@@ -253,8 +241,8 @@ def heights_of_normals(
 
     Least squares in the Fourier domain: Frankot and Chellappa (1988), "A method for enforcing
     integrability in shape from shading algorithms". Normals (H, W, 3) are unit vectors in tangent
-    space: x along columns, y along rows, z outwards; non-finite ones count as flat. ``texel_m`` is
-    the size of a texel along columns and rows, m. ``tiles``: continue at the opposite edge; else
+    space: x along columns, y along rows, z outwards; non-finite vectors count as flat. ``texel_m``
+    is the size of a texel along columns and rows, m. ``tiles``: continue at the opposite edge; else
     mirror at the edges.
     """
     n = np.array(normals, np.float64)
@@ -264,8 +252,8 @@ def heights_of_normals(
     # Slopes along each axis, metres per texel.
     along_x, along_y = -n[..., 0] / up * texel_m[0], -n[..., 1] / up * texel_m[1]
     rows, columns = up.shape
-    # Mirror the slopes: even across the axis of the slope, odd along it, as the derivative of an
-    # evenly mirrored surface.
+    # The Fourier transform repeats the surface, so without tiling the surface is mirrored:
+    # slopes are even across their axis and odd along it, as derivatives of a mirrored surface.
     if not tiles:
         along_x = np.block([[along_x, -along_x[:, ::-1]], [along_x[::-1], -along_x[::-1, ::-1]]])
         along_y = np.block([[along_y, along_y[:, ::-1]], [-along_y[::-1], -along_y[::-1, ::-1]]])

@@ -42,6 +42,7 @@ def crossed_texels(
     there is rounded down. Nothing is sampled, so no texel is missed. Segments go from ``starts_m``
     to ``ends_m`` (M, 2), surface coordinates; ``shape`` are rows and columns of the map.
     """
+    # Each segment owns two lists, by columns and by rows: both together are all of its entries.
     lines = _lines(starts_m.T, ends_m.T, texel_m)
     count = len(starts_m)
     segment = lines.owner % max(count, 1)
@@ -147,7 +148,7 @@ def strongest_in_steps(
     the same texel, at rest of the last texel, 0 before any.
     """
     # Cut the stroke at its own positions and at the borders of steps, so that each segment lies in
-    # a single step.
+    # a single step. Cuts closer than rounding would be segments without a direction.
     borders = stroke.times_s[0] + step_s * np.arange(count + 1)
     times = np.union1d(stroke.times_s, borders)
     times = times[np.concatenate([[True], np.diff(times) > 1e-12])]
@@ -155,32 +156,16 @@ def strongest_in_steps(
     step = np.searchsorted(borders, 0.5 * (times[:-1] + times[1:]), "right") - 1
     speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(times)
     is_moving = (speed > REST_M_S) & (step < count)
-    crossings = crossed_texels(
-        points[:-1][is_moving],
-        points[1:][is_moving],
-        map_.intensity.shape,
-        map_.texel_m,
-        map_.tiles,
-    )
+    starts, ends = points[:-1][is_moving], points[1:][is_moving]
+    crossings = crossed_texels(starts, ends, map_.intensity.shape, map_.texel_m, map_.tiles)
+    step = step[is_moving][crossings.segment]
     levels = map_.intensity.ravel()[crossings.texel].astype(np.float64)
-    return _strongest(
-        step[is_moving][crossings.segment], levels, map_.sharpness.ravel()[crossings.texel], count
-    )
-
-
-def _strongest(
-    step: I64, levels: F64, sharpness: npt.NDArray[np.float32], count: int
-) -> tuple[F64, F64]:
-    """Largest of the ``levels`` (n,) of each ``step``, (count,), 0 without any, and its sharpness.
-
-    Sharpness is held through steps of level 0; 0 before any.
-    """
+    # The first entry of each step, with the strongest level sorted first.
     order = np.lexsort((-levels, step))
-    first = order[np.concatenate([[True], np.diff(step[order]) > 0])] if len(order) else order
-    intensity = np.zeros(count)
-    sharp = np.zeros(count)
+    first = order[np.diff(step[order], prepend=-1) > 0]
+    intensity, sharpness = np.zeros((2, count))
     intensity[step[first]] = levels[first]
-    sharp[step[first]] = sharpness[first]
-    is_felt = intensity > 0.0
-    latest = np.maximum.accumulate(np.where(is_felt, np.arange(count), -1))
-    return intensity, np.where(latest >= 0, sharp[latest], 0.0)
+    sharpness[step[first]] = map_.sharpness.ravel()[crossings.texel[first]]
+    # Hold sharpness through silence, so that the frequency does not jump.
+    latest = np.maximum.accumulate(np.where(intensity > 0.0, np.arange(count), -1))
+    return intensity, np.where(latest >= 0, sharpness[latest], 0.0)

@@ -32,15 +32,9 @@ _WORKERS: Final = 2
 class MapSettings:
     """Settings of haptic maps; equal for all materials, so that maps are comparable."""
 
-    blur_m: float = 0.1e-3
-    """Standard deviation of the Gaussian blur."""
-
-    full_slope: float = 1.0
-    """Slope of intensity 1, metres per metre."""
-
-    default_roughness: float = 0.5
-    """Roughness 0..1 of a surface without a roughness picture."""
-
+    blur_m: float = 0.1e-3  # standard deviation of the Gaussian blur
+    full_slope: float = 1.0  # slope of intensity 1, metres per metre
+    default_roughness: float = 0.5  # 0..1, of a surface without a roughness picture
     device: DeviceRange = field(default_factory=DeviceRange)
     steps: NoticeableSteps | None = None
 
@@ -59,22 +53,21 @@ def make_map(
 ) -> HapticMap:
     """Make the haptic map of a surface: intensity from slope, sharpness from roughness.
 
-    Raises InputError for a roughness that is no picture of finite numbers.
-
-    Parameters
-    ----------
-    roughness : (h, w) float, optional
-        0 smooth to 1 rough, linear, bottom row first, over the same rectangle; any resolution. None
-        for ``settings.default_roughness``.
-    slope : (H, W) float32, optional
-        Separately estimated slope after a blur of one texel; blurred further as set. None for the
-        slope of the heights.
+    ``roughness`` (h, w) is 0 smooth to 1 rough, linear, bottom row first, over the same rectangle,
+    of any resolution; None for ``settings.default_roughness``. ``slope`` (H, W) is a separately
+    estimated slope after a blur of one texel; None for the slope of the heights. Raises InputError
+    for a roughness that is no picture of finite numbers.
     """
     settings = settings or MapSettings()
     if slope is None:
         slope = blurred_slope(field, settings.blur_m)
     else:
-        slope = _evened(slope, field, settings.blur_m)
+        from scipy import ndimage
+
+        # Variances add: the blur that is missing besides one texel, in texels along each axis.
+        more = [np.sqrt(max((settings.blur_m / t) ** 2 - 1.0, 0.0)) for t in field.texel_m[::-1]]
+        mode = "grid-wrap" if field.tiles else "nearest"
+        slope = np.asarray(ndimage.gaussian_filter(slope, more, mode=mode, truncate=TRUNCATE))
     slope *= np.float32(1.0 / settings.full_slope)
     intensity = np.minimum(slope, np.float32(1.0), out=slope)
     sharpness = _sharpness(field, roughness, settings.default_roughness)
@@ -103,6 +96,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     asks = f"a blur of {1e3 * blur_m:g} mm over texels of {shown} mm would take"
     kernel = _KERNEL_BYTES * TRUNCATE * blur_m / min(field.texel_m)
     limits.MEMORY.check(kernel, "Haptic map", asks)
+    # Cut-off of the kernel, and one texel for the derivative.
     reach = [min(int(TRUNCATE * blur_m / t + 0.5) + 1, most) for t in field.texel_m]
     top = left = 0
     if not field.tiles:
@@ -129,18 +123,6 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
         squared = slope if squared is None else np.add(squared, slope, out=squared)
     assert squared is not None
     return np.ascontiguousarray(np.sqrt(squared, out=squared))
-
-
-def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
-    """Copy of a slope (H, W), already blurred by one texel, blurred further to ``blur_m`` in all.
-
-    Unchanged along an axis whose texel is ``blur_m`` or larger.
-    """
-    from scipy import ndimage
-
-    more = [np.sqrt(max((blur_m / texel) ** 2 - 1.0, 0.0)) for texel in field.texel_m[::-1]]
-    mode = "grid-wrap" if field.tiles else "nearest"
-    return np.asarray(ndimage.gaussian_filter(slope, more, mode=mode, truncate=TRUNCATE))
 
 
 def _transfers(
@@ -185,6 +167,7 @@ def _stretched(values: F32, count: int, tiles: bool) -> F32:
     known = values.shape[1]
     if known == count:
         return values
+    # Centres of the new texels, counted in old texels.
     position = (np.arange(count) + 0.5) * (known / count) - 0.5
     first = np.floor(position)
     share = (position - first).astype(np.float32)

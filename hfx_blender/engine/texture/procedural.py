@@ -22,7 +22,6 @@ Recipe = Callable[[np.random.Generator, int, float], F64]
 
 KINDS: Final = ("gravel", "metal", "fabric", "wood")
 
-
 # 1 where the warp lies over the weft; a row for each weft thread, a column for each warp thread.
 DRAFTS: Final[dict[str, tuple[str, ...]]] = {
     "plain": ("10", "01"),
@@ -36,30 +35,14 @@ DRAFTS: Final[dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Weave:
-    """Woven cloth; InputError for an unknown draft, or a period or depth that is not positive.
+    """Woven cloth; InputError for an unknown draft, or a period or depth that is not positive."""
 
-    Parameters
-    ----------
-    draft : str
-        Key of ``DRAFTS``.
-    period_m : float
-        Distance of adjacent threads.
-    depth_m : float
-        Height of the highest thread over the deepest gap.
-    direction_rad : float
-        Direction of the weft.
-    float_share : float
-        Share of the depth that a thread loses where it dives.
-    fibre_m : float
-        RMS roughness of the fibres.
-    """
-
-    draft: str
-    period_m: float
-    depth_m: float
-    direction_rad: float = 0.0
-    float_share: float = 0.6
-    fibre_m: float = 0.0
+    draft: str  # key of ``DRAFTS``
+    period_m: float  # distance of adjacent threads
+    depth_m: float  # height of the highest thread over the deepest gap
+    direction_rad: float = 0.0  # of the weft
+    float_share: float = 0.6  # share of the depth that a thread loses below another thread
+    fibre_m: float = 0.0  # RMS roughness of the fibres
 
     def __post_init__(self) -> None:
         if self.draft not in DRAFTS:
@@ -120,6 +103,7 @@ def noise(
     frequency = np.fft.fftfreq(texels, size_m / texels)
     radius = np.hypot(frequency[None, :] * stretch, frequency[:, None])
     band = (radius >= 1.0 / longest_m) & (radius <= 1.0 / shortest_m)
+    # In two dimensions short waves are more numerous: half a power more to fall.
     strength = np.where(band, np.where(radius > 0.0, radius, 1.0) ** -(fall + 0.5), 0.0)
     spectrum = np.fft.fft2(rng.standard_normal((texels, texels))) * strength
     values = np.fft.ifft2(spectrum).real
@@ -143,6 +127,7 @@ def _stones(
     turn = rng.uniform(0.0, np.pi, len(centres))
     texel = size_m / texels
     heights = np.zeros((texels, texels))
+    # Each stone is drawn on a patch of texels, wrapped at the edges of the square.
     for (cx, cy), radius, narrow, angle in zip(centres, radii, squash, turn, strict=True):
         reach = int(np.ceil(radius / texel))
         i = np.arange(-reach, reach + 1)
@@ -159,6 +144,8 @@ def _stones(
 
 
 def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -> Recipe:
+    """Recipe: stones of a mean diameter, ``depth_m`` high, with grit of RMS ``grit_m``."""
+
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         stones = depth_m * _stones(rng, texels, size_m, diameter_m, flatness)
         grit = grit_m * noise(rng, texels, size_m, 1.5e-3, 0.25e-3, fall=0.5)
@@ -170,6 +157,8 @@ def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -
 def _grain(
     depth_m: float, longest_m: float, shortest_m: float, stretch: float, fall: float
 ) -> Recipe:
+    """Recipe: :func:`noise` of RMS ``depth_m``."""
+
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         return depth_m * noise(rng, texels, size_m, longest_m, shortest_m, stretch, fall)
 
@@ -177,6 +166,8 @@ def _grain(
 
 
 def _hammered(diameter_m: float, depth_m: float) -> Recipe:
+    """Recipe: dents, ``depth_m`` deep, and a fine grain."""
+
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         dents = -depth_m * _stones(rng, texels, size_m, diameter_m, 1.0)
         return np.asarray(dents + 1e-6 * noise(rng, texels, size_m, 1e-3, 0.2e-3))
@@ -185,6 +176,8 @@ def _hammered(diameter_m: float, depth_m: float) -> Recipe:
 
 
 def _cloth(weave: Weave) -> Recipe:
+    """Recipe: :func:`woven` cloth with slack threads and fibres, of shares of its depth."""
+
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         cloth = woven(weave, size_m, texels).heights_m
         slack = 0.06 * weave.depth_m * noise(rng, texels, size_m, 8e-3, 1.5e-3)
@@ -195,6 +188,8 @@ def _cloth(weave: Weave) -> Recipe:
 
 
 def _corduroy(period_m: float, depth_m: float) -> Recipe:
+    """Recipe: round ribs along x, ``period_m`` apart, with a pile of fibres."""
+
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         ribs = max(round(size_m / period_m), 1)
         y = (np.arange(texels) + 0.5) / texels

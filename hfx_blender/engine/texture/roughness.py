@@ -28,8 +28,7 @@ LENGTHS: Final = ("ra_m", "rq_m", "rz_m", "rmax_m", "pt_m", "rsm_m")
 SHAPES: Final = ("rsk", "rku")
 """Parameters in order of display: lengths, and dimensionless parameters."""
 
-_ALPHA: Final = float(np.sqrt(np.log(2.0) / np.pi))
-
+_ALPHA: Final = float(np.sqrt(np.log(2.0) / np.pi))  # transmission 1/2 at the cut-off
 
 _LEAST_HEIGHT: Final = 0.1
 _LEAST_WIDTH: Final = 0.01
@@ -81,11 +80,15 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
             "expected three cut-offs or more, and two steps in each."
         )
     evaluated = heights[reach : reach + lengths * per_length]
-    waves = np.convolve(heights, _kernel(reach, spacing_m, cutoff_m), "valid")
+    # The waviness by the Gaussian of ISO 16610-21 is the mean line.
+    x = np.arange(-reach, reach + 1) * spacing_m / (_ALPHA * cutoff_m)
+    kernel = np.exp(-np.pi * x**2)
+    waves = np.convolve(heights, kernel / kernel.sum(), "valid")
     deviations = evaluated - waves[: len(evaluated)]
     parts = deviations.reshape(lengths, per_length)
     depths = parts.max(axis=1) - parts.min(axis=1)
     squares = np.mean(parts**2, axis=1)
+    # Skewness and kurtosis divide by the deviations, so flat lengths have none.
     is_rough = np.sqrt(squares) > _FLAT * np.abs(evaluated).max()
     rz = float(depths.mean())
     return Roughness(
@@ -115,12 +118,12 @@ def _mean_width_m(deviations: F64, spacing_m: float, rz_m: float, cutoff_m: floa
     narrow belongs to the part before it. Elements that start with a peak and elements that start
     with a valley count equally, so that a mirrored profile has the same width.
     """
+    # Crossings of the mean line, interpolated linearly; between two lies one peak or valley.
     is_above = deviations > 0.0
     last = np.flatnonzero(is_above[1:] != is_above[:-1])
     if len(last) < 3:
         return None
     crossings = last + deviations[last] / (deviations[last] - deviations[last + 1])
-    # Peaks and valleys alternate between mean-line crossings, interpolated linearly.
     ends = np.concatenate([[0.0], crossings, [len(deviations) - 1.0]])
     heights = np.maximum.reduceat(np.abs(deviations), np.concatenate([[0], last + 1]))
     counts = heights >= _LEAST_HEIGHT * rz_m
@@ -156,6 +159,7 @@ def roughness_of_surface(
         starts = rng.uniform(0.0, size, (profiles, 2))
         length = full
     else:
+        # The longest profile that fits, with room for different starts.
         room = [s / abs(w) if abs(w) > 1e-9 else np.inf for s, w in zip(size, way, strict=True)]
         length = float(min(full, 0.9 * min(room)))
         low = np.maximum(0.0, -length * way)
@@ -190,11 +194,3 @@ def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
     )
     waves = np.fft.irfft2(np.fft.rfft2(heights) * transmission, heights.shape)
     return np.asarray(waves[:rows, :columns])
-
-
-def _kernel(reach: int, spacing_m: float, cutoff_m: float) -> F64:
-    """Weights (2 reach + 1,) of the Gaussian of ISO 16610-21, with sum 1."""
-    x = np.arange(-reach, reach + 1) * spacing_m / (_ALPHA * cutoff_m)
-    weights = np.exp(-np.pi * x**2)
-    kernel: F64 = weights / weights.sum()
-    return kernel

@@ -24,8 +24,8 @@ _LINE: Final = 1e-7  # least width of a sheet, share of its length
 def seen_from_above(points: npt.ArrayLike) -> F64:
     """Rotate points (N, 3) of a sheet so that z is the height.
 
-    A sheet tilted by less than 30 degrees keeps its x and y; any other is rotated by the smallest
-    angle that levels its plane of least squares, about the mean as origin. Raises InputError for
+    A sheet tilted by less than 30 degrees keeps x and y; a steeper sheet is rotated by the smallest
+    angle that levels the plane of least squares, about the mean as origin. Raises InputError for
     fewer than three points, points in line or too far away, or no sheet.
     """
     positions = np.asarray(points, np.float64)
@@ -47,6 +47,7 @@ def seen_from_above(points: npt.ArrayLike) -> F64:
     up = axes[:, 0] * (1.0 if axes[2, 0] >= 0.0 else -1.0)
     if up[2] >= _STEEP:
         return positions
+    # The axis least along the normal becomes x, projected into the sheet.
     x = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < _STEEP else np.array([0.0, 1.0, 0.0])
     x = x - up * (x @ up)
     x /= np.linalg.norm(x)
@@ -69,6 +70,7 @@ def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> Height
     low = points[:, :2].min(axis=0)
     span = np.ptp(points[:, :2], axis=0)
     flat = points[:, :2] - points[:, :2].mean(axis=0)
+    # Standard deviation across the longest direction: 0 for points in line.
     thin = np.sqrt(max(float(np.linalg.eigvalsh(flat.T @ flat / len(flat))[0]), 0.0))
     if thin <= max(_MIN_SPAN, 1e-9 * float(span.max())):
         raise InputError("Scan: all of its points are on one line, seen from above.")
@@ -106,8 +108,7 @@ def fill_holes(heights_m: npt.ArrayLike) -> F64:
         return heights
     if not known.any():
         raise InputError("Scan: it has no height anywhere, only holes.")
-    weights = known.astype(np.float64)
-    return _filled(np.where(known, heights, 0.0), weights)
+    return _filled(np.where(known, heights, 0.0), known.astype(np.float64))
 
 
 def _filled(values: F64, weights: F64) -> F64:
@@ -123,6 +124,7 @@ def _filled(values: F64, weights: F64) -> F64:
         for part in parts
     )
     coarse = _filled(total / np.where(share > 0.0, share, 1.0), np.minimum(share, 1.0))
+    # Bilinear values of the coarse picture at the centres of these texels.
     i = np.clip((np.arange(columns) - 0.5) / 2.0, 0.0, coarse.shape[1] - 1.0)
     j = np.clip((np.arange(rows) - 0.5) / 2.0, 0.0, coarse.shape[0] - 1.0)
     i0, j0 = np.floor(i).astype(np.int64), np.floor(j).astype(np.int64)

@@ -50,10 +50,12 @@ class Stroke:
 
     @property
     def duration_s(self) -> float:
+        """Time from first to last position."""
         return float(self.times_s[-1] - self.times_s[0])
 
     @property
     def length_m(self) -> float:
+        """Length of the path."""
         return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
 
     @property
@@ -85,6 +87,7 @@ class Stroke:
             raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
         count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
         times = self.times_s[0] + np.arange(count + 1) / rate_hz
+        # Unless the last position falls on a multiple of the period.
         if self.times_s[-1] - times[-1] > 1e-9 * max(self.duration_s, 1.0):
             times = np.append(times, self.times_s[-1])
         return Stroke(times, self.at(times))
@@ -97,7 +100,10 @@ def line(
     speed_m_s: float,
     rate_hz: float = 120.0,
 ) -> Stroke:
-    """Straight stroke at constant speed, sampled at ``rate_hz``; errors as of :func:`along`."""
+    """Straight stroke at constant speed from time 0, sampled at ``rate_hz``.
+
+    Raises InputError for a length, speed or rate not above zero.
+    """
     way = length_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
     return along(np.array([start_m, np.asarray(start_m) + way]), speed_m_s, rate_hz)
 

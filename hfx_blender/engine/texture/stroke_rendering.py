@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering of a stroke over a surface as a vibration, by the surface's renderer."""
+"""Rendering of a stroke over a surface as a vibration, by the surface's renderer.
+
+Direct synthesis, for wide-band actuators, plays the heights under the finger as a waveform.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64
-from .haptic_map import STANDARD_GRAVITY
+from .haptic_map import STANDARD_GRAVITY, SurfaceRenderer, SurfaceTexture
+from .height_field import HeightField
 from .lookup import strongest_in_steps
+from .roughness import gaussian_waviness
 from .stroke import Stroke
-from .surface_texture import SurfaceRenderer, SurfaceTexture
-from .synthesis import amplitude_and_frequency, profile
 from .textile import WINDOW_S, drive_levels
 
 
@@ -43,6 +48,7 @@ def carrier(amplitude: F64, frequency_hz: F64, step_s: float, rate_hz: float) ->
     result.
     """
     count = round(len(amplitude) * step_s * rate_hz)
+    # The small addend puts a sample on the border of two steps into the later step.
     which = np.minimum(
         (np.arange(count) / (rate_hz * step_s) + 1e-9).astype(np.int64), len(amplitude) - 1
     )
@@ -61,17 +67,11 @@ def render_stroke(
 ) -> StrokeSignal:
     """Render a stroke as a vibration, in whole steps from its start.
 
-    Raises InputError for a stroke shorter than a step, or a step or rate not above zero.
-
-    Parameters
-    ----------
-    step_s : float, optional
-        Time between values of amplitude and frequency; by default the device's update time.
-    window_s : float, optional
-        Window before the end of each step for ``TEXTILE`` and ``DIRECT``; by default ``WINDOW_S``
-        as in exports, or the step if longer.
-    waveform_rate_hz : float
-        Sample rate of the waveform; 8 kHz suffices for skin, 48 kHz is for ears.
+    ``step_s`` is the time between values of amplitude and frequency, by default the device's update
+    time. ``window_s`` before the end of each step is the window of ``TEXTILE`` and ``DIRECT``, by
+    default ``WINDOW_S`` as in exports, or the step if longer. ``waveform_rate_hz`` is the sample
+    rate of the waveform; 8 kHz suffices for skin, 48 kHz is for ears. Raises InputError for a
+    stroke shorter than a step, or a step or rate not above zero.
     """
     step = texture.device.update_s if step_s is None else step_s
     if not (np.isfinite([step, waveform_rate_hz]).all() and step > 0.0 and waveform_rate_hz > 0.0):
@@ -136,3 +136,95 @@ def _direct(
         full * np.clip(drive, -1.0, 1.0),
         rate_hz,
     )
+
+
+WAVINESS_M: Final = 8e-3
+"""Wavelength above which heights are form, felt by the moving finger, not vibration."""
+
+FULL_M_S: Final = 2e-3
+"""Speed of full amplitude; slower motion fades to silence at rest."""
+
+_MOST_OF_PAIRS: Final = 3.0
+"""Largest ratio of a quadrature part of a sine to the mean of both parts in a window; unreached in
+windows of half a period or more."""
+
+_FADE_S: Final = 4e-3
+_LOBES: Final = 8  # lobes of the decimation filter on each side
+_MAX_FACTOR: Final = 64
+
+
+def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
+    """Heights under the finger without waviness, from start to end of a stroke, metres.
+
+    Shape (floor(duration * rate) + 1,); silent at rest. Where a step would skip a texel, heights
+    are sampled at a multiple of the rate and low-passed before decimation, without loss or
+    aliasing.
+    """
+    surface = without_waviness(field)
+    # Smallest whole factor of the rate without a step of more than a texel along an axis.
+    texels = np.abs(np.diff(stroke.points_m, axis=0)) / np.asarray(surface.texel_m)
+    fastest = float((texels.max(axis=1) / np.diff(stroke.times_s)).max())
+    factor = int(np.clip(np.ceil(fastest / rate_hz * (1.0 - 1e-9)), 1, _MAX_FACTOR))
+    fine = rate_hz * factor
+    count = int(np.floor(stroke.duration_s * rate_hz * (1.0 + 1e-12))) + 1
+    reach = _LOBES * factor if factor > 1 else 0
+    times = stroke.times_s[0] + np.arange(-reach, (count - 1) * factor + reach + 1) / fine
+    # Gain by speed: 0 at rest, 1 from 2 mm/s on, smoothed over 4 ms against clicks.
+    gain = np.clip(stroke.speed_at(times) / FULL_M_S, 0.0, 1.0)
+    if gain.min() < 1.0:
+        half = max(int(_FADE_S * fine / 2.0), 1)
+        window = np.hanning(2 * half + 3)[1:-1]
+        gain = np.convolve(np.pad(gain, half, "edge"), window / window.sum(), "valid")
+    heights = surface.sample(stroke.at(times), "cubic") * gain
+    if factor > 1:
+        # Windowed-sinc low-pass before decimation: its pass band ends at 0.9 of the new band.
+        x = np.arange(-reach, reach + 1) / factor
+        kernel = np.sinc(0.9 * x) * np.hanning(2 * reach + 3)[1:-1]
+        heights = np.convolve(heights, kernel / kernel.sum(), "valid")
+    return np.asarray(heights[::factor])
+
+
+def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
+    """Peak amplitude and frequency (...) of the sine equivalent to each window of a waveform.
+
+    Windows (..., n) have at least three values, without a mean. Frequency is Hz, 0 in silence.
+    Exact for a sine, also in windows without a whole number of periods. For further waveforms the
+    amplitude is sqrt(2) times the RMS and the frequency that of zero crossings (Rice), but for the
+    ends of the window.
+    """
+    # For a sine, with c the cosine of its phase step, x[k - 1] + x[k + 1] = 2 c x[k], and
+    # (x[k + 1] - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c) is its squared amplitude at
+    # every k.
+    change = waveform[..., 1:] - waveform[..., :-1]
+    changes = np.einsum("...k,...k->...", change, change)
+    squares = np.einsum("...k,...k->...", waveform, waveform)
+    first, last = waveform[..., 0], waveform[..., -1]
+    ends = first * first + last * last
+    # Sums over successive pairs by summation by parts: each inner value occurs twice, both ends
+    # once.
+    pairs = squares - 0.5 * ends
+    sums = np.maximum(4.0 * pairs - changes, 0.0)
+    inside = np.maximum(squares - ends, 0.0)
+    lagged = pairs - 0.5 * (changes + first * waveform[..., 1] + waveform[..., -2] * last)
+    safe_pairs = np.where(pairs > 0.0, pairs, 1.0)
+    cosine = lagged / np.where(inside > 0.0, inside, np.inf)
+    # For a ramp the cosine tends to 1 and the amplitude to infinity; these limits bound both.
+    cosine = np.minimum(cosine, 1.0 - changes / (2.0 * _MOST_OF_PAIRS * safe_pairs))
+    cosine = np.maximum(cosine, sums / (2.0 * _MOST_OF_PAIRS * safe_pairs) - 1.0)
+    cosine = np.minimum(np.maximum(cosine, -1.0), 1.0)
+    tiny = np.finfo(np.float64).tiny
+    power = changes / np.maximum(2.0 - 2.0 * cosine, tiny)
+    power += sums / np.maximum(2.0 + 2.0 * cosine, tiny)
+    frequency = np.where(pairs > 0.0, np.arccos(cosine) * (rate_hz / (2.0 * np.pi)), 0.0)
+    return np.sqrt(power / (waveform.shape[-1] - 1)), frequency
+
+
+_KNOWN: WeakKeyDictionary[HeightField, HeightField] = WeakKeyDictionary()
+
+
+def without_waviness(field: HeightField) -> HeightField:
+    """Copy of a height field without wavelengths above 8 mm; cached for each field."""
+    if field not in _KNOWN:
+        waves = gaussian_waviness(field, WAVINESS_M)
+        _KNOWN[field] = HeightField(field.heights_m - waves, field.texel_m, field.tiles)
+    return _KNOWN[field]

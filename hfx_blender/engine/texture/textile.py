@@ -25,8 +25,7 @@ WINDOW_S: Final = 0.05
 """Update window of the paper."""
 
 MAX_FACTOR: Final = 64
-"""Bound of that factor; beyond lie strokes of metres per second over fine maps."""
-
+"""Bound of the factor of ``RATE_HZ``; beyond lie strokes of metres per second over fine maps."""
 
 _MOST_UNLIKE: Final = 40
 """Largest number of scalar products faster than a Fourier transform of a window."""
@@ -52,26 +51,18 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
     heights = heights_m - heights_m[..., :1]  # constant windows become exactly 0
     vectors = _deficit_vectors(n, rate_hz)
     if vectors.shape[1] > _MOST_UNLIKE:
-        return _by_fourier(heights, rate_hz)
+        spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
+        shares = _multiplicity(n) * receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz)) ** 2
+        # einsum, because OpenBLAS would start threads for a matrix product.
+        power = np.einsum("...k,k->...", spectrum.real**2 + spectrum.imag**2, shares)
+        return np.asarray(np.sqrt(power) / n)
+    # By Parseval's theorem the weighted sum is the mean square minus the share of frequencies with
+    # a weight below 1, which are few.
     rows = heights.reshape(-1, n)
     power = np.einsum("rk,rk->r", rows, rows) / n
     deficits = stacked_product(rows[None], vectors.T).reshape(len(rows), -1)
     power -= np.einsum("rk,rk->r", deficits, deficits)
     return np.sqrt(np.maximum(power, 0.0)).reshape(heights.shape[:-1])
-
-
-def _by_fourier(heights: F64, rate_hz: float) -> F64:
-    """RMS (...) of windows (..., n) of heights, weighted by receptor sensitivity; eq. 2 to 4.
-
-    By a Fourier transform, after the mean of each window is subtracted.
-    """
-    n = heights.shape[-1]
-    spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
-    # einsum, because OpenBLAS would start threads for a matrix product.
-    shares = _multiplicity(n) * receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz)) ** 2
-    power = np.einsum("...k,k->...", spectrum.real**2 + spectrum.imag**2, shares)
-    rms: F64 = np.sqrt(power) / n
-    return rms
 
 
 def _multiplicity(n: int) -> F64:
@@ -87,8 +78,7 @@ def _multiplicity(n: int) -> F64:
 def _deficit_vectors(n: int, rate_hz: float) -> F64:
     """Vectors (n, m) whose squared products with a window are subtracted from its mean square.
 
-    By Parseval's theorem the sum over all frequencies is the mean square. Most frequencies have
-    weight 1; only the rest (mean, 20 Hz, imperceptible frequencies) needs to be transformed.
+    Sines and cosines of the frequencies with a weight below 1: mean, below 40 Hz, from 800 Hz on.
     """
     weights = receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz))
     weights[0] = 0.0  # the mean
@@ -120,6 +110,7 @@ def drive_levels(
     begins = stroke.times_s[0] + step_s * np.arange(1, count + 1) - window_s
     levels = np.zeros(count)
     factors = np.array([_factor(field, stroke, t, window_s) for t in begins], np.int64)
+    # Windows of equal rate have equally many heights and share one call.
     for factor in np.unique(factors).tolist():
         same_factor = np.flatnonzero(factors == factor)
         rate = RATE_HZ * factor

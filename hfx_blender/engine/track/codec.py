@@ -68,6 +68,7 @@ class Section:
         Steps are relative to the group's first step. The first sample of a part always has
         a new set.
         """
+        # Rows, then sets, then (set, vertex) entries of each part.
         set_of = np.cumsum(self.is_new) - 1
         offsets = np.concatenate(([0], np.cumsum(self.sizes)))
         numbers = self.steps // size
@@ -146,6 +147,7 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
         changes = native.changes(section.sizes, section.vertices, section.weights)
         if changes is not None:
             return (*changes, [])
+    # Sorted by vertex, the entry before is the same vertex in an earlier set, or another vertex.
     owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
     order = np.argsort(section.vertices, kind="stable")
     counts, gaps = _toggles(section.vertices[order], owners[order], len(section.sizes))
@@ -309,6 +311,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     set_count = int(is_new.sum())
     counts = cursor.column(set_count, "<u4").astype(np.int64)
     gaps = cursor.column(int(counts.sum()), "<u4").astype(np.int64)
+    # Running sums over all sets, less the sum before each set, restart at each set.
     ids = np.cumsum(gaps)
     starts = np.cumsum(counts) - counts
     starts, filled = starts[counts > 0], counts[counts > 0]
@@ -318,8 +321,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     _require(bool(np.all(ascending)), "vertex ids do not ascend")
     _require(bool(np.all(ids < vertex_count)), "a vertex id is not in its model")
 
-    # Sorted by vertex, toggles alternate between entering and leaving; a last entry lasts to the
-    # end.
+    # By vertex, toggles alternate between entering and leaving; a last entry lasts to the end.
     sets = np.repeat(np.arange(set_count), counts)
     order = np.argsort(ids, kind="stable")
     ids, sets = ids[order], sets[order]
@@ -343,6 +345,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     # b + i. A stable sort by set keeps vertices ascending within each set.
     before = np.cumsum(lasts) - lasts
     owners = np.repeat(first - before, lasts) + np.arange(total)
+    # Set numbers fit 16 bits, which numpy sorts by radix in linear time.
     by_set = np.argsort(owners.astype(np.uint16), kind="stable")
     vertices = np.repeat(ids[enters], lasts)[by_set].astype(np.int32)
     by_vertex = np.zeros(total, np.int64)

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ..samples import SampleRun
 from ..scene import Clip, TimeBase
 from .header import TrackHeader
 from .track_reader import TrackReader
@@ -52,25 +51,11 @@ def write_excerpt(
 ) -> TimeBase:
     """Write the samples of some effects during a clip as a new track; return its time base.
 
-    The first sample at or after the clip's start becomes sample 0 at time 0, so a clip that
-    starts between two samples begins up to one sample late. The clip's end is included; the
-    last frame lasts a whole frame, as in every track.
-
-    Parameters
-    ----------
-    effect_ids : collection of str
-        Effects to copy.
-    clip : Clip
-        In frames of the track; the only clip of the new track's effects.
-
-    Raises
-    ------
-    ValueError
-        The clip contains no sample of the track.
-    InputError
-        The track is damaged.
-    OutputError
-        The file cannot be written.
+    ``clip``, in frames of the track, is the only clip of the new track's effects. The first sample
+    at or after the clip's start becomes sample 0 at time 0, so a clip that starts between two
+    samples begins up to one sample late. The clip's end is included; the last frame lasts a whole
+    frame, as in every track. Raises ValueError for a clip without a sample of the track, InputError
+    for a damaged track, and OutputError.
     """
     time = track.header.time
     rows = sample_range(clip, time)
@@ -87,8 +72,13 @@ def write_excerpt(
     begin, end = time.times_s(np.array([first, last + 1])).tolist()
     with TrackWriter(path, header, full_precision=track.full_precision) as writer:
         runs = (run for run in track.runs(begin, end) if run.stream in streams)
+        # Chunk by chunk, as the writer takes the runs of a block of time together.
         for _, chunk in groupby(runs, lambda run: int(run.indices[0]) // track.samples_per_chunk):
-            writer.append([_moved(run, first, moved) for run in chunk])
+            block = []
+            for run in chunk:
+                indices = run.indices - first
+                block.append(replace(run, indices=indices, times_s=moved.times_s(indices)))
+            writer.append(block)
     return moved
 
 
@@ -99,12 +89,6 @@ def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
     first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
     last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
     return (first, last) if first <= last else None
-
-
-def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
-    """Run with indices minus ``first``, and times of the time base ``time``."""
-    indices = run.indices - first
-    return replace(run, indices=indices, times_s=time.times_s(indices))
 
 
 def _header_of(
@@ -131,18 +115,9 @@ def _header_of(
 def merge(parts: Iterable[Path], path: Path) -> None:
     """Merge tracks with the parts of one recording into a single track.
 
-    Parameters
-    ----------
-    parts : iterable of Path
-        Tracks with equal headers, in the order of time, of disjoint whole chunks
-        (``layout.SAMPLES_PER_CHUNK``).
-
-    Raises
-    ------
-    InputError
-        No part is given, or a part is damaged, out of order, or of another recording.
-    OutputError
-        The file cannot be written.
+    The parts have equal headers, and disjoint whole chunks (``layout.SAMPLES_PER_CHUNK``) in the
+    order of time. Raises InputError without parts, and for a part that is damaged, out of order, or
+    of another recording; OutputError.
     """
     files = list(parts)
     if not files:

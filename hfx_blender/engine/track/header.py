@@ -67,13 +67,9 @@ class TrackEffect:
 class TrackHeader:
     """Description of a track without its samples.
 
-    A stream is identified by the index in ``streams``. ``source``, ``settings`` and ``tools``
-    hold JSON values.
-
-    Raises
-    ------
-    ValueError
-        Ids are not unique, a reference has no target, or a number is out of range.
+    A stream is identified by the index in ``streams``. ``source``, ``settings`` and ``tools`` hold
+    JSON values. Raises ValueError for equal ids, a reference without a target, or a number out of
+    range.
     """
 
     time: TimeBase
@@ -87,7 +83,13 @@ class TrackHeader:
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_time(self.time)
+        for name in ("scene_start", "frame_first", "frame_last"):
+            _require_range(name, getattr(self.time, name), -_MAX_FRAME, _MAX_FRAME)
+        for name in ("fps", "rate_hz"):
+            # Readers in other languages keep a fraction as two 64-bit numbers.
+            for part in getattr(self.time, name).as_integer_ratio():
+                _require_range(name, part, 1, _MAX_FRACTION)
+        _require_range("sample_count", self.time.sample_count, 1, MAX_SAMPLE_COUNT)
         models = _by_id("models", self.models)
         bodies = _by_id("bodies", self.bodies)
         effects = _by_id("effects", self.effects)
@@ -192,17 +194,6 @@ def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
     """Raise ValueError with ``name`` for a number below ``lowest`` or above ``highest``."""
     if not lowest <= value <= highest:
         raise ValueError(f"{name} is out of range, allowed are {lowest} to {highest}")
-
-
-def _check_time(time: TimeBase) -> None:
-    """Raise ValueError for a time base that a track cannot store: frames beyond ±(2^31 - 1), rates
-    beyond 63 bits, or not 1 to 2^31 - 1 samples."""
-    for name in ("scene_start", "frame_first", "frame_last"):
-        _require_range(name, getattr(time, name), -_MAX_FRAME, _MAX_FRAME)
-    for name in ("fps", "rate_hz"):
-        for part in getattr(time, name).as_integer_ratio():
-            _require_range(name, part, 1, _MAX_FRACTION)
-    _require_range("sample_count", time.sample_count, 1, MAX_SAMPLE_COUNT)
 
 
 def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None:

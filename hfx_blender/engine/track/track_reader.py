@@ -20,7 +20,7 @@ from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header import TrackHeader
-from .header_json import from_json
+from .layout import from_json
 
 _ENCRYPTED: Final = 0x1  # flag of an encrypted ZIP entry
 
@@ -47,22 +47,10 @@ class StreamSummary:
 class TrackReader:
     """Reader of a track, and a context manager; no body model is needed.
 
-    Attributes
-    ----------
-    header : TrackHeader
-    full_precision : bool
-        Weights are float32 as recorded; otherwise multiples of 1/255.
-    samples_per_chunk : int
-    chunks : list of int
-        Ascending numbers of chunks with samples.
-    index : list of layout.StreamIndex
-        Index entry of each stream.
-
-    Raises
-    ------
-    InputError
-        The file is missing, no track, of a newer version or damaged. Damaged samples raise
-        InputError when read.
+    Attributes: ``header``; ``full_precision``, True for float32 weights as recorded, else multiples
+    of 1/255; ``samples_per_chunk``; ``chunks``, ascending numbers of the chunks with samples;
+    ``index``, the entry of each stream. Raises InputError for a file that is missing, no track, of
+    a newer version or damaged; for damaged samples when read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -121,8 +109,7 @@ class TrackReader:
 
     def samples_at(self, time_s: float) -> list[Sample]:
         """Samples in effect at a time, in the order of ``header.streams``; a sample lasts until the
-        next sample time. The last chunk is cached, so reading forward reads each chunk once. Raises
-        InputError for a damaged file."""
+        next sample time. Raises InputError for a damaged file, ValueError for NaN."""
         return [sample for run in self.runs_at(time_s) for sample in run]
 
     def index_at(self, time_s: float) -> int:
@@ -137,6 +124,7 @@ class TrackReader:
         chunk = index // self.samples_per_chunk
         if chunk not in self._chunk_set:
             return []
+        # Reading forward needs the same chunk for many times in succession.
         if self._cached[0] != chunk:
             self._cached = (chunk, self.sections(chunk))
         low = chunk * self.samples_per_chunk
@@ -190,8 +178,13 @@ class TrackReader:
         picked = slice(start, start + int(offsets[-1]))
         weights = section.weights[picked]
         channels = {name: values[picked] for name, values in section.channels.items()}
+        stream, drive = self.header.streams[section.stream], None
+        if section.drive is not None:
+            effect = self.header.effect(stream)
+            assert effect.device_id is not None
+            drive = Drive(effect.device_id, effect.actuators, section.drive[rows])
         return SampleRun(
-            stream=self.header.streams[section.stream],
+            stream=stream,
             indices=indices[rows],
             times_s=self.header.time.times_s(indices[rows]),
             levels=section.levels[rows],
@@ -204,15 +197,8 @@ class TrackReader:
             velocities=channels.get("velocities"),
             depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,
             focus=None if section.focus is None else section.focus[rows],
-            drive=None if section.drive is None else self._drive(section, rows),
+            drive=drive,
         )
-
-    def _drive(self, section: Section, rows: slice) -> Drive:
-        """Drive values (n, A) of a section's rows, with device and actuator names of its effect."""
-        stream = self.header.streams[section.stream]
-        effect = self.header.effect(stream)
-        assert effect.device_id is not None and section.drive is not None
-        return Drive(effect.device_id, effect.actuators, section.drive[rows])
 
     def chunk_bytes(self, chunk: int) -> bytes:
         """Uncompressed bytes of a chunk after a full check; raises InputError for a damaged
@@ -264,6 +250,7 @@ class TrackReader:
                 raise ValueError("it is compressed in an unknown way")
             if info.flag_bits & _ENCRYPTED:
                 raise ValueError("it is encrypted")
+            # Checked before unpacking, as a small file may claim to hold any number of bytes.
             if info.file_size > limit:
                 raise ValueError(f"it claims {info.file_size} bytes, at most {limit} are allowed")
             content = self._archive.read(info)

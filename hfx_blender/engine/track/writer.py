@@ -36,7 +36,7 @@ from .codec import (
     encode_weights,
 )
 from .header import TrackEffect, TrackHeader
-from .header_json import to_json
+from .layout import to_json
 from .track_reader import TrackReader, read_sections
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
@@ -46,22 +46,13 @@ _TIME_TOLERANCE_S: Final = 1e-9
 class TrackWriter:
     """Writer of a track, and a context manager.
 
-    The file appears at the end of a ``with`` block without exception; otherwise no file is
-    left. The bytes depend on header and samples only, not on the calls of :meth:`append`. The
-    samples of one call and of :data:`layout.SAMPLES_PER_CHUNK` are held in memory. If a chunk
-    is too large for a reader, all chunks of the file are halved, repeatedly.
-
-    Parameters
-    ----------
-    full_precision : bool
-        Keep float32 weights; otherwise weights are rounded to 1/255, but not to 0.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written, or one sample has too many contacts for a reader.
-    ValueError
-        The header holds a value that is no JSON value.
+    The file appears at the end of a ``with`` block without exception; otherwise no file is left.
+    The bytes depend on header and samples only, not on the calls of :meth:`append`. The samples of
+    one call and of :data:`layout.SAMPLES_PER_CHUNK` are held in memory. If a chunk is too large for
+    a reader, all chunks of the file are halved, repeatedly. ``full_precision`` keeps float32
+    weights; otherwise weights are rounded to 1/255, but not to 0. Raises OutputError if the file
+    cannot be written, or one sample has too many contacts for a reader; ValueError for a header
+    with a value that is no JSON value.
     """
 
     def __init__(self, path: Path, header: TrackHeader, *, full_precision: bool = False) -> None:
@@ -76,17 +67,15 @@ class TrackWriter:
         self._samples_per_chunk = layout.SAMPLES_PER_CHUNK
         self._chunks: list[int] = []
         self._end = 0  # sample index after the last written chunk
-        self._open: dict[
-            int, dict[int, _SectionBuilder]
-        ] = {}  # by block number, then by stream index
+        # By block number, then by stream index.
+        self._open: dict[int, dict[int, _SectionBuilder]] = {}
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self._file = stack.enter_context(atomic_file(self.path))
             self._archive = zipfile.ZipFile(self._file, "w")
-            stack.callback(
-                lambda: self._archive.close()
-            )  # the current archive, which halving replaces
+            # The archive at that time: halving replaces the present one.
+            stack.callback(lambda: self._archive.close())
             self._put_header()
             self._finishing = stack.pop_all()
         return self
@@ -117,20 +106,14 @@ class TrackWriter:
     def append(self, runs: Iterable[SampleRun]) -> list[SampleRun]:
         """Record runs of any of the header's streams over the next block of time.
 
-        Returns the runs with samples, with weights as a reader will decode them. Blocks,
-        and runs of a stream within a block, must be in the order of time. A block may start
-        within the :data:`layout.SAMPLES_PER_CHUNK` samples of the last block's end.
-
-        Raises
-        ------
-        ValueError
-            A run breaks the contract of :class:`SampleRun`, or is out of order.
-        OutputError
+        Returns the runs with samples, with weights as a reader will decode them. Blocks, and runs
+        of a stream within a block, must be in the order of time. A block may start within the
+        :data:`layout.SAMPLES_PER_CHUNK` samples of the last block's end. Raises ValueError for a
+        run that breaks the contract of :class:`SampleRun` or is out of order, and OutputError.
         """
         stored = [self._add(run) for run in runs if len(run)]
-        if self._open:
-            newest = max(self._open)
-            self._write_blocks([block for block in sorted(self._open) if block < newest])
+        # The next call may still add samples to the newest block; all earlier ones are complete.
+        self._write_blocks(sorted(self._open)[:-1])
         return stored
 
     def _add(self, run: SampleRun) -> SampleRun:
@@ -206,7 +189,6 @@ class TrackWriter:
     def _write_sections(self, sections: list[Section], start: int) -> None:
         """Write sections of a block or chunk that starts at sample ``start`` as chunks; halves the
         file's chunk size until all fit a reader."""
-        # Halve all chunks of the file until the largest one fits a reader.
         while (chunks := self._encoded(sections)) is None:
             self._halve_chunks()
         for number, content in sorted(chunks.items()):
@@ -239,6 +221,7 @@ class TrackWriter:
         chunks, self._chunks = self._chunks, []
         size = self._samples_per_chunk
         self._archive.close()
+        # The file itself stays the target of the atomic write, so the old content is moved away.
         with tempfile.TemporaryFile(dir=self.path.parent) as earlier:
             self._file.seek(0)
             shutil.copyfileobj(self._file, earlier)
@@ -278,9 +261,8 @@ class _SectionBuilder:
     """Collector of a stream's samples of a chunk; equal successive sets are stored once."""
 
     def __init__(self) -> None:
-        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(
-            list
-        )  # by field name of Section
+        # By field name of Section, and by name of the channel.
+        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)
         self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
 
     def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
@@ -341,12 +323,10 @@ class _SectionBuilder:
             )
         columns = self._columns
         last_size = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
-        is_repeated[0] = (
-            last_size == offsets[1]
-            and np.array_equal(
-                vertices[:last_size], columns["vertices"][-1][-last_size:][:last_size]
-            )
-            and np.array_equal(weights[:last_size], columns["weights"][-1][-last_size:][:last_size])
+        # The second slice is for a size of 0, where the first one takes the whole array.
+        is_repeated[0] = last_size == offsets[1] and all(
+            np.array_equal(new[:last_size], columns[name][-1][-last_size:][:last_size])
+            for name, new in (("vertices", vertices), ("weights", weights))
         )
         return is_repeated
 

@@ -134,7 +134,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
 
     def _key(self, key: str) -> None:
-        from ...engine.texture.surface_texture import SurfaceRenderer
+        from ...engine.texture.haptic_map import SurfaceRenderer
         from ...playback.strokes.stroke_pad import TARGETS_M_S
 
         pad = self._pad

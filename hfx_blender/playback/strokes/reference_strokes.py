@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 
 from ...blender.events import call_soon, remove_timers
+from ...engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
 from ...engine.texture.height_field import HeightField
 from ...engine.texture.procedural import reference_fabrics, woven
 from ...engine.texture.stroke import line
 from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
-from ...engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from ..live.live import live
 from .stroke_pad import StrokeSound
 

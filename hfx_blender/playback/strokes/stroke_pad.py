@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 from ...engine.surface.surface_drive import SurfaceDrive
+from ...engine.texture.haptic_map import SurfaceTexture
 from ...engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
 from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
-from ...engine.texture.surface_texture import SurfaceTexture
 from ...errors import InputError
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)

@@ -14,10 +14,9 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.texture import mcha, procedural, stroke
 from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
-from hfx_blender.engine.texture.haptic_map import HapticMap
+from hfx_blender.engine.texture.haptic_map import HapticMap, SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.stroke_rendering import StrokeSignal, render_stroke
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.textile import drive_levels
 
 from . import classify

@@ -14,8 +14,8 @@ import pytest
 
 from hfx_blender.authoring.surfaces import surfaces
 from hfx_blender.devices.configurations import surface_calibration
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer
 from hfx_blender.engine.texture.surface_names import DRIVE_PER_M
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer
 from hfx_blender.errors import InputError
 from hfx_blender.formats.pictures import texture_map
 

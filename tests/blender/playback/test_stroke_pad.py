@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 import pytest
 
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.operators.surfaces.stroke_pad_view import PadPlace
 from hfx_blender.playback.strokes import reference_strokes
 from hfx_blender.playback.strokes.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad, StrokeSound

@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.texture import stroke as strokes
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.stroke import Stroke
-from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
-from hfx_blender.engine.texture.synthesis import profile
+from hfx_blender.engine.texture.stroke_rendering import profile, render_stroke
 from hfx_blender.engine.texture.textile import (
     drive_levels,
     receptor_weights,

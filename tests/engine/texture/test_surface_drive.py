@@ -26,10 +26,10 @@ from hfx_blender.engine.scene import (
     TimeBase,
 )
 from hfx_blender.engine.surface.surface_drive import SETTING, SurfaceDrive, SurfaceDrives
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.mcha import make_map
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.track import TrackHeader
-from hfx_blender.engine.track.header_json import from_json, to_json
+from hfx_blender.engine.track.layout import from_json, to_json
 from hfx_blender.errors import InputError
 
 DEVICE = "phone_wide_band"

@@ -27,10 +27,9 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
 from hfx_blender.engine.texture.contact_rendering import ContactRenderer
-from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY
+from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY, SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
 from hfx_blender.engine.texture.textile import weighted_rms
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.track import TrackHeader

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.texture import stroke as strokes
-from hfx_blender.engine.texture.stroke_rendering import render_stroke
-from hfx_blender.engine.texture.surface_texture import SurfaceRenderer, SurfaceTexture
-from hfx_blender.engine.texture.synthesis import amplitude_and_frequency
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
+from hfx_blender.engine.texture.stroke_rendering import amplitude_and_frequency, render_stroke
 
 
 @settings(max_examples=100, deadline=None)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from track_synthetic import cut, header, quantised, rows, run
 
 from hfx_blender.engine.track import TrackReader, TrackWriter
-from hfx_blender.engine.track.header_json import from_json, to_json
+from hfx_blender.engine.track.layout import from_json, to_json
 
 HUGE = 2**31 - 1
 HEADER = header(sample_count=700, vertex_count=HUGE)

@@ -3,17 +3,25 @@
 
 Slope is estimated separately from heights: under light from an unknown side a hill looks like a
 hollow, so heights are uncertain where their slope is not.
+
+``python -m hfx_blender.engine.texture.relief.relief_estimate INPUT.npz OUTPUT.npz`` estimates in a
+process, while Blender stays usable: the input holds the arguments of :func:`estimate`, the output
+heights in metres, slope and roughness.
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ....errors import InputError
+from ....errors import HfxError, InputError
+from ....processes.messages import json_message
+from ....processes.worker import Owner
 from ...arrays import F32, F64
 from ..height_field import HeightField, check_texel, sample_grid
 from ..mcha import blurred_slope
@@ -57,7 +65,10 @@ def estimate(
     rows, columns = colours.shape[:2]
     texel = size_m[0] / columns, size_m[1] / rows
     check_texel(texel, "Picture")
-    network_shape = _network_shape(size_m, min(texel))
+    # The network sees nearly square texels, and rows and columns in multiples of its stride.
+    square_m = max(min(texel), max(size_m) / LARGEST)
+    across, down = (max(1, round(size / square_m / STRIDE)) * STRIDE for size in size_m)
+    network_shape = down, across
     inputs = np.clip(_resampled(colours[..., :3], network_shape, tiles), 0.0, 1.0)
     network = estimated(inputs, tiles=tiles, weights=weights)
     # The network's heights have no reliable scale: scale them to the mean of its slopes.
@@ -73,13 +84,6 @@ def estimate(
     return EstimatedRelief(HeightField(layers[..., 0], texel, tiles), slope, roughness)
 
 
-def _network_shape(size_m: tuple[float, float], texel_m: float) -> tuple[int, int]:
-    """Rows and columns of the network's input: nearly square texels, multiples of its stride."""
-    texel_m = max(texel_m, max(size_m) / LARGEST)
-    across, down = (max(1, round(size / texel_m / STRIDE)) * STRIDE for size in size_m)
-    return down, across
-
-
 def _resampled(grid: F64, shape: tuple[int, int], tiles: bool) -> F64:
     """Grid (H, W, C) resampled linearly to ``shape``, rows and columns; blurred if reduced."""
     from scipy import ndimage
@@ -88,6 +92,7 @@ def _resampled(grid: F64, shape: tuple[int, int], tiles: bool) -> F64:
     if (rows, columns) == shape:
         return grid
     step = rows / shape[0], columns / shape[1]
+    # A texel of the result covers several of the grid, so blur before sampling against aliases.
     mode = "grid-wrap" if tiles else "nearest"
     sigma = [0.5 * np.sqrt(max(ratio**2 - 1.0, 0.0)) for ratio in step]
     line = [(np.arange(n) + 0.5) / n for n in shape]
@@ -102,3 +107,23 @@ def _resampled(grid: F64, shape: tuple[int, int], tiles: bool) -> F64:
         ],
         -1,
     )
+
+
+def main(source: str, target: str) -> None:
+    """Estimate the relief of ``source`` into ``target``; an HfxError is sent to the owner."""
+    owner = Owner()
+    with np.load(source) as file:
+        srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])
+    try:
+        relief = estimate(srgb, (float(size_m[0]), float(size_m[1])), tiles=tiles)
+    except HfxError as error:
+        owner.send(json_message({"error": str(error)}))
+        return
+    with Path(target).open("wb") as stream:
+        np.savez(
+            stream, heights_m=relief.field.heights_m, slope=relief.slope, roughness=relief.roughness
+        )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

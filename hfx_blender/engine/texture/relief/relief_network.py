@@ -95,6 +95,7 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
     """
     weights = stored_weights() if weights is None else weights
     colours = np.asarray(srgb, np.float32)
+    # The mean slope is a matter of scale, so only the mean comes from the half resolution.
     full = of_all_turns(colours, weights, tiles)
     half = _pooled_by_two(colours.transpose(2, 0, 1)).transpose(1, 2, 0)
     ratio = of_all_turns(half, weights, tiles).slope.mean() / full.slope.mean()
@@ -103,6 +104,7 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
 
 def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
     """Mean of the estimates for four rotations by 90 degrees; faint slopes are reduced."""
+    # The light of a picture comes from one side; turned pictures cancel that side's bias.
     inputs = prepared(srgb)
     total = np.zeros_like(inputs)
     for turns in range(4):
@@ -130,6 +132,7 @@ def forward(x: F32, weights: Weights, tiles: bool) -> F32:
         x += layer(x, f"{name}2")
         return x
 
+    # Down to a sixteenth of the resolution, and up again with the inputs of each level added.
     one = deeper(_unshuffled(x), "first")
     two = deeper(_pooled_by_two(one), "second")
     three = deeper(_pooled_by_two(two), "third")
@@ -143,14 +146,17 @@ def forward(x: F32, weights: Weights, tiles: bool) -> F32:
     one += up(two, "to_first")
     one += layer(one, "back1")
     height, slope, rough = _shuffled(layer(one, "last", activated=False))
+    # Softplus keeps slopes above 0, a sigmoid keeps roughness within 0..1.
     return np.stack([4.0 * height, np.logaddexp(0.0, slope - 2.0), 1.0 / (1.0 + np.exp(-rough))])
 
 
 def _leaky_relu(x: F32) -> F32:
+    """Activation: ``x``, or a tenth of it below 0."""
     return np.maximum(x, np.float32(0.1) * x)
 
 
 def _pooled_by_two(x: F32) -> F32:
+    """Means (C, H / 2, W / 2) of squares of 2 x 2 texels of (C, H, W)."""
     channels, rows, columns = x.shape
     return x.reshape(channels, rows // 2, 2, columns // 2, 2).mean((2, 4))
 
@@ -178,6 +184,7 @@ def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
     channels, rows, columns = x.shape
     outputs = len(kernel)
     padded = np.pad(x, ((0, 0), (1, 1), (1, 1)), "wrap" if tiles else "edge")
+    # One matrix per row of the kernel, its inputs in the order of ``shifts`` below.
     matrices = [kernel[:, :, k].transpose(0, 2, 1).reshape(outputs, -1) for k in range(3)]
     result = np.zeros((outputs, rows * columns), np.float32)
     for first in range(0, rows, _ROWS):
