@@ -106,7 +106,7 @@ def choosing_skin(
     The result is cached, and never empty. Less than two meshes are returned unchanged.
     """
     from ..engine.body.model import load_avatar
-    from ..engine.retargeting import props, skin_parts
+    from ..engine.retargeting import layers, props
     from . import fit_cache
 
     if len(meshes) < 2:
@@ -122,7 +122,7 @@ def choosing_skin(
     key = fit_cache.key_of("meshes", targets, mapping, layer)
     cached = fit_cache.read(key)
     if cached is None:
-        choice = skin_parts.skin_of(load_avatar(), targets, mapping, layer)
+        choice = layers.skin_of(load_avatar(), targets, mapping, layer)
         numbers = yield from within(choice, 0.5, 1.0)
         fit_cache.write(key, {"numbers": numbers})
     else:

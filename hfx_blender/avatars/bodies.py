@@ -18,7 +18,7 @@ from ..blender.scene_info import fps_of, metres_of
 from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
-from ..engine.retargeting import variants
+from ..engine.retargeting.retarget import fitted_to_variant
 from ..errors import InputError
 from . import avatar_meshes, body_binding, bone_table, model_mesh, stored_fits
 
@@ -43,7 +43,7 @@ def add_avatar(
     variant's skin. Raises InputError: the avatar or a model of the variant is missing.
     """
     avatar = load_avatar(avatar_id)
-    fitted_models = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
+    fitted_models = fitted_to_variant(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
     armature.scale = [1.0 / metres_of(context.scene)] * 3  # as tall as a person in any unit
     mesh = _skin(context, avatar, armature, f"{name} Skin")

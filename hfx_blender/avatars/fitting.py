@@ -11,7 +11,7 @@ import numpy as np
 
 from ..engine.body.model import load_avatar, load_model
 from ..engine.body.rigs.mapping import BoneMapping
-from ..engine.retargeting import props, retarget, skin_parts
+from ..engine.retargeting import layers, props, retarget
 from ..engine.retargeting import target as retarget_target
 from ..engine.retargeting.layers import Layer
 from ..engine.retargeting.quality import FitQuality, joint_faults, lost_part
@@ -77,7 +77,7 @@ def _fitting_models(
     Unusable are surfaces that fail the target's check, are mostly rigid pieces, or miss a body
     part; the warning says why. Meshes and notes of the result are empty.
     """
-    avatar, target = load_avatar(), skin_parts.joined(targets)
+    avatar, target = load_avatar(), layers.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     no_surface = retarget_target.check(target, name) or _rigid_reason(targets, rigid)
     models = [load_model(model_id) for model_id in model_ids()]

@@ -42,11 +42,11 @@ from .stepwise_operator import StepwiseOperator
 @kept_items
 def _people() -> EnumItems:
     from ..engine.body.model import AVATAR_ID
-    from ..engine.retargeting import variants
+    from ..engine.body.model_library import people
 
     own = [
         (person.id, person.folder.name, f"{person.facts.get('height_m', '?')} m tall, {person.id}")
-        for person in variants.people()
+        for person in people()
     ]
     return [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
 

@@ -22,7 +22,7 @@ from hfx_blender.engine.body.model import Avatar
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
 from hfx_blender.engine.retargeting.joints import skeletons_of
-from hfx_blender.engine.retargeting.shape_fields import FORMAT, SHAPES_FILE, VERSION, ShapeFields
+from hfx_blender.engine.retargeting.shape_fields import FORMAT, SHAPES_FILE, VERSION
 from hfx_blender.engine.retargeting.target import TargetAvatar
 from hfx_blender.engine.retargeting.turns import apply
 from hfx_blender.errors import InputError
@@ -60,7 +60,7 @@ def write(average: Source, folder: Path, avatar: Avatar, destination: Path) -> N
     save(fields, mirror, destination / SHAPES_FILE)
 
 
-def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I64]:
+def make(average: Source, folder: Path, avatar: Avatar) -> tuple[F64, I64]:
     """Build the fields of the canonical avatar, and its mirror table (V,).
 
     Parameters
@@ -99,7 +99,7 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
         target = _avatar_of(shaped, avatar, ids, rng)
         mapping = mapping or map_bones(target.bones)  # type: ignore[arg-type]
         errors.append(_retarget_error(avatar, target, mapping, mirror))
-    return ShapeFields(_components(np.stack(errors))), mirror
+    return _components(np.stack(errors)), mirror
 
 
 def source_vertices(avatar: Avatar) -> I64:
@@ -186,14 +186,14 @@ def _components(fields: F64) -> F64:
     return (largest.T @ rows / np.sqrt(len(rows))).reshape(-1, *fields.shape[1:])
 
 
-def save(fields: ShapeFields, mirror: I64, path: Path) -> None:
+def save(fields: F64, mirror: I64, path: Path) -> None:
     """Write fields of one half of the body, as 8-bit steps with a scale for each field.
 
     ``mirror`` (V,) int64: id of the vertex at (-x, y, z); the fields must be symmetric.
     """
     half = np.flatnonzero(np.arange(len(mirror)) <= mirror)
-    scale = np.abs(fields.fields).max(axis=(1, 2)) / 127.0
-    steps = np.round(fields.fields[:, half] / scale[:, None, None]).astype(np.int8)
+    scale = np.abs(fields).max(axis=(1, 2)) / 127.0
+    steps = np.round(fields[:, half] / scale[:, None, None]).astype(np.int8)
     meta = json.dumps({"format": FORMAT, "version": VERSION}, sort_keys=True).encode()
     with atomic_file(path) as file:
         np.savez_compressed(

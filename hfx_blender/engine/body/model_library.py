@@ -116,6 +116,11 @@ def installed() -> tuple[list[Entry], list[str]]:
     return entries, faults
 
 
+def people() -> list[Entry]:
+    """Avatar entries of the variants installed by the user, sorted by folder."""
+    return [entry for entry in installed()[0] if entry.kind == "avatar"]
+
+
 def find(identity: str, kind: str = "model") -> Entry:
     """Find a model or avatar by id; ``kind`` is "model" or "avatar".
 

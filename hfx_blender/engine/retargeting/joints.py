@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import F64, I64, Bool
+from ..arrays import F64, I64
 from ..body.model import Avatar
 from .bone_regions import JOINT_OF, REGIONS, known_regions, region_of
 from .target import RigMapping, TargetAvatar, areas_of, group_shares, owners_of
@@ -57,18 +57,35 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     Raises InputError: required joints are missing, proportions or posture are not human, or there
     is no torso.
     """
-    mapped = _without_mittens(_known_bones(target, mapping))
+    known = {bone.name for bone in target.bones}
+    unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
+    if unknown:
+        raise InputError(f"The armature has no bone '{unknown[0]}' that the bone mapping names.")
+    mapped = _without_mittens(mapping.bones)
     canonical, in_target = _joints(avatar, target, mapped)
     # All later work is in normalised space: thresholds in metres hold for any unit and size.
     to_target = _normalisation(canonical, in_target)
     from_target = np.linalg.inv(to_target)
     joints = {joint: apply(from_target, point) for joint, point in in_target.items()}
     _check_posture(joints)
-    _check_proportions(canonical, joints, float(np.ptp(avatar.vertices[:, 2])))
+    # Even the best similarity leaves a misfit: its RMS shows whether proportions are human.
+    own, aligned_target = _frame_joints(canonical, joints)
+    misfit = apply(np.linalg.inv(similarity(own, aligned_target)), aligned_target) - own
+    height_m = float(np.ptp(avatar.vertices[:, 2]))
+    if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * height_m:
+        raise InputError(
+            "The armature's joints do not stand to each other as a person's do: only a human "
+            "avatar in an upright rest pose can become a haptic body."
+        )
     points = apply(from_target, target.vertices)
     avatar_shares, target_shares = _regions(avatar, target, mapped, points)
     region = dominant(target_shares)
-    is_absent = _absent_regions(avatar, avatar_shares, points, target.triangles, target_shares)
+    # A region with less than a quarter of the canonical area is a stump, or missing.
+    own_areas = _region_areas(
+        avatar.vertices.astype(np.float64), avatar.faces[:, :3].astype(np.int64), avatar_shares
+    )
+    areas = _region_areas(points, target.triangles, target_shares)
+    is_absent = areas < _LEAST_SKIN * (2.0 * own_areas)  # of quads, half was measured
     head = points[region == REGIONS.index("head")]
     if len(head) and "head" in joints:
         is_stump = head[:, 2].max() < joints["head"][2] + _LEAST_SKULL_M
@@ -89,18 +106,6 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         _feet_forward(points, region, joints),
         tuple(region for region, absent in zip(REGIONS, is_absent, strict=True) if absent),
     )
-
-
-def _known_bones(target: TargetAvatar, mapping: RigMapping) -> Mapping[str, str]:
-    """``mapping.bones`` unchanged: canonical bone to target bone.
-
-    Raises InputError: the armature lacks a mapped bone.
-    """
-    known = {bone.name for bone in target.bones}
-    unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
-    if unknown:
-        raise InputError(f"The armature has no bone '{unknown[0]}' that the bone mapping names.")
-    return mapping.bones
 
 
 def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F64:
@@ -126,22 +131,6 @@ def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tu
     return np.array([canonical[j] for j in used]), np.array([joints[j] for j in used])
 
 
-def _check_proportions(
-    canonical: Mapping[str, F64], joints: Mapping[str, F64], height_m: float
-) -> None:
-    """Reject joints too far from canonical proportions after alignment.
-
-    Raises InputError: RMS distance above 12 % of the height.
-    """
-    own, aligned_target = _frame_joints(canonical, joints)
-    misfit = apply(np.linalg.inv(similarity(own, aligned_target)), aligned_target) - own
-    if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * height_m:
-        raise InputError(
-            "The armature's joints do not stand to each other as a person's do: only a human "
-            "avatar in an upright rest pose can become a haptic body."
-        )
-
-
 def _regions(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str], points: F64
 ) -> tuple[F64, F64]:
@@ -150,6 +139,8 @@ def _regions(
     ``points`` (A, 3) are target vertices in normalised space. Target vertices without triangle get
     0.
     """
+    from scipy.spatial import cKDTree
+
     stands_for = known_regions(mapped)
     number = {region: k for k, region in enumerate(REGIONS)}
     avatar_regions = np.array(
@@ -159,21 +150,16 @@ def _regions(
     target_regions = np.array(
         [-1 if o is None else number[region_of(o)] for o in owner_bones], np.int64
     )
-    target_shares = _filled(group_shares(target.weights, target_regions, len(REGIONS)), points)
+    target_shares = group_shares(target.weights, target_regions, len(REGIONS))
+    # Vertices without a region (unweighted, helpers) take that of the nearest vertex with one.
+    is_bare = target_shares.sum(axis=1) == 0.0
+    if is_bare.any() and not is_bare.all():
+        nearest = cKDTree(points[~is_bare]).query(points[is_bare])[1]
+        target_shares[is_bare] = target_shares[~is_bare][nearest]
     is_shown = np.zeros(len(points), np.bool_)
     is_shown[target.triangles] = True
     target_shares *= is_shown[:, None]
     return group_shares(avatar.weights, avatar_regions, len(REGIONS)), target_shares
-
-
-def _absent_regions(
-    avatar: Avatar, avatar_shares: F64, points: F64, triangles: I64, target_shares: F64
-) -> Bool:
-    """Mask (R,) of regions with less than a quarter of the canonical area on the target."""
-    target_areas = _region_areas(points, triangles, target_shares)
-    halves = avatar.faces[:, :3].astype(np.int64)  # of quads
-    canonical_areas = 2.0 * _region_areas(avatar.vertices.astype(np.float64), halves, avatar_shares)
-    return np.asarray(target_areas < _LEAST_SKIN * canonical_areas)
 
 
 def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
@@ -252,19 +238,6 @@ def _check_posture(joints: Mapping[str, F64]) -> None:
             "avatar that stands or sits in rest pose can become a haptic body; if it is one, "
             "correct its bones in the table, or its rest pose."
         )
-
-
-def _filled(shares: F64, points: F64) -> F64:
-    """Shares (A, R) with rows of 0 replaced by the row of the nearest vertex with a region;
-    ``shares`` itself if no or all rows are 0."""
-    from scipy.spatial import cKDTree
-
-    is_bare = shares.sum(axis=1) == 0.0
-    if not is_bare.any() or is_bare.all():
-        return shares
-    filled = shares.copy()
-    filled[is_bare] = shares[~is_bare][cKDTree(points[~is_bare]).query(points[is_bare])[1]]
-    return filled
 
 
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:

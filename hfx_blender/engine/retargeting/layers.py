@@ -2,22 +2,27 @@
 """Layers of an avatar's surface: skin, and clothes above the skin.
 
 A layer is a connected piece of surface, regardless of meshes. Where layers overlap, the outer layer
-is used ("visible") or the inner layer ("skin"). Hair and hats above a head are never used.
+is used ("visible") or the inner layer ("skin"). Hair and hats above a head are never used. Of an
+avatar's meshes, those with a used layer nearest to the posed canonical body show the body; eyes,
+teeth, covered skin, hair above a head and swords do not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
+from ..body.model import Avatar, SkinWeights
 from .bone_regions import REGIONS, above
-from .joints import Skeletons
-from .surface import TargetSurface
-from .target import areas_of, connected_pieces, weld
+from .canonical_pose import matrices, posed
+from .joints import Skeletons, dominant, skeletons_of
+from .surface import TargetSurface, vertex_normals
+from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, vertex_areas, weld
 
 Layer = Literal["visible", "skin"]
 
@@ -44,6 +49,12 @@ _STEP: Final = 0.15
 # Smallest upward component of directions to hats and hair
 _CHIN: Final = -0.35
 _HEAD: Final = REGIONS.index("head")
+# Number of the parent of each region
+_ABOVE: Final = np.array([REGIONS.index(above(region)) for region in REGIONS])
+# Smallest fraction of a region's surface shown by a chosen mesh; excludes eyes and teeth
+_SHOWS: Final = 0.1
+# Largest distance of a mesh from the posed canonical body, metres at canonical size
+_SHOWN_M: Final = 0.12
 
 
 def leaving_out(
@@ -119,7 +130,9 @@ def _pairs(
         # Layers of the same skin: close above each other, of similar normals and near regions.
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
         is_over &= np.einsum("ni,ni->n", normals[row], normals[hit]) > _ALIKE
-        is_over &= _NEIGHBOURS[region[candidates[row]], region[candidates[hit]]]
+        first, second = region[candidates[row]], region[candidates[hit]]
+        is_adjacent = (first == second) | (_ABOVE[first] == second) | (first == _ABOVE[second])
+        is_over &= is_adjacent & (first >= 0) & (second >= 0)
         row, hit = row[is_over], hit[is_over]
         below, above_it = (row, hit) if depth_m > 0.0 else (hit, row)
         inner.append(candidates[below])
@@ -204,13 +217,70 @@ def _face(piece: I64, way: F64, off_m: F64) -> int:
     return int(pieces[face])
 
 
-def _neighbours() -> npt.NDArray[np.bool_]:
-    """Table (R + 1, R + 1) of equal or adjacent regions; the last row is "no region"."""
-    table = np.zeros((len(REGIONS) + 1, len(REGIONS) + 1), bool)
-    for number, region in enumerate(REGIONS):
-        upper = REGIONS.index(above(region))
-        table[number, number] = table[number, upper] = table[upper, number] = True
-    return table
+def skin_of(
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
+) -> Generator[float, None, list[int]]:
+    """Generator: indices of the meshes of the body, largest area first; yields progress 0..1.
+
+    A mesh of the armature is chosen if it is nearest to at least a tenth of any region of the posed
+    canonical body. ``layer`` ("visible" or "skin") has the haptic vertices where clothes cover
+    skin. Raises InputError: joints are missing or not human.
+    """
+    shown = yield from _shown(avatar, targets, mapping, layer)
+    whole = np.maximum(shown.sum(axis=0), 1e-30)
+    is_needed = (shown / whole >= _SHOWS).any(axis=1)
+    return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if is_needed[k]]
 
 
-_NEIGHBOURS: Final = _neighbours()
+def _shown(
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer
+) -> Generator[float, None, F64]:
+    """Generator: area (M, R) of the posed canonical body nearest to each of M meshes, by region,
+    without unused layers; 0 for meshes without triangles or weights. Yields progress 0..1."""
+    shown_areas = np.zeros((len(targets), len(REGIONS)))
+    used = [k for k, t in enumerate(targets) if len(t.triangles) and len(t.weights.bones)]
+    if not used:
+        return shown_areas
+    union = joined([targets[k] for k in used])
+    bodies = skeletons_of(avatar, union, mapping)
+    triangles = avatar.triangles
+    body, shares = posed(avatar, matrices(avatar, bodies)), bodies.avatar_shares
+    normals = vertex_normals(body, triangles)
+    surface = TargetSurface(bodies.points, union.triangles, bodies.target_shares)
+    surface.leave_out((yield from leaving_out(surface, layer, body, bodies)))
+    places = surface.nearest(body, normals, shares, _SHOWN_M)
+    # Votes: each canonical vertex gives its area to the mesh of its nearest place.
+    mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
+    area = vertex_areas(body, triangles)
+    np.add.at(shown_areas, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
+    return shown_areas
+
+
+def joined(targets: Sequence[TargetAvatar]) -> TargetAvatar:
+    """Union of the meshes of one armature, with concatenated vertices (nothing is welded); a single
+    mesh itself. Vertex ``k`` of mesh ``m`` has the number ``k`` plus the vertex counts of all
+    meshes before ``m``."""
+    if len(targets) == 1:
+        return targets[0]
+    names = tuple(dict.fromkeys(name for target in targets for name in target.bone_names))
+    column = {name: number for number, name in enumerate(names)}
+    triangles, offsets, bones, values = [], [np.zeros(1, np.int64)], [], []
+    vertex = entry = 0
+    for target in targets:
+        weights = target.weights
+        own = np.array([column[name] for name in target.bone_names], np.int32)
+        triangles.append(target.triangles + vertex)
+        offsets.append(weights.offsets[1:].astype(np.int64) + entry)
+        bones.append(own[weights.bones])
+        values.append(weights.values)
+        vertex += len(target.vertices)
+        entry += len(weights.bones)
+    return replace(
+        targets[0],
+        vertices=np.concatenate([target.vertices for target in targets]),
+        triangles=np.concatenate(triangles),
+        weights=SkinWeights(
+            np.concatenate(offsets).astype(np.int32), np.concatenate(bones), np.concatenate(values)
+        ),
+        bone_names=names,
+    )

@@ -125,7 +125,13 @@ class Limbs:
         for number, name in enumerate(names):
             way = canonical[names[max(number, 1)]] - canonical[names[max(number, 1) - 1]]
             regions = [f"{region}.{side}" for _, region in chain[max(number - 1, 0) : number + 1]]
-            ring = self._ring(canonical[name], _unit(way), regions)
+            # Skin of these regions within 2 cm along the limb and 14 cm across of the joint.
+            offset, axis = self._points - canonical[name], _unit(way)
+            off_m = offset @ axis
+            radius = np.linalg.norm(offset - off_m[:, None] * axis, axis=1)
+            is_near = (np.abs(off_m) < _RING_M) & (radius < _RING_RADIUS_M)
+            is_near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
+            ring = np.flatnonzero(is_near)
             if len(ring):
                 self.rings[name] = Ring(
                     ring,
@@ -156,15 +162,6 @@ class Limbs:
                 carried = self._shares[:, torso] * hat
                 middle = low + level * axis
                 self.rings[name] = Ring(ring, middle, _unit(axis), (torso,), carried)
-
-    def _ring(self, joint: F64, axis: F64, regions: list[str]) -> npt.NDArray[np.int64]:
-        """Vertices (n,) of regions within 2 cm along ``axis`` and 14 cm across of a joint."""
-        offset = self._points - joint
-        along = offset @ axis
-        radius = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        is_near = (np.abs(along) < _RING_M) & (radius < _RING_RADIUS_M)
-        is_near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
-        return np.flatnonzero(is_near)
 
     def with_joints_joined(self, points: F64, posed: F64) -> F64:
         """Copy of points (V, 3), moved along limbs so that slides stay within the spread of rigs.

@@ -22,7 +22,7 @@ from ..body.model import Avatar
 from .bone_regions import region_of
 from .canonical_pose import matrices, posed
 from .joints import skeletons_of
-from .skin_parts import joined
+from .layers import joined
 from .target import (
     RigMapping,
     TargetAvatar,

@@ -16,15 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from ..body.model import Avatar, PerceptualModel, SkinWeights
+from ..body import model_library
+from ..body.model import AVATAR_ID, Avatar, PerceptualModel, SkinWeights, load_model
 from ..scene import FittedModel, SurfaceAnchors
 from ..stepwise import within
-from . import hinges, uncertainty
+from . import hinges
 from .canonical_pose import matrices, posed
 from .joints import Skeletons, skeletons_of
 from .layers import Layer, leaving_out
 from .limbs import Limbs
-from .quality import FitQuality, judge
+from .quality import FitQuality, judge, uncertain_places_m
 from .shape_fields import fields_for, shape
 from .surface import NearestSkin, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar, areas_of
@@ -81,8 +82,12 @@ def warping(
     start = posed(avatar, matrices(avatar, bodies))
     layers = leaving_out(surface, layer, start, bodies)
     left_out = yield from within(layers, 0.1, 0.3)
-    # The head is measured again without hats and hair, so larger scales are plausible.
-    moved = matrices(avatar, _without(bodies, surface, left_out), _LARGEST_HEAD)
+    # The head is measured again without hats and hair (vertices of left-out triangles only), so
+    # larger scales are plausible.
+    is_used = np.zeros(len(surface.points), bool)
+    is_used[surface.triangles[surface.parent[~left_out]]] = True
+    bare = replace(bodies, target_shares=bodies.target_shares * is_used[:, None])
+    moved = matrices(avatar, bare, _LARGEST_HEAD)
     start = posed(avatar, moved)
     same, uncertain_m = _same_mesh(avatar, target), {}
     if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[left_out])):
@@ -99,21 +104,11 @@ def warping(
         pulling = pull(shaped, triangles, shares, limbs.axes, surface)
         vertices = yield from within(pulling, 0.65, 1.0)
         vertices = limbs.with_joints_joined(vertices, start)
-        uncertain_m = uncertainty.uncertain_m(avatar, bodies, estimates, start, shaped, vertices)
+        uncertain_m = uncertain_places_m(avatar, bodies, estimates, start, shaped, vertices)
     normals = vertex_normals(vertices, triangles)
     return Warp(
         target, mapping, bodies, surface, vertices, normals, limbs, start, same, uncertain_m
     )
-
-
-def _without(
-    bodies: Skeletons, surface: TargetSurface, left_out: npt.NDArray[np.bool_]
-) -> Skeletons:
-    """Copy with target shares 0 at vertices that only triangles of left-out layers (hats, hair)
-    use; ``left_out`` (N,) masks cut triangles."""
-    is_used = np.zeros(len(surface.points), bool)
-    is_used[surface.triangles[surface.parent[~left_out]]] = True
-    return replace(bodies, target_shares=bodies.target_shares * is_used[:, None])
 
 
 def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
@@ -195,6 +190,34 @@ def fit_by_bones(
                     target.triangles[triangle].astype(np.int32),
                     np.full((len(points), 3), 1.0 / 3.0),
                     np.zeros(len(points)),
+                ),
+            )
+        )
+    return fitted
+
+
+def fitted_to_variant(avatar: Avatar) -> list[FittedModel]:
+    """Every shipped model on the skin of an installed variant of the avatar: exact, with canonical
+    ids, in the order of the manifest. Raises InputError: a model of the variant is missing or of
+    another edition."""
+    suffix = avatar.id.removeprefix(AVATAR_ID)
+    fitted = []
+    for entry in model_library.shipped():
+        if entry.kind != "model":
+            continue
+        model = load_model(entry.id + suffix)
+        owner = model_library.owner_of_ids(model.id, model.provenance)
+        fitted.append(
+            FittedModel(
+                model_id=owner.id,
+                model_hash=owner.content_hash,
+                vertices=model.vertices,
+                bone_names=model.bone_names,
+                weights=model.weights,
+                anchors=SurfaceAnchors(
+                    model.avatar_vertices,
+                    model.avatar_weights.astype(np.float64),
+                    model.avatar_offset_m.astype(np.float64),
                 ),
             )
         )

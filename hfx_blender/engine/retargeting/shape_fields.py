@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Generator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -47,18 +46,8 @@ _DISTRUST: Final = 0.01
 _HOLD: Final = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class ShapeFields:
-    """Displacements of the canonical avatar's vertices, metres in rest space."""
-
-    fields: F64  # (K, V, 3) one standard deviation each, the largest first
-
-    def __len__(self) -> int:
-        return len(self.fields)
-
-
 def shape(
-    fields: ShapeFields,
+    fields: F64,
     matrices: F64,
     posed: F64,
     triangles: I64,
@@ -69,10 +58,11 @@ def shape(
     """Generator: fit shape fields to a target's skin; yields progress, returns vertices (V, 3).
 
     Regularised Gauss-Newton on distances to tangent planes, with normally distributed amounts and
-    new nearest places in each round. Joints of the rig restrain slides along limbs. ``matrices``
+    new nearest places in each round. Joints of the rig restrain slides along limbs. ``fields`` (K,
+    V, 3) are those of :func:`read`; ``matrices``
     (V, 3, 4) posed each vertex, ``posed`` (V, 3) are posed vertices in normalised space.
     """
-    moves = np.einsum("vij,kvj->kvi", matrices[..., :3], fields.fields)
+    moves = np.einsum("vij,kvj->kvi", matrices[..., :3], fields)
     areas = np.bincount(
         triangles.ravel(), np.repeat(areas_of(posed, triangles), 3), minlength=len(posed)
     ).astype(np.float64)
@@ -101,22 +91,20 @@ def shape(
 
 
 @lru_cache(maxsize=1)
-def load_shapes() -> ShapeFields:
-    """Shape fields of the shipped avatar; cached.
-
-    Raises InputError: the file is missing or unreadable.
-    """
+def load_shapes() -> F64:
+    """Shape fields of the shipped avatar, see :func:`read`; cached."""
     return read(resources.body_models() / SHAPES_FILE)
 
 
-def fields_for(avatar: Avatar) -> ShapeFields | None:
+def fields_for(avatar: Avatar) -> F64 | None:
     """Shipped fields, or None for an avatar with another number of vertices."""
     fields = load_shapes()
-    return fields if fields.fields.shape[1] == len(avatar.vertices) else None
+    return fields if fields.shape[1] == len(avatar.vertices) else None
 
 
-def read(path: Path) -> ShapeFields:
-    """Read shape fields from a file.
+def read(path: Path) -> F64:
+    """Read shape fields (K, V, 3) from a file: displacements of the canonical avatar's vertices by
+    one standard deviation each, the largest first, metres in rest space.
 
     Raises InputError: the file is missing, damaged, or of a newer version.
     """
@@ -136,4 +124,4 @@ def read(path: Path) -> ShapeFields:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, EOFError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not readable as shapes of people ({error}).") from error
-    return ShapeFields(fields)
+    return fields

@@ -61,15 +61,6 @@ class TargetSurface:
             self._members = [members[~pieces[members]] for members in self._members]
             self._trees = [None] * len(self._members)
 
-    def _tree(self, region: int) -> Any:
-        """Search tree of the centres of a region's cut triangles, cached; None for an empty
-        region."""
-        from scipy.spatial import cKDTree
-
-        if self._trees[region] is None and len(self._members[region]):
-            self._trees[region] = cKDTree(self.centres[self._members[region]])
-        return self._trees[region]
-
     def nearest(
         self, points: F64, normals: F64, shares: F64, reach_m: float, facing: float = _FACING
     ) -> NearestSkin:
@@ -79,18 +70,21 @@ class TargetSurface:
         ``facing`` is the smallest cosine between the normals of point and place, ``reach_m`` the
         largest distance.
         """
+        from scipy.spatial import cKDTree
+
         count = len(points)
         smallest = np.full(count, np.inf)
         triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
         positions, normals_out = np.zeros((count, 3)), np.zeros((count, 3))
         for region, members in enumerate(self._members):
             queries = np.flatnonzero(shares[:, region] >= _SHARE)
-            tree = self._tree(region) if len(queries) else None
-            if tree is None:
+            if not len(queries) or not len(members):
                 continue
+            if self._trees[region] is None:
+                self._trees[region] = cKDTree(self.centres[members])
             # Nearest centres are candidates; exact distances choose among them.
             tries = min(_CANDIDATES, len(members))
-            _, near = tree.query(points[queries], k=tries, workers=-1)
+            _, near = self._trees[region].query(points[queries], k=tries, workers=-1)
             piece = members[np.reshape(near, (len(queries), tries))].ravel()
             point = np.repeat(queries, tries)
             bary = barycentric(points[point], self._pieces[piece])
@@ -182,10 +176,15 @@ def pull(
     ``shares`` (V, R) are skin weights by region; ``axes`` (V, 3) are directions without
     displacement (along limbs), 0 outside of limbs.
     """
-    from scipy.sparse import diags_array
+    from scipy.sparse import coo_array, diags_array
     from scipy.sparse.linalg import splu
 
-    laplacian = _laplacian(triangles, len(points))
+    # Graph Laplacian with unit weights: the membrane term pulls each vertex to its neighbours.
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    links = np.ones(len(starts)), (starts, ends)
+    graph = coo_array(links, shape=(len(points), len(points))).tocsr()
+    graph = ((graph + graph.T) > 0).astype(np.float64)
+    laplacian = diags_array(graph.sum(axis=1)) - graph
     moved = points
     for number, stiffness in enumerate(STIFFNESS):
         reach = _REACH_M * (1.0 - 0.5 * number / (len(STIFFNESS) - 1))
@@ -204,13 +203,3 @@ def pull(
         moved = points + shift
         yield (number + 1) / len(STIFFNESS)
     return moved
-
-
-def _laplacian(triangles: I64, count: int) -> Any:
-    """Graph Laplacian (V, V) of a mesh with unit edge weights."""
-    from scipy.sparse import coo_array, diags_array
-
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    graph = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count)).tocsr()
-    graph = ((graph + graph.T) > 0).astype(np.float64)
-    return diags_array(graph.sum(axis=1)) - graph

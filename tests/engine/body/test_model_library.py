@@ -15,7 +15,7 @@ import pytest
 from coarse_models import at_level
 
 from hfx_blender.engine.body import levels_and_cells, model, model_library
-from hfx_blender.engine.retargeting import variants
+from hfx_blender.engine.retargeting.retarget import fitted_to_variant
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
 
@@ -83,7 +83,7 @@ def test_an_installed_variant_is_found_by_its_ids(own: Path, variant: Path) -> N
         f"hfx-{name}-1{SUFFIX}" for name in ("avatar", "pressure", "vibration", "temperature")
     ]
     assert not faults
-    assert [person.id for person in variants.people()] == [avatar.id]
+    assert [person.id for person in model_library.people()] == [avatar.id]
 
 
 def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path) -> None:
@@ -99,7 +99,7 @@ def test_a_variant_has_the_levels_and_cells_of_its_ids(own: Path, variant: Path)
 
 def test_canonical_ids_stand_on_the_variant_exactly(own: Path, variant: Path) -> None:
     shutil.copytree(variant, own / "tall")
-    fitted = variants.fitted_to(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))
+    fitted = fitted_to_variant(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))
     assert [model_id.model_id for model_id in fitted] == list(model.manifest()["models"])
     for name in fitted:
         shipped = model.load_model(name.model_id)
@@ -178,4 +178,4 @@ def test_a_variant_of_another_edition_is_refused(own: Path, variant: Path) -> No
     actual = model.load_model(f"hfx-temperature-1{SUFFIX}")
     actual.provenance["canonical"]["hash"] = "0" * 64
     with pytest.raises(InputError, match="a variant of another edition of 'hfx-temperature-1'"):
-        variants.fitted_to(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))
+        fitted_to_variant(model.load_avatar(f"hfx-avatar-1{SUFFIX}"))

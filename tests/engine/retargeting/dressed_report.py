@@ -24,7 +24,7 @@ from rig_conventions import CONVENTIONS
 from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
-from hfx_blender.engine.retargeting import retarget, skin_parts
+from hfx_blender.engine.retargeting import layers, retarget
 from hfx_blender.engine.retargeting.quality import JOINT_MM, RIGHT_WAY, lost_part
 from hfx_blender.engine.retargeting.target import check
 from hfx_blender.engine.stepwise import finish
@@ -76,8 +76,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> FitResult:
     targets = [piece.target for piece in worn.pieces]
     try:
         mapping = map_bones(targets[0].bones)  # type: ignore[arg-type]
-        taken = finish(skin_parts.skin_of(avatar, targets, mapping))
-        target = skin_parts.joined([targets[k] for k in taken])
+        taken = finish(layers.skin_of(avatar, targets, mapping))
+        target = layers.joined([targets[k] for k in taken])
         rough = check(target, name)
         fitted, quality = retarget.fit(model, variants.warp(avatar, target, mapping))
         lost = rough is not None or lost_part([quality]) is not None

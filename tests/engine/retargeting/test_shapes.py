@@ -17,7 +17,6 @@ from hfx_blender.engine.retargeting import shape_fields
 from hfx_blender.engine.retargeting.canonical_pose import matrices, posed
 from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.limbs import Limbs
-from hfx_blender.engine.retargeting.shape_fields import ShapeFields
 from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.engine.stepwise import finish
 from hfx_blender.errors import InputError
@@ -29,9 +28,9 @@ def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> Non
     assert fields is not None and 8 <= len(fields) <= 64
     vertices = load_avatar().vertices
     mirror = cKDTree(vertices).query(vertices * (-1.0, 1.0, 1.0))[1]
-    flipped = fields.fields[:, mirror] * (-1.0, 1.0, 1.0)
-    np.testing.assert_allclose(flipped, fields.fields, atol=1e-12)
-    energy = np.sum(fields.fields**2, axis=(1, 2))
+    flipped = fields[:, mirror] * (-1.0, 1.0, 1.0)
+    np.testing.assert_allclose(flipped, fields, atol=1e-12)
+    energy = np.sum(fields**2, axis=(1, 2))
     assert (np.diff(energy) < 0.02 * energy[:-1]).all()
     # A standard deviation of shape, apart from length and girth, is centimetres.
     assert 0.002 < np.sqrt(energy[0] / len(vertices)) < 0.03
@@ -50,7 +49,7 @@ def test_a_shape_is_recovered_from_skin_distances() -> None:
     rng = np.random.default_rng(1)
     target = variants.canonical().target
     share = rng.normal(size=6)
-    truth = target.vertices + np.tensordot(share, fields.fields[:6], 1)
+    truth = target.vertices + np.tensordot(share, fields[:6], 1)
     bodies = skeletons_of(avatar, target, map_bones(target.bones))  # type: ignore[arg-type]
     moved = matrices(avatar, bodies)
     start = posed(avatar, moved)
@@ -84,8 +83,8 @@ def test_saved_fields_are_read_again_within_their_eight_bits(tmp_path: Path) -> 
     mirror = np.array([1, 0, 2, 4, 3])
     half = rng.normal(size=(3, 5, 3))
     fields = half + half[:, mirror] * (-1.0, 1.0, 1.0)
-    save(ShapeFields(fields), mirror, tmp_path / "shapes.npz")
-    again = shape_fields.read(tmp_path / "shapes.npz").fields
+    save(fields, mirror, tmp_path / "shapes.npz")
+    again = shape_fields.read(tmp_path / "shapes.npz")
     step = np.abs(fields).max(axis=(1, 2), keepdims=True) / 127.0
     assert (np.abs(again - fields) <= 0.5 * step + 1e-6).all()
 

@@ -16,7 +16,7 @@ from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.joints import skeletons_of
-from hfx_blender.engine.retargeting.skin_parts import joined, skin_of
+from hfx_blender.engine.retargeting.layers import joined, skin_of
 from hfx_blender.engine.retargeting.surface import vertex_normals
 from hfx_blender.engine.retargeting.target import TargetAvatar
 from hfx_blender.engine.stepwise import finish

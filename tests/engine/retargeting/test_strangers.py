@@ -13,8 +13,9 @@ from strangers import BIPED, CENTIMETRES, ENGINE, Figure, made
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
-from hfx_blender.engine.retargeting import hinges, retarget, uncertainty
+from hfx_blender.engine.retargeting import hinges, retarget
 from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting.quality import HINGE_MM, PLACE_MM, uncertainty_sentence
 from hfx_blender.engine.retargeting.turns import apply
 
 T_POSE = {"upperarm01.L": variants.turn(1, -45), "upperarm01.R": variants.turn(1, 45)}
@@ -113,7 +114,7 @@ def test_a_place_that_is_far_off_is_named_with_how_far(landmark: str) -> None:
         off_mm[f"{landmark}.{side}".rstrip(".")] = 1000.0 * np.linalg.norm(
             warped.vertices[mark] - truth
         )
-    limit = uncertainty.HINGE_MM if landmark == "knee" else uncertainty.PLACE_MM
+    limit = HINGE_MM if landmark == "knee" else PLACE_MM
     assert max(off_mm.values()) > limit  # else this figure shows nothing
     _, quality = retarget.fit(load_model("hfx-temperature-1"), warped)
     (messages,) = [fault for fault in quality.whole_faults if "uncertain" in fault]
@@ -128,12 +129,12 @@ def test_a_plain_figure_has_no_uncertain_place() -> None:
     person = made(Figure("plain"))
     mapping = map_bones(person.target.bones)  # type: ignore[arg-type]
     warped = variants.warp(load_avatar(), person.target, mapping)
-    assert not uncertainty.sentence({p: 1000.0 * u for p, u in warped.uncertain_m.items()})
+    assert not uncertainty_sentence({p: 1000.0 * u for p, u in warped.uncertain_m.items()})
 
 
 def test_uncertain_places_are_named_the_worst_first() -> None:
-    sentence = uncertainty.sentence(
+    sentence = uncertainty_sentence(
         {"knee.L": 26.0, "elbow.R": 24.0, "heel.R": 53.4, "belly": 39.0}
     )
     assert sentence == ["these places are uncertain: right heel 53 mm, left knee 26 mm"]
-    assert uncertainty.sentence({"knee.L": 25.0, "crown": 40.0}) == []
+    assert uncertainty_sentence({"knee.L": 25.0, "crown": 40.0}) == []
