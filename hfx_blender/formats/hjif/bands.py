@@ -32,7 +32,8 @@ _Points = list[tuple[float, float]]  # times, s, and values
 def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> Piece:
     """Vectorial wave as a piece: amplitude times ``gain``, and frequency, to the last keyframe.
 
-    Frequencies are clipped to the band; without any, the band's middle or 100 Hz is used.
+    Amplitude 1 without keyframes; a negative amplitude is made positive. Frequencies are clipped to
+    the band; without any, the band's middle, or 100 Hz for a band of 0 to 0 Hz, is used.
     """
     position, effect = placed
     levels, hertz = _columns(effect.get("keyframes", ()), position, timescale)
@@ -41,6 +42,8 @@ def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> P
     pitch = _curve_of(hertz, (begin, (low + high) / 2.0 or DEFAULT_HZ))
     if low < high:
         pitch = clipped(pitch, low, high)
+    # The absolute value of a line bends where the line crosses 0: a keyframe is added there. A
+    # change of sign is a change of phase, which envelopes do not store.
     amplitude = with_crossings(_curve_of(levels, (begin, 1.0)), 0.0)
     amplitude = Curve(amplitude.times_s, gain * np.abs(amplitude.values))
     end = max(float(amplitude.times_s[-1]), float(pitch.times_s[-1]))
@@ -111,8 +114,7 @@ def one_after_another(curves: list[Curve]) -> Curve:
     for before, after in pairwise(curves):
         is_before = times[-1] <= after.times_s[0]
         times[-1], values[-1] = times[-1][is_before], values[-1][is_before]
-        gap = float(after.times_s[0]) > float(before.times_s[-1])
-        if gap:  # silent in between
+        if float(after.times_s[0]) > float(before.times_s[-1]):  # silent in between
             times.append(np.array([before.times_s[-1], after.times_s[0]]))
             values.append(np.zeros(2))
         times.append(after.times_s)
@@ -137,23 +139,40 @@ def interpolated(keyframes: Curve, kind: str | None) -> Curve:
     if kind == "Linear" or len(times) < 3 or (np.diff(times) <= 0.0).any():
         return keyframes
     parts = _PARTS if len(times) < _LONG else _FEWER_PARTS
+    share = np.arange(parts) / parts
     if kind in ("Bezier", "BSpline"):
         points = np.column_stack([times, values])
-        return _along(_arches(points) if kind == "Bezier" else _spline(points), parts)
+        if kind == "Bezier":
+            # Quadratic arches of three keyframes each; a single interval at the end is a line.
+            if len(points) % 2 == 0:
+                points = np.concatenate([points[:-1], [points[-2:].mean(axis=0)], points[-1:]])
+            starts, middles, ends = points[:-2:2], points[1:-1:2], points[2::2]
+        else:
+            # A quadratic B-spline with uniform knots and clamped ends: its arches join half way
+            # between inner keyframes.
+            joints = (points[1:-2] + points[2:-1]) / 2.0
+            joints = np.concatenate([points[:1], joints, points[-1:]])
+            starts, middles, ends = joints[:-1], points[1:-1], joints[1:]
+        along = share[None, :, None]
+        start, middle, end = (part[:, None, :] for part in (starts, middles, ends))
+        dense = start * (1.0 - along) ** 2 + 2.0 * middle * along * (1.0 - along) + end * along**2
+        dense = np.concatenate([dense.reshape(-1, 2), ends[-1:]])
+        return Curve(np.maximum.accumulate(dense[:, 0]), dense[:, 1])
     slopes = _akima_slopes(times, values) if kind == "Akima" else np.zeros(len(times))
-    share = np.arange(parts) / parts
     width, rise = np.diff(times)[:, None], np.diff(values)[:, None]
     # Cubic Hermite curve with these slopes at its ends.
     bend = share * (1.0 - share)
     level = values[:-1, None] + rise * share**2 * (3.0 - 2.0 * share)
     level = level + width * bend * (slopes[:-1, None] * (1.0 - share) - slopes[1:, None] * share)
-    dense = (times[:-1, None] + width * share).ravel()
-    return Curve(np.append(dense, times[-1]), np.append(level.ravel(), values[-1]))
+    dense_times = (times[:-1, None] + width * share).ravel()
+    return Curve(np.append(dense_times, times[-1]), np.append(level.ravel(), values[-1]))
 
 
 def _akima_slopes(times: F64, values: F64) -> F64:
-    """Slopes at the keyframes, (n,) (H. Akima, "A new method of interpolation", 1970)."""
+    """Slopes at n >= 3 keyframes (n,) with ascending times (H. Akima, "A new method of
+    interpolation", 1970)."""
     inner = np.diff(values) / np.diff(times)
+    # Akima's parabola through the last three keyframes continues the curve by two intervals.
     before = [3.0 * inner[0] - 2.0 * inner[1], 2.0 * inner[0] - inner[1]]
     after = [2.0 * inner[-1] - inner[-2], 3.0 * inner[-1] - 2.0 * inner[-2]]
     slopes = np.concatenate([before, inner, after])
@@ -164,26 +183,3 @@ def _akima_slopes(times: F64, values: F64) -> F64:
     is_bent = total > 1e-8 * max(float(total.max()), 1e-300)
     mean = (right * slopes[1:-2] + left * slopes[2:-1]) / np.where(is_bent, total, 1.0)
     return np.asarray(np.where(is_bent, mean, slopes[1:-2]))
-
-
-def _arches(points: F64) -> F64:
-    """Quadratic Bezier arches of three keyframes each, (arches, 3, 2); the last may be a line."""
-    if len(points) % 2 == 0:
-        points = np.concatenate([points[:-1], [points[-2:].mean(axis=0)], points[-1:]])
-    return np.stack([points[:-2:2], points[1:-1:2], points[2::2]], axis=1)
-
-
-def _spline(points: F64) -> F64:
-    """Quadratic B-spline with uniform knots and clamped ends as Bezier arches, (arches, 3, 2)."""
-    joints = (points[1:-2] + points[2:-1]) / 2.0
-    joints = np.concatenate([points[:1], joints, points[-1:]])
-    return np.stack([joints[:-1], points[1:-1], joints[1:]], axis=1)
-
-
-def _along(arches: F64, parts: int) -> Curve:
-    """Sample each Bezier arch (n, 3, 2) of (time, value) at ``parts`` points; times ascend."""
-    share = (np.arange(parts) / parts)[None, :, None]
-    start, middle, end = (arches[:, k, None, :] for k in range(3))
-    dense = start * (1.0 - share) ** 2 + 2.0 * middle * share * (1.0 - share) + end * share**2
-    dense = np.concatenate([dense.reshape(-1, 2), arches[-1, 2:]])
-    return Curve(np.maximum.accumulate(dense[:, 0]), dense[:, 1])

@@ -85,9 +85,9 @@ def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
     else:
         return 0
     mask = 0
+    x, y, z = centre or (0.0, 0.0, 0.0)
+    x = -x if is_mirrored else x
     for part in parts:
-        x, y, z = centre or (0.0, 0.0, 0.0)
-        x = -x if is_mirrored else x
         # Without a centre all bits of the part are set; otherwise the same borders as for
         # vertices.
         if part == "head":

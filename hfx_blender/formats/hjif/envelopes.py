@@ -13,14 +13,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ...engine.arrays import F64, I64, Bool
+from ...engine.arrays import F64, I64
 from ..signals.curves import Curve, simplified
 from ..signals.signals import stretches
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000
 _WHOLE_HZ: Final = 0.5  # rounding error of whole hertz
-_SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
+_SHORTEST: Final = 3  # keyframes of a curve
 _FINE_TICKS: Final = 8000  # ticks per second, or the next lower multiple of the rates
 
 _SILENT: Final = 0.01
@@ -172,22 +172,32 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
     ``few`` is within ``tolerance`` (unit of the values) of ``dense``, the original. Holds of the
     original (three or more equal rows) stay exactly constant. Where a moved keyframe leaves the
     tolerance, the adjacent rows of the original replace it; rows on whole ticks are then exact.
+    Keyframes on the line between their neighbours are dropped.
     """
     own_ticks = np.rint(dense.times_s * ticks_per_s).astype(np.int64)
     few_ticks = np.rint(few.times_s * ticks_per_s).astype(np.int64)
-    is_held = _holds(dense.values)
-    is_pinned = is_held.copy()
-    is_pinned[1:] |= is_held[:-1]  # a hold's last row
+    # Rows of the original that are stored exactly ("pinned"): at first those of holds.
+    is_pinned = np.zeros(len(own_ticks), np.bool_)
+    for begin, end in stretches(dense.values[1:] == dense.values[:-1]):
+        is_pinned[begin : end + 1] |= end - begin + 1 >= _HOLD
+    row = np.clip(np.searchsorted(own_ticks, few_ticks, side="right") - 1, 0, len(own_ticks) - 1)
+    after = np.minimum(row + 1, len(own_ticks) - 1)
     # Each round pins the rows around every violation, so the loop ends at the latest with the
     # original itself. Errors of piecewise linear curves are largest at a keyframe of either one.
     while True:
-        ticks, values = _merged(few_ticks, few.values, own_ticks, dense.values, is_pinned)
+        # A keyframe between two pinned rows, or on one, is replaced by these. Later entries win
+        # where several have one tick: the original's rows come last.
+        is_replaced = is_pinned[row] & (is_pinned[after] | (own_ticks[row] == few_ticks))
+        all_ticks = np.concatenate([few_ticks[~is_replaced], own_ticks[is_pinned]])
+        all_values = np.concatenate([few.values[~is_replaced], dense.values[is_pinned]])
+        ticks, last = np.unique(all_ticks[::-1], return_index=True)
+        values = all_values[::-1][last]
         knots = np.union1d(ticks, own_ticks)
         exact = np.interp(knots, own_ticks, dense.values)
         errors = np.abs(np.interp(knots, ticks, values) - exact)
         is_off = (errors > tolerance) | ((exact == 0.0) & (errors > _SILENT * tolerance))
-        row = np.searchsorted(own_ticks, knots[is_off], side="right") - 1
-        pinned = np.unique(np.concatenate([row, np.minimum(row + 1, len(own_ticks) - 1)]))
+        off_row = np.searchsorted(own_ticks, knots[is_off], side="right") - 1
+        pinned = np.unique(np.concatenate([off_row, np.minimum(off_row + 1, len(own_ticks) - 1)]))
         if is_pinned[pinned].all():
             break
         is_pinned[pinned] = True
@@ -198,28 +208,6 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
         np.abs(np.diff(slopes)) * np.minimum(np.diff(ticks)[:-1], np.diff(ticks)[1:]) > _STRAIGHT
     )
     return ticks[keep], values[keep]
-
-
-def _holds(values: F64) -> Bool:
-    """Mask (n,) of rows equal to their successor within a run of at least three equal rows."""
-    is_held = np.zeros(len(values), np.bool_)
-    for begin, end in stretches(values[1:] == values[:-1]):
-        is_held[begin:end] = end - begin + 1 >= _HOLD
-    return is_held
-
-
-def _merged(
-    few_ticks: I64, few_values: F64, own_ticks: I64, own_values: F64, is_pinned: Bool
-) -> tuple[I64, F64]:
-    """Ascending ticks and values: simplified keyframes, and rows of the original where pinned."""
-    row = np.clip(np.searchsorted(own_ticks, few_ticks, side="right") - 1, 0, len(own_ticks) - 1)
-    after = np.minimum(row + 1, len(own_ticks) - 1)
-    is_taken = is_pinned[row] & (is_pinned[after] | (own_ticks[row] == few_ticks))
-    # Later entries win where several have one tick: the original's rows come last.
-    ticks = np.concatenate([few_ticks[~is_taken], own_ticks[is_pinned]])
-    values = np.concatenate([few_values[~is_taken], own_values[is_pinned]])
-    ascending, last = np.unique(ticks[::-1], return_index=True)
-    return ascending, values[::-1][last]
 
 
 def _split(frames: tuple[Keyframe, ...]) -> list[Burst]:
@@ -265,23 +253,16 @@ def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[s
         Keyframe(tick, round(min(max(value, -1.0), 1.0), 6))
         for tick, value in zip(ticks.tolist(), values.tolist(), strict=True)
     )
-    return [
-        {
-            "effect_type": "Basis",
-            "position": first,
-            "keyframes": keyframes_of(_with_enough_keyframes(part)),
-        }
-        for first, part in _split(frames)
-    ]
-
-
-def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
-    """Insert an interpolated keyframe in the middle of two, if two ticks or more apart."""
-    first, stop = frames[0].ticks, frames[-1].ticks
-    if len(frames) >= _SHORTEST or stop - first < 2:
-        return frames
-    middle = (first + stop) // 2
-    return (*_between(frames, first, middle), frames[-1])
+    effects = []
+    for position, part in _split(frames):
+        first, stop = part[0].ticks, part[-1].ticks
+        # The reference synthesizer is silent with two keyframes: a third goes between.
+        if len(part) < _SHORTEST and stop - first >= 2:
+            part = (*_between(part, first, (first + stop) // 2), part[-1])
+        effects.append(
+            {"effect_type": "Basis", "position": position, "keyframes": keyframes_of(part)}
+        )
+    return effects
 
 
 def band(kind: str, effects: Sequence[dict[str, Any]], **members: str) -> dict[str, Any]:

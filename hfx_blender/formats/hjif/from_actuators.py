@@ -46,16 +46,6 @@ def write(
     Actuators silenced by the tolerance are noted. Raises OutputError for an unwritable file; no
     partial file remains.
     """
-    document, weak = _compose(raster, device, stem.name, tolerance)
-    left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
-    within = f"curves are within {tolerance:.1%} of full scale"
-    return Written((_write(document, stem),), left_out, (within, *counted(weak, TOO_WEAK)))
-
-
-def _compose(
-    raster: Raster, device: DeviceConfig, name: str, tolerance: float
-) -> tuple[dict[str, Any], list[str]]:
-    """HJIF document of a raster; second, the ids of actuators silenced by the tolerance."""
     columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     # The last row lasts a whole period, as in all formats.
@@ -83,7 +73,11 @@ def _compose(
             perception_of(len(perceptions), modality, places, (device,), timescale, tolerance)
         )
         weak += too_weak_places(perceptions[-1], places)
-    return document_of(clean(name), perceptions, timescale), weak
+    path = stem.with_name(stem.name + SUFFIX)
+    write_json(document_of(clean(stem.name), perceptions, timescale), path)
+    left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
+    within = f"curves are within {tolerance:.1%} of full scale"
+    return Written((path,), left_out, (within, *counted(weak, TOO_WEAK)))
 
 
 def write_signals(
@@ -113,19 +107,16 @@ def write_signals(
     document = document_of(title, [perception], timescale, date=date)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
-    path = _write(document, stem)
-    read = {
-        clipped_signal.name: clipped_signal
-        for clipped_signal in to_signals.decode(read_bytes(path), path.name)[0]
-    }
-    cut = (
-        replace(signal, frequency_hz=clipped(signal.frequency_hz, 0.0, MAX_HZ))
-        for signal in signals
-    )
+    path = stem.with_name(stem.name + SUFFIX)
+    write_json(document, path)
+    stored = {signal.name: signal for signal in to_signals.decode(read_bytes(path), path.name)[0]}
     pairs = [
-        (clipped_signal, read[clean(clipped_signal.name)])
-        for clipped_signal in cut
-        if clean(clipped_signal.name) in read
+        (
+            replace(signal, frequency_hz=clipped(signal.frequency_hz, 0.0, MAX_HZ)),
+            stored[clean(signal.name)],
+        )
+        for signal in signals
+        if clean(signal.name) in stored
     ]
     return Written((path,), left_out, (error_note(pairs, 2.0 / timescale), *notes))
 
@@ -146,10 +137,3 @@ def _dense(signal: Signal) -> Dense:
     levels = signal.amplitude.at(times)
     levels[-1] = signal.amplitude.before(times[-1])
     return Dense(times, levels, frequency.at(times))
-
-
-def _write(document: dict[str, Any], stem: Path) -> Path:
-    """Write a document as ``stem.hjif``; returns the path."""
-    path = stem.with_name(stem.name + SUFFIX)
-    write_json(document, path)
-    return path

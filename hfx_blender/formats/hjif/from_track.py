@@ -8,7 +8,7 @@ part, with the strongest contact at each sample and all touched vertices of the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -20,7 +20,7 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.samples import SampleRun, Stream
-from ...engine.track import TrackHeader, TrackReader
+from ...engine.track import TrackReader
 from ...errors import InputError, NothingFeltError
 from ...files.strict_json import clean
 from ...text import counted
@@ -54,10 +54,7 @@ def write(
     write_json(document, path)
     driven = [effect.name for effect in track.header.effects if effect.kind == "actuators"]
     notes = (
-        *(
-            f"'{clean(effect_name)}' drives single actuators, not a body: left out"
-            for effect_name in driven
-        ),
+        *(f"'{clean(name)}' drives single actuators, not a body: left out" for name in driven),
         f"curves are within {tolerance:.1%} of full scale and {PITCH_HZ:g} Hz (half a hertz "
         "more where a long vibration is cut into effects)",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
@@ -79,7 +76,13 @@ def compose(
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
     timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
-    loaded = {id: _checked(load_model(id), id, track) for id in used}
+    loaded = {id: load_model(id) for id in used}
+    recorded = {model.id: model.content_hash for model in header.models}
+    for id, model in loaded.items():
+        if model.content_hash != recorded[id]:
+            raise InputError(
+                f"{track.path}: was recorded on another version of the body model '{id}'."
+            )
     masks = {id: vertex_masks(model) for id, model in loaded.items()}
     collected = {
         stream: _Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
@@ -87,7 +90,12 @@ def compose(
     }
     for run in track.runs():
         collected[run.stream].add(run)
-    groups = _groups(header, collected)
+    # Streams with samples on a body; effects on single actuators have no place in HJIF.
+    groups: dict[tuple[str, str, str], list[Stream]] = {}
+    for stream in header.streams:
+        if len(collected[stream]) and header.effect(stream).kind != "actuators":
+            key = (stream.body_id, stream.model_id, stream.modality)
+            groups.setdefault(key, []).append(stream)
     if not groups:
         raise NothingFeltError(f"{track.path}: has no samples on a body, and HJIF needs some.")
     # Avatars are numbered by the models in use: a model without samples gets no mesh file.
@@ -114,9 +122,24 @@ def compose(
         perceptions.append(perception)
     title = clean(str(header.source.get("name", "")) or name)
     document = document_of(title, perceptions, timescale, list(avatars.values()))
-    loss = _loss(header, collected, turning) + Written(
-        notes=tuple(map(clean, counted(weak, TOO_WEAK)))
+    # Frequencies are the second parameter of vibration.
+    high = [
+        header.effect(stream).name
+        for stream in (stream for streams in groups.values() for stream in streams)
+        if stream.modality == "vibration" and (collected[stream].columns()[2][:, 1] > MAX_HZ).any()
+    ]
+    changing = [
+        header.effect(stream).name for stream in header.streams if collected[stream].changes
+    ]
+    left_out = (
+        *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
+        *counted(turning, "winds with a changing direction have no direction in HJIF"),
+        *counted(
+            changing, "painted areas with changing vertices are written as at their first sample"
+        ),
     )
+    notes = tuple(map(clean, counted(weak, TOO_WEAK)))
+    loss = Written(left_out=tuple(map(clean, left_out)), notes=notes)
     return document, [loaded[id] for id in avatars], loss
 
 
@@ -192,59 +215,15 @@ class _Collected:
         ]
 
 
-def _groups(
-    header: TrackHeader, collected: Mapping[Stream, _Collected]
-) -> dict[tuple[str, str, str], list[Stream]]:
-    """Streams with samples on a body by (body, model, modality), without effects on actuators."""
-    groups: dict[tuple[str, str, str], list[Stream]] = {}
-    for stream in header.streams:
-        if len(collected[stream]) and header.effect(stream).kind != "actuators":
-            key = (stream.body_id, stream.model_id, stream.modality)
-            groups.setdefault(key, []).append(stream)
-    return groups
-
-
-def _loss(
-    header: TrackHeader, collected: Mapping[Stream, _Collected], turning: Sequence[str]
-) -> Written:
-    """Losses: vibrations above 1000 Hz, winds ``turning``, changing painted areas."""
-    # Frequencies are the second parameter of vibration.
-    high = [
-        header.effect(stream).name
-        for streams in _groups(header, collected).values()
-        for stream in streams
-        if stream.modality == "vibration" and (collected[stream].columns()[2][:, 1] > MAX_HZ).any()
-    ]
-    changing = [
-        header.effect(stream).name for stream in header.streams if collected[stream].changes
-    ]
-    left_out = (
-        *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
-        *counted(turning, "winds with a changing direction have no direction in HJIF"),
-        *counted(
-            changing, "painted areas with changing vertices are written as at their first sample"
-        ),
-    )
-    return Written(left_out=tuple(map(clean, left_out)))
-
-
-def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:
-    """Return ``model`` unchanged; InputError if its content hash differs from the recorded hash."""
-    recorded = next(
-        recorded_model for recorded_model in track.header.models if recorded_model.id == id
-    )
-    if model.content_hash != recorded.content_hash:
-        raise InputError(f"{track.path}: was recorded on another version of the body model '{id}'.")
-    return model
-
-
 def _places(
     stream: Stream, collected: _Collected, track: TrackReader, masks: U32
 ) -> Iterator[Place]:
     """Yield the channels of an effect on a body, with dense strengths in the modality's unit.
 
-    Temperatures are relative to neutral, frequencies clipped to ``MAX_HZ``; the last row lasts one
-    period.
+    A painted effect has a channel per eighth of the weights, heaviest first, or a single one for
+    weights within 1/255; a volume has a channel per touched body part. ``masks`` (V,) are the body
+    parts of the model's vertices. Temperatures are relative to neutral, frequencies clipped to
+    ``MAX_HZ``; the last row lasts one period.
     """
     effect = track.header.effect(stream)
     count = track.header.time.sample_count
@@ -257,7 +236,15 @@ def _places(
     if stream.modality == "vibration":
         hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)
         pitch = np.interp(np.arange(count + 1), rows, hertz)
-    direction = _direction(parameters) if stream.modality == "wind" else None
+    direction = None
+    if stream.modality == "wind":
+        # The mean direction in glTF axes, of length 127; none for a turn of about 1 degree or
+        # more, which makes the mean of the unit vectors shorter than 0.9998.
+        mean = (parameters[:, 1:4] @ glb.TO_GLTF.T).mean(axis=0)
+        length = float(np.linalg.norm(mean))
+        if length >= 0.9998:
+            whole = np.rint(127.0 * mean / length).astype(int).tolist()
+            direction = dict(zip("XYZ", whole, strict=True))
 
     # Samples without contact are absent from a track, and 0 in the dense column.
     def dense(values: F64) -> Dense:
@@ -268,38 +255,20 @@ def _places(
 
     if effect.kind == "painted":
         assert collected.first_set is not None
-        classes = _weight_classes(*collected.first_set)
-        for weight, vertices in classes:
-            mask = int(np.bitwise_or.reduce(masks[vertices], initial=0))
+        vertices, weights = collected.first_set
+        # Classes are eighths of 1; weights of (0, 1/8] are in the first.
+        steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
+        if np.ptp(weights) < 1.0 / 255.0:
+            steps[:] = steps[0]
+        classes = np.unique(steps)[::-1]
+        for step in classes:
+            weight, ids = round(float(weights[steps == step].mean()), 6), vertices[steps == step]
+            mask = int(np.bitwise_or.reduce(masks[ids], initial=0))
             share = "" if len(classes) == 1 else f", weight {weight:.3g}"
             title = f"{effect.name}{share}"
-            yield Place(title, weight, mask, dense(strengths), set(vertices.tolist()), direction)
+            yield Place(title, weight, mask, dense(strengths), set(ids.tolist()), direction)
         return
-    for mask, weights, touched in collected.touched():
+    for mask, strongest, touched in collected.touched():
         title = f"{effect.name}, {described(mask)}"
-        ids = set(touched.tolist())
-        yield Place(title, 1.0, mask, dense(strengths * weights), ids, direction)
-
-
-def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
-    """Group a painted area's vertices by weight: mean and ids per class, heaviest first.
-
-    Classes are eighths of 1; a range of weights below 1/255 forms a single class.
-    """
-    steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
-    if np.ptp(weights) < 1.0 / 255.0:
-        steps[:] = steps[0]
-    return [
-        (round(float(weights[steps == step].mean()), 6), vertices[steps == step])
-        for step in np.unique(steps)[::-1]
-    ]
-
-
-def _direction(parameters: F64) -> dict[str, int] | None:
-    """Mean wind direction in glTF axes, length 127; None for a turn of about 1 degree or more."""
-    vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
-    mean = vectors.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    if length < 0.9998:
-        return None
-    return dict(zip("XYZ", np.rint(127.0 * mean / length).astype(int).tolist(), strict=True))
+        touched_ids = set(touched.tolist())
+        yield Place(title, 1.0, mask, dense(strengths * strongest), touched_ids, direction)

@@ -133,7 +133,11 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
     if isinstance(shape, Number):
         return _number(shape, value, name)
     if isinstance(shape, Text) and isinstance(value, str):
-        return _text(shape, value, name)
+        # An old choice becomes the standard's, an unknown one the member's default, if any.
+        known = _OLD_VALUES.get(name, {}).get(value, value)
+        is_known = not shape.choices or known in shape.choices
+        is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None
+        return known if is_known else str(_DEFAULTS.get(name, known))
     return value
 
 
@@ -148,7 +152,9 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
         name = key
         if key not in known and _OLD_NAMES.get(key) not in value:
             name = _OLD_NAMES.get(key, key)
-        if name == "block_length" and not _is_length(item):
+        if name == "block_length" and not (
+            isinstance(item, int | float) and item >= 16 and float(item).is_integer()
+        ):
             continue  # of other bands, in files from before the standard
         if name in known:
             members[name] = in_standard_form(known[name], item, name)
@@ -169,11 +175,6 @@ def _is_effect(shape: Shape, item: Any) -> bool:
     return not any(finding.code != "HJIF-RANGE" for finding in report.findings)
 
 
-def _is_length(item: Any) -> bool:
-    """Test for a number without fraction, 16 or more."""
-    return isinstance(item, int | float) and item >= 16 and float(item).is_integer()
-
-
 def _number(shape: Number, value: Any, name: str) -> Any:
     """Clip a number to the allowed range; unchanged for another type.
 
@@ -186,11 +187,3 @@ def _number(shape: Number, value: Any, name: str) -> Any:
     highest = _HIGHEST_RATE if name == "upper_frequency_limit" else shape.highest
     within = min(max(value, shape.lowest), highest)
     return int(within) if shape.is_whole and float(within).is_integer() else within
-
-
-def _text(shape: Text, value: str, name: str) -> str:
-    """Replace an old choice by the standard's; an unknown one by the member's default, if any."""
-    known = _OLD_VALUES.get(name, {}).get(value, value)
-    is_known = not shape.choices or known in shape.choices
-    is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None
-    return known if is_known else str(_DEFAULTS.get(name, known))

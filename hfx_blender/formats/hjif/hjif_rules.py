@@ -193,19 +193,18 @@ def validate(content: bytes, name: str) -> list[Finding]:
 def findings(document: Any) -> list[Finding]:
     """Return the findings of a parsed document: schema faults, or without any, semantic faults.
 
-    Unknown members are warnings and no schema faults.
+    Unknown members are warnings and no schema faults. Messages of faults that a tool is known for
+    end with a remark about the tool in brackets.
     """
     report = Report("HJIF")
     check(DOCUMENT, document, report)
-    structural = [finding for finding in report.findings if finding.code != "HJIF-UNKNOWN"]
-    if not structural:
+    if all(finding.code == "HJIF-UNKNOWN" for finding in report.findings):
         check_semantics(document, report)
-    return [_with_tool(finding) for finding in report.findings]
-
-
-def _with_tool(finding: Finding) -> Finding:
-    """Finding with the tool known for this fault in the message, or unchanged."""
-    for code, part, tool in _TOOLS:
-        if finding.code == f"HJIF-{code}" and part in f"{finding.place} {finding.message}":
-            return replace(finding, message=f"{finding.message} ({tool})")
-    return finding
+    findings = []
+    for finding in report.findings:
+        text = f"{finding.place} {finding.message}"
+        tools = (t for code, part, t in _TOOLS if finding.code == f"HJIF-{code}" and part in text)
+        tool = next(tools, None)
+        message = f"{finding.message} ({tool})" if tool else finding.message
+        findings.append(replace(finding, message=message))
+    return findings

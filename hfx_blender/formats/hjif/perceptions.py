@@ -81,25 +81,23 @@ def perception_of(
     unknown full scale, without reference device. Vibrations are waves between silences, other
     modalities curves, within ``tolerance``. ``devices`` give further reference devices.
     """
-    full = (max(_peak(source) for source in places) or 1.0) if has_units else 1.0
+    full = (max(_peak(place) for place in places) or 1.0) if has_units else 1.0
     dense = [
-        replace(source.dense, strength=np.clip(source.dense.strength / full, -1.0, 1.0))
-        for source in places
+        replace(place.dense, strength=np.clip(place.dense.strength / full, -1.0, 1.0))
+        for place in places
     ]
     # Vibration: waves between silences, repeated ones in the library. Otherwise a curve over
     # the whole time.
     library: list[dict[str, Any]] = []
     if modality == "vibration":
-        library, waves = shared_waves(
-            [wave_bursts(source, timescale, tolerance) for source in dense]
-        )
+        library, waves = shared_waves([wave_bursts(each, timescale, tolerance) for each in dense])
         bands = [[band("VectorialWave", wave)] for wave in waves]
     else:
-        curves = [curve_effects(source, timescale, tolerance) for source in dense]
+        curves = [curve_effects(each, timescale, tolerance) for each in dense]
         bands = [[band("Curve", curve, curve_type="Linear")] for curve in curves]
-    for place_bands, source in zip(bands, places, strict=True):
-        if source.transients:
-            place_bands.append(_transient_band(source.transients, timescale))
+    for place_bands, place in zip(bands, places, strict=True):
+        if place.transients:
+            place_bands.append(_transient_band(place.transients, timescale))
     reference: list[dict[str, Any]] = []
     if has_units:
         title = f"full scale: {full:.6g} {MODALITIES[modality].hjif_unit}"
@@ -111,8 +109,8 @@ def perception_of(
         "description": modality,
         "perception_modality": MODALITIES[modality].hjif,
         "channels": [
-            _channel(k, source, place_bands, has_units=has_units)
-            for k, (source, place_bands) in enumerate(zip(places, bands, strict=True))
+            _channel(k, place, place_bands, has_units=has_units)
+            for k, (place, place_bands) in enumerate(zip(places, bands, strict=True))
         ],
         "effect_library": library,
         "reference_devices": reference,
@@ -144,20 +142,15 @@ def _channel(
 
 def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list[str]:
     """Titles of places with a strength other than 0, but only zero keyframes in the perception."""
-    library = {effect_band["id"]: effect_band for effect_band in perception["effect_library"]}
-
-    def sounds(effect: dict[str, Any]) -> bool:
-        effect = library[effect["id"]] if effect["effect_type"] == "Reference" else effect
-        return any(keyframe["amplitude_modulation"] for keyframe in effect["keyframes"])
-
-    return [
-        source.title
-        for source, channel in zip(places, perception["channels"], strict=True)
-        if _peak(source) > 0.0
-        and not any(
-            sounds(effect) for effect_band in channel["bands"] for effect in effect_band["effects"]
-        )
-    ]
+    library = {effect["id"]: effect for effect in perception["effect_library"]}
+    titles = []
+    for place, channel in zip(places, perception["channels"], strict=True):
+        effects = [effect for band in channel["bands"] for effect in band["effects"]]
+        effects = [library[e["id"]] if e["effect_type"] == "Reference" else e for e in effects]
+        frames = (frame for effect in effects for frame in effect["keyframes"])
+        if _peak(place) > 0.0 and not any(frame["amplitude_modulation"] for frame in frames):
+            titles.append(place.title)
+    return titles
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str, Any]:

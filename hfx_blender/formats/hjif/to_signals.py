@@ -7,6 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -81,16 +83,16 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         notes += _unused_members(document)
         first = signals[0]
         signals[0] = replace(first, left_out=left_out + first.left_out, notes=notes)
-    hertz = [
-        float(end(signal.frequency_hz.values)) for signal in signals for end in (np.min, np.max)
-    ]
-    hertz += [tick.frequency_hz for signal in signals for tick in signal.transients]
-    lowest, highest = min(hertz, default=0.0), max(hertz, default=1.0)
+    hertz = [signal.frequency_hz.values for signal in signals]
+    hertz += [np.array([tick.frequency_hz]) for signal in signals for tick in signal.transients]
+    all_hertz = np.concatenate(hertz) if hertz else np.array([0.0, 1.0])
+    lowest, highest = float(all_hertz.min()), float(all_hertz.max())
     return signals, FrequencyRange(lowest, highest, is_stated=False)
 
 
 def _unused_members(document: dict[str, Any]) -> ToleratedFaults:
-    """Sentences about places, mixing coefficients and modality Other, lost in signals."""
+    """Sentences about places, mixing coefficients and modality Other, lost in signals; empty for a
+    document without any of these."""
     perceptions = document["perceptions"]
     channels = [channel for perception in perceptions for channel in perception["channels"]]
     sentences = {
@@ -116,10 +118,7 @@ def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope
     unfolding = Unfolding(name)
     timescale = document.get("timescale", 1000)
     for perception in document["perceptions"]:
-        devices = {
-            reference_device["id"]: reference_device
-            for reference_device in perception.get("reference_devices", ())
-        }
+        devices = {device["id"]: device for device in perception.get("reference_devices", ())}
         for channel in perception["channels"]:
             device = devices.get(channel.get("reference_device_id", 0), {})
             full_scale = device.get("maximum_amplitude")
@@ -131,7 +130,10 @@ def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope
 
 
 class _Parts:
-    """Decoded content of a channel's bands."""
+    """Decoded content of a channel's bands; ``lost`` counts losses by reason.
+
+    Pieces, ticks and curves are multiplied by ``gain``, waveforms are not.
+    """
 
     def __init__(self, is_vibration: bool, gain: float) -> None:
         self.pieces: list[Piece] = []
@@ -142,15 +144,13 @@ class _Parts:
         self._is_vibration, self._gain = is_vibration, gain
 
     def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
-        """Decode the effects of a band; only waveforms are not yet multiplied by the gain.
+        """Decode the effects of a band; a curve of a vibration is a waveform.
 
-        Losses are counted in ``lost``. A curve of a vibration is a waveform.
+        Raises TooLargeError and InputError as :meth:`Unfolding.effects`.
         """
         placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
-            for tick in (
-                tick for effect in placed for tick in bands.ticks(band, effect, timescale)
-            ):
+            for tick in chain.from_iterable(bands.ticks(band, each, timescale) for each in placed):
                 # A tick above 1 would be refused by writers: it is clipped and reported.
                 level = self._gain * tick.amplitude
                 if level > 1.0:
@@ -204,23 +204,23 @@ def _envelope(
     if parts.curves and (parts.pieces or parts.transients):
         parts.lost["are curves in a channel with waves or ticks"] += len(parts.curves)
     left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())
-    shared = (
-        perception["perception_modality"],
-        name,
-        channel.get("body_part_mask", 0),
-        tuple(channel.get("vertices", ())),
+    envelope = partial(
+        Envelope,
+        modality=perception["perception_modality"],
+        channel=name,
+        body_part_mask=channel.get("body_part_mask", 0),
+        vertices=tuple(channel.get("vertices", ())),
+        full_scale=full_scale,
     )
     if parts.curves and not parts.pieces and not parts.transients:
         strength = bands.one_after_another(parts.curves)
-        return Envelope(*shared, strength, None, (), full_scale, left_out)
+        return envelope(strength=strength, frequency_hz=None, transients=(), left_out=left_out)
     signal = mixed(name, parts.pieces, parts.transients, lasts_s)
-    return Envelope(
-        *shared,
-        signal.amplitude,
-        signal.frequency_hz,
-        signal.transients,
-        full_scale,
-        left_out + signal.left_out,
+    return envelope(
+        strength=signal.amplitude,
+        frequency_hz=signal.frequency_hz,
+        transients=signal.transients,
+        left_out=left_out + signal.left_out,
     )
 
 

@@ -41,7 +41,8 @@ _FROM_HIGH: Final = _symmetric(_LOW * [-1.0, 1.0, -1.0, 1.0], -_LOW_MIDDLE)
 def synthesized(coefficients: F64) -> F64:
     """Samples of a block, (n,), from its wavelet coefficients; n is a power of two, 16 or more."""
     samples = coefficients.copy()
-    # Inverse transform level by level: upsample the low and high halves, filter, add.
+    # Inverse transform level by level: upsample the low and high halves, filter, add. Low bands
+    # have even samples, high bands odd ones. The coarsest level has 4 low and 4 high coefficients.
     length = 8
     while length <= len(samples):
         low, high = np.zeros((2, length))
@@ -52,7 +53,8 @@ def synthesized(coefficients: F64) -> F64:
 
 
 def _filtered(samples: F64, taps: F64) -> F64:
-    """Convolve samples (n,) with an odd filter, (n,); mirrored about the end samples."""
+    """Convolve samples (n,) with a filter of an odd number of taps; (n,), samples mirrored about
+    the end samples."""
     reach = len(taps) // 2
     return np.convolve(np.pad(samples, reach, mode="reflect"), taps, mode="valid")
 
@@ -88,7 +90,6 @@ def waveform(
         return None, lost
     blocks.sort(key=lambda block: block[0])
     begin = end = blocks[0][0]
-    # A block never starts before its predecessor has ended.
     firsts = []
     for first, samples in blocks:
         firsts.append(max(first, end))
@@ -103,13 +104,14 @@ def waveform(
 def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int | None:
     """Samples of a block, a power of two from 16 to 65536; None for other lengths.
 
-    Draft files hold the coefficients as keyframes, with two more for the scale, and the length of a
-    block in milliseconds.
+    ``block_length`` is in ticks, or in milliseconds. Draft files hold the coefficients as
+    keyframes, with one or two more for the scale.
     """
     frames = effect.get("keyframes", ())
     if frames and not effect.get("wavelet_stream"):
         lengths = [float(len(frames) - 2), float(len(frames) - 1)]
     else:
+        # The standard's unit, ticks, counts first.
         ticks = band.get("block_length", 0) * float(band["upper_frequency_limit"])
         lengths = [ticks / timescale, ticks / 1000.0]
     for length in lengths:
@@ -123,7 +125,8 @@ def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int 
 def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
     """Wavelet coefficients of an effect, (count,), of the stream or else of draft keyframes.
 
-    Keyframes hold the coefficients, then their scale. None if unreadable or too few.
+    Keyframes hold the coefficients, then their scale. None for an unreadable stream, too few
+    keyframes, or neither; an empty stream without keyframes is silence.
     """
     stream, frames = effect.get("wavelet_stream"), effect.get("keyframes", ())
     if stream or (stream == "" and not frames):
@@ -153,7 +156,11 @@ _LOWEST_POINTS: Final = 8  # coefficients without a parent
 
 
 class _Bits:
-    """Decoder of the arithmetic code, one decision per call."""
+    """Decoder of the adaptive arithmetic code, one decision per call.
+
+    ``stream`` are base64 digits with padding; KeyError for another character. The code word lies in
+    the interval from ``_lower`` to ``_upper``, which each decision narrows.
+    """
 
     def __init__(self, stream: str) -> None:
         self._bits = [
@@ -183,6 +190,8 @@ class _Bits:
 
         The context's probability is adapted.
         """
+        # The interval is split in proportion to the context's probability of 0; both parts have
+        # a width of 1 at least, so that either decision can be coded.
         width = self._upper - self._lower
         share = int(self._zeros[kind] / self._counts[kind] * _FULL + 0.5)
         split = min(max(width * share // _FULL, 1), width - 1)
@@ -194,7 +203,8 @@ class _Bits:
         else:
             decision = 1
             self._lower += split
-        # Renormalization: double the interval until it spans more than half of the range.
+        # Renormalization: double the interval while it lies in one half of the range, whose digit
+        # is then known, or in the middle half.
         while True:
             if self._upper <= _HALF:
                 off = 0
@@ -235,6 +245,9 @@ def decoded_block(stream: str, count: int) -> F64:
 def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
     """Decode the bit planes ``planes`` (highest) to 0 into signed whole numbers, (count,); planes
     after the end of the stream are 0."""
+    # SPIHT: coefficients at 2 k and 2 k + 1, half as long in time, are the children of coefficient
+    # k. A whole tree without significant coefficients (absolute value of 2^plane or more) costs a
+    # single decision.
     values = [0] * count
     points = list(range(_LOWEST_POINTS))  # not yet significant
     # Trees whose points below the root, or below its children, are not yet significant.
