@@ -181,10 +181,10 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".glb",
             dialog=("glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 3),
             own_start=rb'.{20}\{"asset":\{"version":"2\.0","generator":"HFX"',
-            check="glb.glb_reader:validate",
+            check="glb.glb:validate",
             unchecked="only the members used by HFX were checked; Khronos' gltf-validator "
             "checks all rules of glTF",
-            facts="glb.glb_reader:facts",
+            facts="glb.glb:facts",
         ),
         FormatInfo(
             "clip",

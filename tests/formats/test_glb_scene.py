@@ -24,7 +24,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.formats.glb import glb_reader, glb_scene
+from hfx_blender.formats.glb import glb, glb_scene
 
 TETRAHEDRON = MeshVolume(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -64,8 +64,8 @@ def recorded(shape, matrices, levels=None):
 def written(recorder, folder):
     result = recorder.write([load_model("hfx-temperature-1")], folder / "x", "x.hjif")
     data = result.files[0].read_bytes()
-    assert glb_reader.validate(data, "x") == [] and gltf_faults(result.files[0]) == []
-    return glb_reader.read_json(data, "x"), data, result
+    assert glb.validate(data, "x") == [] and gltf_faults(result.files[0]) == []
+    return glb.read_json(data, "x"), data, result
 
 
 STILL = np.tile(placed(turned(0.5, (1, 2, 3)), (1, 2, 3), (0.5, -1, 2)), (COUNT, 1, 1))

@@ -29,7 +29,7 @@ from hfx_blender.engine.track import (
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import jsonl_samples
-from hfx_blender.formats.glb import glb, glb_reader
+from hfx_blender.formats.glb import glb
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
 
@@ -205,7 +205,7 @@ def test_a_broken_container_is_found(tmp_path, member_path):
     glb.write_model(load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
     struct.pack_into("<I", data, member_path, 77)
-    assert glb_reader.validate(bytes(data), "x")
+    assert glb.validate(bytes(data), "x")
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_a_broken_container_is_found(tmp_path, member_path):
 )
 def test_the_used_parts_of_a_glb_are_checked(change, codes):
     content = glb_of({"asset": {"version": "2.0"}, **change}, b"")
-    assert [finding.code for finding in glb_reader.validate(content, "x")] == codes
+    assert [finding.code for finding in glb.validate(content, "x")] == codes
 
 
 @pytest.mark.parametrize("extras", [["x"], "x", 3, {"hfx_model": 4}, {"hfx_model": "m"}, None])
@@ -232,7 +232,7 @@ def test_extras_of_others_are_no_model(extras):
     ours = {"hfx_model": "hfx-wind-1", "hfx_content_hash": "0a"}
     meshes = [{"extras": extras}, {}, {"extras": ours}]
     content = glb_of({"asset": {"version": "2.0"}, "meshes": meshes}, b"")
-    assert glb_reader.model_hashes(content, "x") == {"hfx-wind-1": "0a"}
+    assert glb.model_hashes(content, "x") == {"hfx-wind-1": "0a"}
 
 
 def test_validate_refers_to_khronos_for_further_rules(tmp_path, capsys):

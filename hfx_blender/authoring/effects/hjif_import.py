@@ -17,7 +17,7 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
 from ...files.strict_json import read_bytes
-from ...formats.glb import glb_reader
+from ...formats.glb import glb
 from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
@@ -105,7 +105,7 @@ def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
         if not file or file != Path(file).name or not (folder / file).is_file():
             continue
         try:
-            hashes = glb_reader.model_hashes(read_bytes(folder / file), str(folder / file))
+            hashes = glb.model_hashes(read_bytes(folder / file), str(folder / file))
         except InputError:
             continue
         for model_id in {effects.model_id_for(name) for name in MODALITIES} & hashes.keys():

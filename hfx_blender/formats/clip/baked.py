@@ -14,7 +14,6 @@ from ...engine.modality import MODALITIES
 from ...engine.rendering.device_config import (
     DEAD_MAN_MS,
     Actuator,
-    ActuatorControl,
     BodyPlace,
     DeviceConfig,
     RoomPlace,
@@ -152,6 +151,17 @@ class _Baked:
         is_new[1:] = (numbers[1:] != numbers[:-1]).any(axis=1)
         rows = np.flatnonzero(is_new).astype(np.uint32)
         bone = _bone(device, actuator, self._models.get(kind.modality))
+        # Places: 0 vertices, 1 body, 2 room. Side and centre of a mirrored device are mirrored.
+        position, side, centre_m, radius_m = actuator.place, None, (0.0, 0.0, 0.0), 0.0
+        parts: tuple[str, ...] = ()
+        if isinstance(position, BodyPlace):
+            x, y, z = position.centre_m
+            side = _OTHER_SIDE[position.side] if device.is_mirrored else position.side
+            centre_m, radius_m = (-x if device.is_mirrored else x, y, z), position.radius_m
+            parts = position.parts
+        elif isinstance(position, RoomPlace):
+            parts = position.parts
+        number = 1 if isinstance(position, BodyPlace) else 2 * isinstance(position, RoomPlace)
         self._actuators.append(
             (
                 text(actuator.id),
@@ -161,10 +171,13 @@ class _Baked:
                 self._row_count,
                 len(rows),
                 self._number_count,
-                *_place(device, actuator, text),
+                number,
+                _SIDES[side],
+                text(",".join(parts)),
                 text(bone),
                 text(rig_names(bone).human),
-                *_patch(device, actuator),
+                centre_m,
+                radius_m,
                 kind.latency_ms,
                 kind.update_interval_ms,
                 kind.slew_per_s,
@@ -173,46 +186,16 @@ class _Baked:
                 0,
             )
         )
-        self._columns += [
-            self._column(len(self._actuators) - 1, control, kind.unit(control))
-            for control in kind.controls
-        ]
+        for control in kind.controls:
+            lowest, highest, neutral = control.lowest, control.highest, control.neutral
+            (neutral_number,) = numbers_of(np.array([neutral]), lowest, highest).tolist()
+            names = text(control.name), text(kind.unit(control))
+            owner = len(self._actuators) - 1
+            self._columns.append((*names, owner, neutral_number, lowest, highest, neutral))
         self._rows.append(rows)
         self._numbers.append(numbers[rows].ravel())
         self._row_count += len(rows)
         self._number_count += numbers[rows].size
-
-    def _column(self, actuator: int, control: ActuatorControl, unit: str) -> tuple[Any, ...]:
-        """Tuple of a control's column record, in the field order of ``COLM``."""
-        lowest, highest, neutral = control.lowest, control.highest, control.neutral
-        number = int(numbers_of(np.array([neutral]), lowest, highest)[0])
-        text = self._texts.add
-        return text(control.name), text(unit), actuator, number, lowest, highest, neutral
-
-
-def _place(device: DeviceConfig, actuator: Actuator, text: Any) -> tuple[int, int, int]:
-    """Fields (place, side, parts) of an actuator's record.
-
-    Place 0: vertices (side, parts 0), 1: body, 2: room (side 0). Side 0: none, 1: left, 2: right,
-    swapped for a mirrored device. Parts: text offset of the comma-separated names of body parts.
-    ``text`` stores a string and returns its offset.
-    """
-    position = actuator.place
-    if isinstance(position, BodyPlace):
-        side = _OTHER_SIDE[position.side] if device.is_mirrored else position.side
-        return 1, _SIDES[side], text(",".join(position.parts))
-    if isinstance(position, RoomPlace):
-        return 2, 0, text(",".join(position.parts))
-    return 0, 0, 0
-
-
-def _patch(device: DeviceConfig, actuator: Actuator) -> tuple[tuple[float, ...], float]:
-    """Centre (x negated if mirrored) and radius of a body place, m in rest space; else 0."""
-    position = actuator.place
-    if not isinstance(position, BodyPlace):
-        return (0.0, 0.0, 0.0), 0.0
-    x, y, z = position.centre_m
-    return (-x if device.is_mirrored else x, y, z), position.radius_m
 
 
 def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | None) -> str:

@@ -167,7 +167,9 @@ def _references(sections: Sections) -> list[Finding]:
         for field in fields:
             places = sections[section][field]
             is_bad = places >= size
-            is_bad |= _is_inside(sections["TEXT"], np.where(is_bad, 0, places))
+            # A text begins at offset 0, or behind the zero byte of the text before.
+            before = np.maximum(np.where(is_bad, 0, places), 1) - 1
+            is_bad |= (places > 0) & (sections["TEXT"][before] != 0)
             found += _first(section, field, places, is_bad, "the beginning of a text")
     for section, field, number, of in _RANGES:
         firsts, counts = (sections[section][each].astype(np.int64) for each in (field, number))
@@ -184,11 +186,6 @@ def _references(sections: Sections) -> list[Finding]:
         values, count = sections[section][field], len(sections[of])
         found += _first(section, field, values, values >= count, f"below {count}")
     return found
-
-
-def _is_inside(text: Records, places: Records) -> npt.NDArray[np.bool_]:
-    """Mask of byte offsets ``places`` within a text but after its first byte; False at 0."""
-    return np.asarray((places > 0) & (text[np.maximum(places, 1) - 1] != 0))
 
 
 def _numbers(sections: Sections) -> list[Finding]:

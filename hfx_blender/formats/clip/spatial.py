@@ -11,7 +11,7 @@ from ...engine.arrays import F64, I64, ramp
 from ...engine.body.levels_and_cells import level_count, level_of
 from ...engine.body.model import PerceptualModel, load_model, load_skeleton
 from ...engine.modality import MODALITIES, neutral_temperature_c
-from ...engine.rendering.device_config import Actuator, DeviceConfig, RoomPlace
+from ...engine.rendering.device_config import Actuator, RoomPlace
 from ...engine.rendering.schemes import cells_of
 from ...engine.response_filters.controls import About, FilterKind, Operation
 from ...engine.scene import (
@@ -343,34 +343,32 @@ def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[st
     first = 0
     for device, raster in played:
         for number, actuator in enumerate(device.actuators, first):
+            if _has_fixed_place(actuator):
+                continue
             # A record per effect modality shown by the actuator, as itself or by
-            # substitution.
+            # substitution; 0 Hz stands for the effect's own frequency.
             for source in _MODALITIES:
-                gain_and_hertz = _substitute(device, source, actuator.type.modality)
-                if gain_and_hertz is None or source not in modalities or _has_fixed_place(actuator):
+                substitution = device.substitutions.get(source)
+                if source == actuator.type.modality:
+                    gain, frequency_hz = device.gain, 0.0
+                elif substitution is not None and substitution.target == actuator.type.modality:
+                    gain = device.gain * substitution.scale
+                    frequency_hz = substitution.frequency_hz or 0.0
+                else:
+                    continue
+                if source not in modalities:
                     continue
                 for (body_id, _), (model, rank, whole) in bodies.stored_models.items():
                     if body_id != raster.body_id or whole.modality != MODALITIES[source].model:
                         continue
                     cells = cells_of(device, [actuator], whole)
-                    factors = (
-                        np.ones(len(cells.rows[0])) if cells.factors is None else cells.factors
-                    )
-                    reached_records = _strongest("RCHV", rank[cells.rows[0]], factors)
+                    (vertices,) = cells.rows
+                    factors = np.ones(len(vertices)) if cells.factors is None else cells.factors
+                    strongest = _strongest("RCHV", rank[vertices], factors)
                     statistic = int(device.scheme.statistic == "mean")
-                    at = sum(map(len, reached))
-                    rows.append(
-                        (
-                            number,
-                            model,
-                            _MODALITIES.index(source),
-                            statistic,
-                            *gain_and_hertz,
-                            at,
-                            len(reached_records),
-                        )
-                    )
-                    reached.append(reached_records)
+                    shown = number, model, _MODALITIES.index(source), statistic, gain, frequency_hz
+                    rows.append((*shown, sum(map(len, reached)), len(strongest)))
+                    reached.append(strongest)
         first += len(device.actuators)
     return {"REAC": records("REAC", rows), "RCHV": np.concatenate([records("RCHV", []), *reached])}
 
@@ -378,13 +376,3 @@ def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[st
 def _has_fixed_place(actuator: Actuator) -> bool:
     """Test for a place in the room with a position ``at_m``."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
-
-
-def _substitute(device: DeviceConfig, source: str, target: str) -> tuple[float, float] | None:
-    """Gain and Hz (0: the effect's) for showing ``source`` as ``target``; None: not shown."""
-    if source == target:
-        return device.gain, 0.0
-    substitution = device.substitutions.get(source)
-    if substitution is None or substitution.target != target:
-        return None
-    return device.gain * substitution.scale, substitution.frequency_hz or 0.0

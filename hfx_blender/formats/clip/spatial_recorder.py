@@ -58,7 +58,9 @@ class SpatialRecorder:
                 rows = rows[(np.abs(animated.matrices[rows]) <= FARTHEST).all(axis=(1, 2))]
             if not len(rows):
                 continue
-            if _is_spatial(effect, animated):
+            is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
+            has_shape = bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
+            if isinstance(effect.area, PaintedArea) or (is_volume and has_shape):
                 self._keep(k, _state(effect, animated, rows))
             else:
                 self._others.add(k)
@@ -95,14 +97,6 @@ class SpatialRecorder:
     def left_out(self) -> list[str]:
         """Names of active effects of unsupported areas (meshes, spots, drives), in scene order."""
         return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
-
-
-def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
-    """Test for a painted area, or a volume with a matrix and a first shape of :data:`SHAPES`."""
-    if isinstance(effect.area, PaintedArea):
-        return True
-    is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
-    return is_volume and bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
 
 
 def _state(

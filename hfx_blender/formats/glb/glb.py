@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF 2.0 binary files (GLB), writer: container, body meshes and moving nodes.
+"""glTF 2.0 binary files (GLB): writer of body meshes and moving nodes, reader of the JSON.
 
 HFX and Blender have Z up and a body facing -Y; glTF has Y up and +Z forward: (x, y, z) becomes (x,
 z, -y).
@@ -19,7 +19,8 @@ import numpy.typing as npt
 from ...engine.arrays import F64, Bool
 from ...engine.body.model import PerceptualModel
 from ...files.atomic import atomic_file
-from ...files.strict_json import clean
+from ...files.findings import Finding, Report, refuse_errors
+from ...files.strict_json import clean, parse, read_data
 from ..registry import FORMATS
 
 SUFFIX: Final = FORMATS["glb"].suffix
@@ -29,8 +30,8 @@ HJIF_MEDIA_TYPE: Final = "haptics/hjif"
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's, (3, 3)."""
 
-JSON_CHUNK: Final = 0x4E4F534A
-BINARY_CHUNK: Final = 0x004E4942
+_JSON_CHUNK: Final = 0x4E4F534A
+_BINARY_CHUNK: Final = 0x004E4942
 _FLOAT, _UINT, _USHORT = 5126, 5125, 5123
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
@@ -86,9 +87,9 @@ class Document:
         if self._bytes:
             self.json["buffers"] = [{"byteLength": len(self._bytes)}]
         text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
-        chunks = _chunk(JSON_CHUNK, text, b" ")
+        chunks = _chunk(_JSON_CHUNK, text, b" ")
         if self._bytes:
-            chunks += _chunk(BINARY_CHUNK, bytes(self._bytes), b"\0")
+            chunks += _chunk(_BINARY_CHUNK, bytes(self._bytes), b"\0")
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
@@ -128,9 +129,13 @@ def hjif_media(uri: str) -> dict[str, Any]:
 
 def add_model(document: Document, model: PerceptualModel) -> int:
     """Add a perceptual model as a mesh in rest pose and glTF axes; returns the mesh's index."""
+    normals = model.normals @ TO_GLTF.T
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    # glTF demands unit normals, and a vertex without triangles has a zero vector: up.
+    normals = np.where(lengths > 0.0, normals / np.where(lengths > 0.0, lengths, 1.0), [0, 1.0, 0])
     attributes = {
         "POSITION": document.accessor(model.vertices @ TO_GLTF.T, is_vertex=True),
-        "NORMAL": document.accessor(_unit(model.normals @ TO_GLTF.T), is_vertex=True),
+        "NORMAL": document.accessor(normals, is_vertex=True),
     }
     indices = document.accessor(model.triangles.ravel(), is_index=True)
     return document.append(
@@ -145,12 +150,6 @@ def add_model(document: Document, model: PerceptualModel) -> int:
             },
         },
     )
-
-
-def _unit(vectors: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Normalize vectors (N, 3); (0, 1, 0) for zero vectors."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.where(lengths > 0.0, vectors / np.where(lengths > 0.0, lengths, 1.0), [0, 1.0, 0])
 
 
 _TURN: Final = np.eye(4)
@@ -170,27 +169,41 @@ def turned(matrices: F64) -> F64:
 def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) -> Bool:
     """Append a node with matrices (T, 4, 4) at times, linear between; returns shear, (T,) bool.
 
-    ``node`` gets the transform in place, and keyframes only for changing components. The matrix of
-    a node at rest stays exact, and is never reported as sheared.
+    ``node`` gets the transform in place, and keyframes in the scene's only animation, only for
+    changing components. The matrix of a node at rest stays exact, and is never reported as sheared.
     """
     translations, rotations, scales, is_sheared = decomposed(placed)
     columns = {"translation": translations, "rotation": rotations, "scale": scales}
-    # Only components with changes get keyframes: importers treat the rest as constant.
-    moving = {path: column for path, column in columns.items() if _moves(column)}
+    # Only components with changes above rounding get keyframes: importers treat the rest as
+    # constant.
+    moving = {}
+    for path, column in columns.items():
+        rounding = 1e-7 * max(1.0, float(np.abs(column).max()))
+        if (np.ptp(column, axis=0) > rounding).any():
+            moving[path] = column
     if not moving:
         node["matrix"] = placed[0].T.ravel().tolist()  # column by column
-        is_sheared = np.zeros_like(is_sheared)
-    else:
-        node |= {path: column[0].tolist() for path, column in columns.items()}
+        document.append("nodes", node)
+        return np.zeros_like(is_sheared)
+    node |= {path: column[0].tolist() for path, column in columns.items()}
     index = document.append("nodes", node)
-    if moving:
-        _animate(document, index, times_s, moving)
+    values = np.hstack(list(moving.values()))
+    # Keyframes within constant stretches are redundant; the ends of stretches are kept.
+    keep = np.ones(len(times_s), np.bool_)
+    keep[1:-1] = (values[1:-1] != values[:-2]).any(axis=1) | (values[1:-1] != values[2:]).any(
+        axis=1
+    )
+    if "animations" not in document.json:
+        document.append("animations", {"name": "Scene", "samplers": [], "channels": []})
+    animation = document.json["animations"][0]
+    clock = document.accessor(times_s[keep])
+    for path, column in moving.items():
+        output = document.accessor(column[keep])
+        sampler = {"input": clock, "output": output, "interpolation": "LINEAR"}
+        animation["samplers"].append(sampler)
+        target = {"node": index, "path": path}
+        animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": target})
     return is_sheared
-
-
-def _moves(column: F64) -> bool:
-    """Test for a column with a range above 1e-7 of the largest magnitude (of at least 1)."""
-    return bool((np.ptp(column, axis=0) > 1e-7 * max(1.0, float(np.abs(column).max()))).any())
 
 
 def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
@@ -207,6 +220,7 @@ def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
     is_sheared = np.abs(products - np.eye(3)).max(axis=(1, 2)) > 1e-4
     left, _, right = np.linalg.svd(axes)  # the nearest rotation
     rotations = _quaternions(left @ right)
+    # A quaternion and its negative are one rotation: each flip turns all that follow.
     flips = np.cumprod(np.where((rotations[1:] * rotations[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     rotations[1:] *= flips[:, None]
     return matrices[:, :3, 3], rotations, scales, is_sheared
@@ -220,8 +234,7 @@ def _quaternions(rotations: F64) -> F64:
     """
     m = rotations
     xx, yy, zz = (m[:, k, k] for k in range(3))
-    # Bar-Itzhack's matrix, lower triangle.
-    k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads what is not above the diagonal
+    k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads the lower triangle only
     k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
     k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
     k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
@@ -235,21 +248,91 @@ def _quaternions(rotations: F64) -> F64:
     return quaternions * np.where(quaternions[:, 3:] < 0.0, -1.0, 1.0)
 
 
-def _animate(document: Document, node: int, times_s: F64, columns: Mapping[str, F64]) -> None:
-    """Add keyframes of ``columns`` (by path, such as "rotation") to the scene's only animation."""
-    values = np.hstack(list(columns.values()))
-    # Keyframes within constant stretches are redundant; the ends of stretches are kept.
-    keep = np.ones(len(times_s), np.bool_)
-    keep[1:-1] = (values[1:-1] != values[:-2]).any(axis=1) | (values[1:-1] != values[2:]).any(
-        axis=1
+def read_json(content: bytes, name: str) -> dict[str, Any]:
+    """Return the JSON document of a GLB file; InputError for a file with errors."""
+    refuse_errors(validate(content, name), name)
+    document: dict[str, Any] = parse(_json_chunk(content, Report("GLB")), name)
+    return document
+
+
+def model_hashes(content: bytes, name: str) -> dict[str, str]:
+    """Content hashes of HFX body models stored as meshes, by model id.
+
+    Raises InputError for a file with errors.
+    """
+    extras = (mesh.get("extras") for mesh in read_json(content, name).get("meshes", []))
+    pairs = (
+        (item.get("hfx_model"), item.get("hfx_content_hash"))
+        for item in extras
+        if isinstance(item, dict)  # extras of other programs may have any type
     )
-    if "animations" not in document.json:
-        document.append("animations", {"name": "Scene", "samplers": [], "channels": []})
-    animation = document.json["animations"][0]
-    clock = document.accessor(times_s[keep])
-    for path, column in columns.items():
-        output = document.accessor(column[keep])
-        sampler = {"input": clock, "output": output, "interpolation": "LINEAR"}
-        animation["samplers"].append(sampler)
-        target = {"node": node, "path": path}
-        animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": target})
+    return {id: sum for id, sum in pairs if isinstance(id, str) and isinstance(sum, str)}
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Mesh names, node and animation counts, extensions for ``hfx info``; InputError if invalid."""
+    document = read_json(read_data(path), str(path))
+    return {
+        "meshes": [str(mesh.get("name", "")) for mesh in document.get("meshes", [])],
+        "nodes": len(document.get("nodes", [])),
+        "animations": len(document.get("animations", [])),
+        "extensions": [str(extension) for extension in document.get("extensionsUsed", [])],
+    }
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Return the findings about the container and the members used by HFX.
+
+    Khronos' validator checks all further rules of glTF. Raises InputError for unreadable JSON.
+    """
+    report = Report("GLB")
+    text = _json_chunk(content, report)
+    if report.has_errors:
+        return report.findings
+    document = parse(text, name)
+    asset = document.get("asset") if isinstance(document, dict) else None
+    if not isinstance(asset, dict) or asset.get("version") != "2.0":
+        report.error("ASSET", (None, "asset"), "it has no asset of version 2.0")
+        return report.findings
+    for key in ("meshes", "nodes", "animations"):
+        items = document.get(key, [])
+        if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+            report.error("TYPE", (None, key), "expected a list of objects")
+    lists = {key: document.get(key, []) for key in ("extensionsUsed", "extensionsRequired")}
+    for key, names in lists.items():
+        if not isinstance(names, list) or not all(isinstance(item, str) for item in names):
+            report.error("TYPE", (None, key), "expected a list of texts")
+            return report.findings
+    extensions = document.get("extensions")
+    for extension in extensions if isinstance(extensions, dict) else ():
+        if extension not in lists["extensionsUsed"]:
+            report.error("EXTENSION", (None, "extensions"), f"{extension} is not in extensionsUsed")
+    for extension in lists["extensionsRequired"]:
+        message = f"only readers that know {extension} can open it"
+        report.warn("EXTENSION-REQUIRED", None, message)
+    return report.findings
+
+
+def _json_chunk(content: bytes, report: Report) -> bytes:
+    """Bytes of the first chunk, of JSON; reports faults of the container. Empty if absent."""
+    if len(content) < 20:
+        report.error("SIZE", None, f"{len(content)} bytes")
+        return b""
+    magic, version, size = struct.unpack_from("<4sII", content)
+    if magic != b"glTF" or version != 2:
+        report.error("HEADER", None, "it does not begin with glTF and the version 2")
+        return b""
+    if size != len(content):
+        report.error("SIZE", None, f"it says {size} bytes, there are {len(content)}")
+    text, at = b"", 12
+    while at < len(content):
+        length, kind = struct.unpack_from("<II", content, at) if at + 8 <= len(content) else (1, 0)
+        if length % 4 or at + 8 + length > len(content):
+            report.error("CHUNK", None, f"a chunk at byte {at} does not fit")
+            break
+        if at == 12 and kind == _JSON_CHUNK:
+            text = content[20 : 20 + length]
+        at += 8 + length
+    if not text:
+        report.error("JSON-CHUNK", None, "its first chunk is not JSON")
+    return text

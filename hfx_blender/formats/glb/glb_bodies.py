@@ -135,7 +135,7 @@ class BodyRecorder:
         if not isinstance(binding, SkinBinding):
             if is_posed:
                 patches = self._patches_of(body)
-                names, bound = patches.names, [patches.bound(weights) for weights in models]
+                names, bound = patches.names, [patches.bound(model) for model in models]
                 most_mm, all_mm = 1000.0 * motion.errors_m
                 notes.append(
                     f"body '{body.name}' follows its mesh: in the scene file {len(names)} patches "
@@ -144,13 +144,15 @@ class BodyRecorder:
         else:
             names, fitted = binding.bone_names, binding.fitted
             models = [fitted[m.id].of(m) if m.id in fitted else m for m in models]
-            bound = [BoundWeights.of(weights, binding.bone_names) for weights in models]
-        used = (
-            np.unique(np.concatenate([weights.bones for weights in bound]))
-            if bound
-            else np.arange(0)
-        )
-        pivots = _pivots(bound, used)
+            bound = [BoundWeights.of(model, binding.bone_names) for model in models]
+        used = np.unique(np.concatenate([np.zeros(0, np.int64), *(item.bones for item in bound)]))
+        # The pivot of a bone is the weighted centre of its skin, (len(used), 3) in rest space.
+        sums = np.zeros((len(used), 4))
+        for weights in bound:
+            _, owners = ramp(np.diff(weights.offsets))
+            column = np.searchsorted(used, weights.bones)
+            np.add.at(sums, column, weights.values[:, None] * weights.rest[owners])
+        pivots = sums[:, :3] / np.maximum(sums[:, 3:], 1e-12)
         children = []
         is_sheared = move(document, node, times, turned(to_world))
         root = len(document.json["nodes"]) - 1
@@ -199,16 +201,6 @@ class BodyRecorder:
                 "joints": list(joints),
             },
         )
-
-
-def _pivots(bound: Sequence[BoundWeights], used: I64) -> F64:
-    """Weighted centre of the skin of each bone in ``used``, rest space, (len(used), 3)."""
-    sums = np.zeros((len(used), 4))
-    for weights in bound:
-        _, owners = ramp(np.diff(weights.offsets))
-        column = np.searchsorted(used, weights.bones)
-        np.add.at(sums, column, weights.values[:, None] * weights.rest[owners])
-    return np.asarray(sums[:, :3] / np.maximum(sums[:, 3:], 1e-12))
 
 
 def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:

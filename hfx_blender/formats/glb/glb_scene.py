@@ -88,11 +88,8 @@ class VolumeRecorder:
             if not finite.any():
                 continue
             shape = effect.shapes[0]
-            volume.changes_shape |= len(effect.shapes) > 1
-            volume.changes_shape |= volume.shape is not None and type(volume.shape) is not type(
-                shape
-            )
             volume.shape = volume.shape or shape
+            volume.changes_shape |= len(effect.shapes) > 1 or type(volume.shape) is not type(shape)
             volume.indices.append(block.indices[rows][finite])
             volume.matrices.append(effect.matrices[rows][finite])
             values = np.column_stack([effect.levels[rows], effect.parameters[rows]])
@@ -187,7 +184,11 @@ class VolumeRecorder:
         }
         primitive = _primitive(volume.shape, placed[0])
         if primitive is None:
-            node["mesh"] = _add_mesh(document, volume.shape)
+            mesh: Any = volume.shape
+            attributes = {"POSITION": document.accessor(np.asarray(mesh.vertices), is_vertex=True)}
+            triangles = document.accessor(np.asarray(mesh.triangles).ravel(), is_index=True)
+            primitives = [{"attributes": attributes, "indices": triangles}]
+            node["mesh"] = document.append("meshes", {"primitives": primitives})
         times = self._scene.time.times_s(indices)
         times = times - self._scene.time.times_s(np.array([0]))[0]
         if move(document, node, times, placed).any():
@@ -275,15 +276,6 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
         return None
     kind, size = _PRIMITIVES[type(shape)]
     return {"type": kind, **size, "centroid": [0.0, 0.0, 0.0], **placed}
-
-
-def _add_mesh(document: Document, shape: Any) -> int:
-    """Add a mesh shape in its own space, and return the mesh's index."""
-    attributes = {"POSITION": document.accessor(np.asarray(shape.vertices), is_vertex=True)}
-    triangles = document.accessor(np.asarray(shape.triangles).ravel(), is_index=True)
-    return document.append(
-        "meshes", {"primitives": [{"attributes": attributes, "indices": triangles}]}
-    )
 
 
 def _add_interactivity(

@@ -16,7 +16,7 @@ from gltf_validator import gltf_faults
 
 from hfx_blender.engine.tolerance import EXACT
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.formats.glb import glb_reader
+from hfx_blender.formats.glb import glb
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -109,12 +109,12 @@ def test_what_a_file_names_is_there_and_volumes_have_what_a_collider_needs(
 ) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     folder, _ = exported
-    scene = glb_reader.read_json((folder / "x.scene.glb").read_bytes(), "x")
+    scene = glb.read_json((folder / "x.scene.glb").read_bytes(), "x")
     hjif = json.loads((folder / "x.hjif").read_text())
     files = ["x.scene.glb", *(avatar["mesh"] for avatar in hjif["avatars"])]
     for name in files:
         assert gltf_faults(folder / name) == []
-        actual = glb_reader.read_json((folder / name).read_bytes(), name)
+        actual = glb.read_json((folder / name).read_bytes(), name)
         (media,) = actual["extensions"]["MPEG_media"]["media"]
         (alternative,) = media["alternatives"]
         assert alternative == {"mimeType": "haptics/hjif", "uri": "x.hjif"}
