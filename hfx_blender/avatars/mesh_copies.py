@@ -152,7 +152,7 @@ def animated_paths(owner: bpy.types.ID) -> set[str]:
     """Data paths of a datablock's F-curves and drivers."""
     if owner.animation_data is None:
         return set()
-    curves = [curve for curves in compat.curve_collections(owner) for curve in curves]
+    curves = compat.all_fcurves(owner)
     return {curve.data_path for curve in (*curves, *owner.animation_data.drivers)}
 
 

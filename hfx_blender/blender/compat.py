@@ -75,6 +75,11 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
     return list(collections.values())
 
 
+def all_fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
+    """F-curves of the action of a datablock, then of its NLA strips, muted curves included."""
+    return [curve for curves in curve_collections(owner) for curve in curves]
+
+
 def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
     """Yield strips, including the strips inside meta strips."""
     for strip in strips:

@@ -6,7 +6,6 @@ Stepped effects and bodies are read at single times; of volumes far from skin on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -21,44 +20,29 @@ from ..engine.scene import (
     PoseBlock,
     SceneDescription,
 )
-from .curves.animation_time import ExactFrames, animation_frames
+from .curves.animation_time import ExactFrames, animation_frames, sample_frames
 from .curves.curve_reading import CurveBody, CurveEffect, EffectChunks
 from .description import response_values
-from .description.scene_description import IN_SCENE, HapticObjects, sample_frames
+from .description.scene_description import IN_SCENE, HapticObjects
 from .reading_plan import Plan
+from .stepped import stepping
 from .stepped.scene_rows import SceneRow, effect_block, pose_block, silence
 from .stepped.stepped_reading import SteppedReading
-from .stepped.stepped_rows import SteppedRows, SteppedScenes
+from .stepped.stepped_rows import SteppedRows, scratch_scenes
 from .stepped.stepped_volumes import FarVolumes
 
 
 class ReadingPass:
-    """One pass over the times of a scene.
+    """One pass over the times of a scene; scenes are stepped until ``stack`` is closed.
 
-    Parameters
-    ----------
-    always_posed : bool
-        Bodies are posed at all times, also without effects that need poses.
-    stack : ExitStack
-        Scenes are stepped until the stack is closed.
-    spots : (n,) int64, optional
-        Ascending sample indices, if only these are read.
-    with_far : bool
-        Stepped volumes are read also while far from skin.
+    ``always_posed``: pose bodies at all times, also without effects that need poses. ``spots`` (n,)
+    are ascending sample indices, if only these are read. ``with_far``: read stepped volumes also
+    while far from skin.
 
-    Attributes
-    ----------
-    stepped_effects, stepped_bodies : tuple of int
-        Indices in the scene description, like all below. Other active objects are read from
-        F-curves.
-    dormant : tuple of int
-        Effects that are not read.
-    in_scene : frozenset of int
-        Active effects that need posed bodies.
-    curves : EffectChunks
-        Effects read from F-curves.
-    rows : SteppedRows or None
-        Reader of stepped effects and bodies; None without any.
+    Attributes hold indices in the scene description: ``stepped_effects`` and ``stepped_bodies``,
+    other active objects being read from F-curves (``curves``); ``dormant`` effects, never read;
+    ``in_scene``, active effects that need posed bodies. ``rows`` reads the stepped objects, and is
+    None without any.
     """
 
     def __init__(
@@ -103,14 +87,14 @@ class ReadingPass:
         closes; None if all objects are read from F-curves."""
         effects, bodies = self.stepped_effects, self.stepped_bodies
         if self.plan.in_own_scene:
-            scenes = SteppedScenes.own(self.found, stack)
+            whole = light = stack.enter_context(stepping.own_scene(self.found))
         elif effects or bodies:
             rigs = [*self.plan.presampled.values()]
-            scenes = SteppedScenes.scratch(self.found, self.scene, effects, bodies, rigs, stack)
+            whole, light = scratch_scenes(self.found, self.scene, effects, bodies, rigs, stack)
         else:
             return None
         count = self.scene.time.sample_count
-        return SteppedRows(scenes, self._reading, bodies, self.far_volumes, count)
+        return SteppedRows(whole, light, self._reading, bodies, self.far_volumes, count)
 
     def _frames(self, indices: I64) -> F64:
         """Animation frames (n,) of sample indices (n,)."""
@@ -126,15 +110,25 @@ class ReadingPass:
         effects = self._from_curves(indices)
         may_be_on = self.far_volumes.may_be_on(frames)
         is_posed = self._times_on(effects, count) | may_be_on.any(axis=0) | self.always_posed
-        in_full = self._in_full(may_be_on.any(axis=1))
-        rows = self._rows(indices, is_posed, in_full, may_be_on.any(axis=1))
+        # Far volumes that are off in this block start over as far ones; the other far volumes are
+        # read in full if they were near skin in the last block.
+        far, volumes_on = self.far_volumes, may_be_on.any(axis=1)
+        far.in_full -= {k for k, on in zip(far.numbers, volumes_on, strict=True) if not on}
+        placed_only = {*far.numbers} - far.in_full
+        in_full = [k for k in self.stepped_effects if k not in placed_only]
+        if self.rows is None:
+            rows = [SceneRow(index) for index in indices.tolist()]
+        elif in_full or volumes_on.any():
+            rows = self.rows.read(indices, is_posed, in_full, self.in_scene, volumes_on)
+        else:
+            rows = self.rows.read_bodies(indices, is_posed)
         effects |= {k: self._effect_of(k, rows) for k in in_full}
         effects |= {k: silence(count, self._modality(k)) for k in self.dormant}
         # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
         own = rows[history : len(rows) - future]
-        effects |= self._far_effects(rows, poses, may_be_on.any(axis=1), own)
+        effects |= self._far_effects(rows, poses, volumes_on, own)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -183,27 +177,6 @@ class ReadingPass:
             on |= ~(effects[k].levels <= 0.0)
         return on
 
-    def _in_full(self, may_be_on: Bool) -> list[int]:
-        """Indices of stepped effects to read completely: all but far volumes outside
-        ``far_volumes.in_full``. Removes volumes without a True in ``may_be_on`` (N,) from that
-        set."""
-        far = self.far_volumes
-        far.in_full -= {k for k, on in zip(far.numbers, may_be_on, strict=True) if not on}
-        left_out = {*far.numbers} - far.in_full
-        return [k for k in self.stepped_effects if k not in left_out]
-
-    def _rows(
-        self, indices: I64, is_posed: Bool, in_full: Sequence[int], may_be_on: Bool
-    ) -> list[SceneRow]:
-        """Stepped rows at sample indices (T,): empty rows if nothing is stepped; bodies only, if no
-        effect is read in full and no far volume selected. ``is_posed`` (T,) are times with bodies,
-        ``in_full`` effects to read, ``may_be_on`` (N,) far volumes."""
-        if self.rows is None:
-            return [SceneRow(index) for index in indices.tolist()]
-        if in_full or may_be_on.any():
-            return self.rows.read(indices, is_posed, in_full, self.in_scene, may_be_on)
-        return self.rows.read_bodies(indices, is_posed)
-
     def _poses(self, frames: F64, is_posed: Bool, rows: list[SceneRow]) -> list[PoseBlock]:
         """Pose blocks of all bodies by index: from F-curves at animation frames (T,) with
         ``is_posed``, or from the rows. With impacts, F-curve bodies also get motion between samples
@@ -238,7 +211,8 @@ class ReadingPass:
         reread = [k for k in far.numbers if k in nearby - far.in_full and not reading.is_settled(k)]
         for n, k in enumerate(far.numbers):
             if k not in nearby:
-                reading.count_far(self.scene.effects[k].name, own[0].index, len(own))
+                skipped = reading.counters.far.setdefault(self.scene.effects[k].name, {})
+                skipped[str(own[0].index)] = len(own)
                 if k not in far.in_full:
                     far_blocks[k] = silence(len(rows), self._modality(k))
             elif reading.is_settled(k):

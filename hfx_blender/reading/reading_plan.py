@@ -2,22 +2,35 @@
 """Reading plan: each effect and body is read from F-curves or by stepping a scene.
 
 F-curves are sampled in whole blocks. Other objects are stepped, in a scratch scene where that gives
-equal results, else in the user's scene.
+equal results, else in the user's scene. A plan is compared with Blender's own evaluation at a few
+times.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
 
 from ..authoring.effects import effect_values
-from ..engine.scene import SceneDescription, SurfaceBinding
+from ..engine.arrays import I64
+from ..engine.scene import AnimationBlock, SceneDescription, SurfaceBinding
 from .curves.animation_curves import NotModelledError
 from .curves.curve_reading import CurveBody, CurveEffect, is_steady
 from .curves.fcurve_kinematics import Parents
 from .curves.presampled_rig import PresampledRig
 from .description.scene_description import HapticObjects
 from .stepped import stepping
+from .stepped.scene_rows import EffectRow, PoseRow, SceneRow, effects_agree
+from .stepped.simulation import has_simulation_anywhere
+from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_rows import objects_of
+
+_PROBES = 5
+"""Times at which a plan is compared with Blender."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +52,10 @@ class Plan:
             return "sampled F-curves, stepped no scene"
         where = "the whole scene" if self.in_own_scene else "a scratch scene"
         return f"stepped {where}, because {self.reason}"
+
+
+Agrees = Callable[[Plan, list[SceneRow]], bool]
+"""Function that compares a plan's readings with rows of Blender's evaluation."""
 
 
 def plan_of(
@@ -73,25 +90,112 @@ def plan_of(
     own = stepping.why_own_scene(found.read)
     if own is None and found.simulation is not None:
         own = "particles move"
+    presampled = {}
+    if not own:
+        # Of stepped bodies with plain bone animation Blender need only solve the constraints.
+        for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
+            if k not in plan.bodies and not isinstance(described.binding, SurfaceBinding):
+                with suppress(NotModelledError):
+                    step = scene.time.fps / scene.time.rate_hz
+                    presampled[k] = PresampledRig(found.scene, body, scene.time.frame(0), step)
     return replace(
         plan,
         reason=own or reasons[0],
         in_own_scene=own is not None,
         in_one_go=found.simulation is not None,
-        presampled={} if own else _presampled(found, scene, plan),
+        presampled=presampled,
     )
 
 
-def _presampled(
-    found: HapticObjects, scene: SceneDescription, plan: Plan
-) -> dict[int, PresampledRig]:
-    """Presampled rigs by body index, for stepped bodies on an armature whose bone animation can be
-    sampled."""
-    presampled = {}
-    for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
-        if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
+def checked(
+    plan: Plan,
+    haptics: HapticObjects,
+    scene: SceneDescription,
+    reading: SteppedReading,
+    indices: I64,
+    agrees: Agrees,
+) -> Plan:
+    """Cheapest plan, from ``plan`` upwards, that agrees with the user's own scene at up to five of
+    the sample ``indices`` (n,), by ``agrees(plan, rows)``. ``plan`` itself if nothing needs
+    comparison."""
+    # The user's scene also evaluates objects that are not felt. Unplayed simulations among them
+    # must not be disturbed, so such a scene is compared in a scratch scene.
+    is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
+    in_own_scene = plan.in_own_scene or (stepping.runs_code(haptics.read) and not is_disturbed)
+    is_sampled = bool(plan.effects or plan.bodies or plan.presampled)
+    if plan.in_own_scene == in_own_scene and not is_sampled:
+        return plan
+    probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
+    truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene)
+    if agrees(plan, truth):
+        return plan
+    # From cheap to expensive: presampled rigs, F-curves, scratch scene, own scene.
+    if plan.presampled:
+        plan = replace(plan, presampled={})
+        if agrees(plan, truth):
+            return plan
+    if plan.effects or plan.bodies:
+        stepped = Plan(
+            reason="a few frames came out differently from F-curves",
+            in_own_scene=plan.in_own_scene,
+            in_one_go=plan.in_one_go,
+        )
+        if plan.in_own_scene == in_own_scene or agrees(stepped, truth):
+            return stepped
+    return Plan(
+        reason="a few frames came out differently in a scratch scene",
+        in_own_scene=True,
+        in_one_go=True,
+    )
+
+
+def _as_evaluated(
+    haptics: HapticObjects,
+    scene: SceneDescription,
+    reading: SteppedReading,
+    probes: list[int],
+    in_own_scene: bool,
+) -> list[SceneRow]:
+    """Rows of all active effects and all bodies at sample indices ``probes``, stepped by Blender in
+    the user's scene or, with ``in_own_scene`` False, in a scratch scene. Meshes are read as
+    boxes."""
+    bodies = range(len(haptics.bodies))
+    if in_own_scene:
+        stepped = stepping.own_scene(haptics)
+    else:
+        objects = objects_of(haptics, scene, haptics.active, bodies)
+        stepped = stepping.scratch_scene(haptics.scene, objects)
+    # Placements and values are compared, so boxes replace meshes.
+    reading.far = frozenset(haptics.active)
+    with stepped as stepper:
+        return [reading.read(index, stepper, haptics.active, bodies) for index in probes]
+
+
+def is_same(row: SceneRow, block: AnimationBlock) -> bool:
+    """Test that the first time of a block equals a row up to float32 rounding: effects of the row,
+    and bodies that are valid in the block."""
+
+    def first(values: Any) -> Any:
+        return None if values is None else values[0]
+
+    for k, read_effect in row.effects.items():
+        effect = block.effects[k]
+        block_row = EffectRow(
+            float(effect.levels[0]),
+            effect.parameters[0].tolist(),
+            first(effect.matrices),
+            response=first(effect.response),
+            vertices=first(effect.vertices),
+            place=first(effect.place),
+            drive=first(effect.drive),
+        )
+        if not effects_agree(read_effect, block_row):
+            return False
+    for k, pose in enumerate(block.poses):
+        if not pose.valid[0]:
             continue
-        with suppress(NotModelledError):
-            step = scene.time.fps / scene.time.rate_hz
-            presampled[k] = PresampledRig(found.scene, body, scene.time.frame(0), step)
-    return presampled
+        read = row.poses[k]
+        block_pose = PoseRow(pose.to_world[0], first(pose.bones), first(pose.surface))
+        if read is None or not read.nearly_equals(block_pose):
+            return False
+    return True

@@ -26,14 +26,13 @@ from ..engine.arrays import I64
 from ..engine.counters import ReadingCounters, Unfelt
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.response.motion_estimate import NEIGHBOURS
-from ..engine.scene import AnimationBlock, HapticVolume, TimeBase
+from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.tolerance import EXACT, Tolerance
 from ..text import shortened
-from .curves.animation_time import animation_frames, time_base
-from .description import dormant, play_space, scene_description, unfelt, visibility
-from .plan_check import checked, is_same
+from .curves.animation_time import animation_frames, sample_frames, time_base
+from .description import scene_description, scene_settings, unfelt, visibility
 from .reading_pass import ReadingPass
-from .reading_plan import Plan, plan_of
+from .reading_plan import Plan, checked, is_same, plan_of
 from .stepped import instances, stepping
 from .stepped.reached import is_instancer
 from .stepped.scene_rows import SceneRow
@@ -48,7 +47,8 @@ _STEPPED_SIZE = 32
 
 
 class SceneReader:
-    """Reader of a scene of the open file.
+    """Reader of a scene of the open file. Raises InputError if the scene has no body or no effects,
+    or if all of them are faulty.
 
     Parameters
     ----------
@@ -68,18 +68,8 @@ class SceneReader:
     is_probed : bool
         Compare a few times with Blender's evaluation, which sets the scene's frame.
 
-    Attributes
-    ----------
-    found : HapticObjects
-        Participating objects of the scene.
-    instances : Instances
-    unfelt : dict of str to Unfelt
-        Effects by name, known before reading not to be felt.
-
-    Raises
-    ------
-    InputError
-        The scene has no body or no effects, or all of them are faulty.
+    Attributes: ``found``, the participating objects, ``instances``, and ``unfelt``, effects by name
+    known before reading not to be felt.
     """
 
     def __init__(
@@ -105,8 +95,16 @@ class SceneReader:
         haptics = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
         states = zip(haptics.effects, haptics.activations, strict=True)
-        haptics = replace(haptics, dormant=dormant.asleep(scene, self.time, states))
-        haptics = replace(haptics, simulation=_simulation(haptics, self.time, self._shapes))
+        haptics = replace(haptics, dormant=unfelt.asleep(scene, self.time, states))
+        # Physics and particles must be played in the user's scene before any reading. A scratch
+        # scene without instanced volumes needs neither.
+        if has_simulation_anywhere(scene) and (
+            stepping.foreign_handler() is not None
+            or stepping.why_own_scene(haptics.read) is not None
+            or instances.Sources(haptics, self._shapes, time=self.time).objects
+        ):
+            last = animation_frames(scene, np.array([self.time.frame_last + 1.0]))
+            haptics = replace(haptics, simulation=Simulation(scene, int(np.ceil(last[0]))))
         faults: dict[str, set[int]] = {}
         self.instances = instances.Instances(haptics, self.time, self._shapes, faults)
         haptics = replace(haptics, dormant={**haptics.dormant, **self.instances.asleep})
@@ -197,7 +195,7 @@ class SceneReader:
 
     def play_space_setting(self) -> dict[str, Any]:
         """Track setting with the play space at all samples; empty without a play space."""
-        poses = play_space.poses(self.found.scene, self.time, self.found.unit_m)
+        poses = scene_settings.play_space_poses(self.found.scene, self.time, self.found.unit_m)
         return {} if poses is None else {SETTING: PlaySpace.as_setting(poses)}
 
     def steps(self) -> bool:
@@ -218,20 +216,10 @@ class SceneReader:
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
 
-    def _earlier(self, first: int) -> I64:
-        """Ascending negative indices from ``first`` to -1, within the scene's frames, with possible
-        volumes or surfaces; empty for ``first`` >= 0."""
-        earlier = np.arange(min(first, 0), 0, dtype=np.int64)
-        in_scene = [self._is_in_scene(index) for index in earlier.tolist()]
-        earlier = earlier[np.array(in_scene, np.bool_)]
-        if not len(earlier):
-            return earlier
-        return earlier[self._may_be_on(earlier, scene_description.IN_SCENE)]
-
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
         """Mask (n,) of sample indices at which an effect of one of the ``kinds`` may be on;
         "VOLUME" includes instances."""
-        frames = scene_description.sample_frames(self.time, indices)
+        frames = sample_frames(self.time, indices)
         animation = animation_frames(self.found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
         for effect, state in zip(self.found.effects, self.found.activations, strict=True):
@@ -257,20 +245,20 @@ class SceneReader:
         Blocks with volumes start with the sample before their own, if consecutive, for
         motion between samples. With impacts, more samples on both sides are included.
 
-        Parameters
-        ----------
-        part : (first, stop), optional
-            Only samples ``first <= index < stop``, both multiples of the block size or the end.
-            Negative indices are samples before the first read frame, as far as the scene has any.
+        With ``part`` only samples ``part[0] <= index < part[1]``, both multiples of the block size
+        or the end. Negative indices are samples before the first read frame, as far as the scene
+        has any.
         """
         plan = self.plan
         self.stepping_note = plan.note
         sample_indices = self.sample_indices
         if part is not None:
-            sample_indices = sample_indices[
-                (sample_indices >= part[0]) & (sample_indices < part[1])
-            ]
-            sample_indices = np.concatenate([self._earlier(part[0]), sample_indices])
+            is_inside = (sample_indices >= part[0]) & (sample_indices < part[1])
+            # Before the first read frame only volumes and surfaces have effects on later samples.
+            earlier = [k for k in range(min(part[0], 0), 0) if self._is_in_scene(k)]
+            before = np.array(earlier, np.int64)
+            before = before[self._may_be_on(before, scene_description.IN_SCENE)]
+            sample_indices = np.concatenate([before, sample_indices[is_inside]])
         with ExitStack() as stack:
             reading = self.open_pass(stack)
             own = None
@@ -337,6 +325,8 @@ class SceneReader:
         may be on."""
         impacts = NEIGHBOURS if self._has_impacts else 0
         history = future = 0
+        # Motion is estimated from neighbours of each sample. Their number is fixed, so that a
+        # sample's value is the same in every block and every part of an export.
         while history <= impacts and self._has_history(first - history):
             history += 1
         while future < impacts and self._has_history(last + future + 1):
@@ -348,6 +338,8 @@ class SceneReader:
         return history, future
 
     def _has_history(self, index: int) -> bool:
+        """True if the sample before ``index`` is read with its block: within the scene, and with
+        velocities or if a volume or surface may be on at both samples."""
         if not self._is_in_scene(index - 1):
             return False
         pair = np.array([index - 1, index])
@@ -368,21 +360,6 @@ class SceneReader:
             spots = np.array([row.index for row in truth])
             reading = self.open_pass(stack, plan, spots)
             return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
-
-
-def _simulation(
-    haptics: scene_description.HapticObjects, time: TimeBase, shapes: ShapeCache
-) -> Simulation | None:
-    """Simulation to play before reading, up to the end of the read frames; None without physics or
-    particles, and if a scratch scene is used and no volume is instanced."""
-    scene = haptics.scene
-    if not has_simulation_anywhere(scene):
-        return None
-    is_scratch = stepping.foreign_handler() is None and stepping.why_own_scene(haptics.read) is None
-    if is_scratch and not instances.Sources(haptics, shapes, time=time).objects:
-        return None
-    last = animation_frames(scene, np.array([time.frame_last + 1.0]))
-    return Simulation(scene, int(np.ceil(last[0])))
 
 
 def contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:

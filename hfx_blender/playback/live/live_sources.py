@@ -108,7 +108,7 @@ class SceneSource:
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
         from ...devices.workers.live_frame import LiveFrame
-        from ...reading.description.play_space import pose_now
+        from ...reading.description.scene_settings import play_space_now
 
         assert evaluation.scene is not None
         objects = evaluation.scene.objects
@@ -116,7 +116,9 @@ class SceneSource:
             (scene.frame_current_final - scene.frame_start) / fps_of(scene),
             evaluation.runs(),
             gains,
-            pose_now(scene, objects.layer, objects.unit_m) if evaluation.with_positions else None,
+            play_space_now(scene, objects.layer, objects.unit_m)
+            if evaluation.with_positions
+            else None,
             recorded_runs(later, self._streams),
         )
 

@@ -76,7 +76,11 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
             grouped.other.append((curve, column))
             continue
         keys.foreach_get("interpolation", kinds)
-        if not _are_finite(keys, points):
+        handles = np.empty((2, len(points)), np.float32)
+        keys.foreach_get("handle_left", handles[0])
+        keys.foreach_get("handle_right", handles[1])
+        # Blender stores the largest float32 for an infinite key; NaN fails each comparison.
+        if not (np.abs([points, *handles]) < np.finfo(np.float32).max).all():
             grouped.other.append((curve, column))
             continue
         signature = points[::2].tobytes(), kinds.tobytes()
@@ -104,16 +108,6 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
     return grouped
 
 
-def _are_finite(keys: bpy.types.FCurveKeyframePoints, points: F32) -> bool:
-    """Test for finite keyframes and handles: magnitudes below float32's largest number, NaN fails.
-    ``points`` (2 K,) holds frame and value of each key alternately."""
-    handles = np.empty((2, len(points)), np.float32)
-    keys.foreach_get("handle_left", handles[0])
-    keys.foreach_get("handle_right", handles[1])
-    largest = np.finfo(np.float32).max  # Blender's stored value of an infinite key
-    return bool((np.abs(points) < largest).all() and (np.abs(handles) < largest).all())
-
-
 def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
     """Frames and values of handles (C, K, 2) of C curves with K keys each, ``members`` as (column,
     curve, values); ``name`` is "handle_left" or "handle_right"."""
@@ -123,40 +117,19 @@ def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64
     return flat.reshape(len(members), -1, 2).astype(np.float64)
 
 
-@dataclass(eq=False)
 class _Strip:
-    """NLA strip of an action, with copies of the settings."""
+    """Copy of an NLA strip's settings, which any thread may read; ``columns`` are columns of the
+    values of ``curves`` among all columns of the data-block. Start, end and blends are frames of
+    the scene, ``action_frames`` the first and last played frame of the action."""
 
-    curves: _Curves
-    columns: I64 | slice  # of the values among all columns of the data-block
-    start: float  # frames of the scene
-    end: float
-    action_frames: tuple[float, float]  # first and last played frame of the action
-    scale: float
-    repeat: float
-    blend_in: float  # frames
-    blend_out: float
-    extrapolation: str
-    is_muted: bool
-    name: str
-
-    @classmethod
-    def of(cls, strip: bpy.types.NlaStrip, curves: _Curves, columns: I64 | slice) -> _Strip:
-        """Copy the settings of a strip; ``curves`` and ``columns`` are stored as given."""
-        return cls(
-            curves,
-            columns,
-            strip.frame_start,
-            strip.frame_end,
-            (strip.action_frame_start, strip.action_frame_end),
-            strip.scale,
-            strip.repeat,
-            strip.blend_in,
-            strip.blend_out,
-            strip.extrapolation,
-            strip.mute,
-            strip.name,
-        )
+    def __init__(self, strip: bpy.types.NlaStrip, curves: _Curves, columns: I64 | slice) -> None:
+        self.curves, self.columns = curves, columns
+        self.name, self.is_muted = strip.name, strip.mute
+        self.start, self.end = strip.frame_start, strip.frame_end
+        self.action_frames = strip.action_frame_start, strip.action_frame_end
+        self.scale, self.repeat = strip.scale, strip.repeat
+        self.blend_in, self.blend_out = strip.blend_in, strip.blend_out
+        self.extrapolation = strip.extrapolation
 
     def frames_within(self, frames: F64) -> F64:
         """Frames of the action (T,) at frames of the scene (T,) within the strip; raises
@@ -269,7 +242,7 @@ class AnimatedValues:
                 _refuse_other_strips(name, strip)
                 curves = _grouped(compat.strip_fcurves(strip), self._selects)
                 columns = self._columns_of(curves, default)
-                strips.append(_Strip.of(strip, curves, columns))
+                strips.append(_Strip(strip, curves, columns))
             if track.is_solo or not solo:
                 self._tracks.append(strips)
 
@@ -295,7 +268,10 @@ class AnimatedValues:
             for strip, rows, at in _playing(strips, frames):
                 sampled = strip.curves.sample(strip.frames_within(at), single)
                 share = strip.influence(at)[:, None]
-                index = _place(rows, strip.columns)
+                columns = strip.columns
+                index: Any = rows, columns
+                if not isinstance(columns, slice):
+                    index = np.ix_(rows, columns)
                 if (share < 1.0).any():
                     sampled = values[index] * (1.0 - share) + sampled * share
                 values[index] = sampled
@@ -303,11 +279,6 @@ class AnimatedValues:
             curves, columns = self._action
             values[:, columns] = curves.sample(frames, single)
         return values
-
-
-def _place(rows: I64, columns: I64 | slice) -> Any:
-    """Index of the block ``rows`` by ``columns`` for an array with both axes."""
-    return (rows, columns) if isinstance(columns, slice) else np.ix_(rows, columns)
 
 
 def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:

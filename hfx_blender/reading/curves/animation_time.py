@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...blender import stored_values
-from ...engine.arrays import F64
+from ...engine.arrays import F64, I64
 from ...engine.scene import TimeBase
 from ...errors import InputError
 
@@ -28,15 +28,30 @@ def time_base(
     scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
 ) -> TimeBase:
     """Time base of a scene's samples; ``frames`` (first and last, both included) and ``rate_hz``
-    default to the scene's settings. Raises InputError for an empty range, a rate out of range, or
-    too many samples."""
+    default to the scene's settings. Frames per second are FPS / Base. Raises InputError for an
+    empty range, a frame rate outside 0.001 to 10,000, a damaged sample rate, or too many samples.
+    """
     first, last = frames or (scene.frame_start, scene.frame_end)
     if last < first:
         raise InputError(
             f"Scene '{scene.name}': the frame range {first} to {last} holds no frames."
         )
-    fps = _frame_rate(scene)
-    time = TimeBase(fps, rate_hz or _sample_rate(scene), scene.frame_start, first, last)
+    base = scene.render.fps_base
+    rate = scene.render.fps / base if base else np.inf
+    if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
+        raise InputError(
+            f"Scene '{scene.name}': its Frame Rate, {scene.render.fps} with the base {base:g}, is "
+            f"{rate:g} frames a second, allowed is {_FRAME_RATES[0]:g} to {_FRAME_RATES[1]:g}."
+        )
+    # Blender stores base and sample rate as float32. The nearby fraction is meant: 1.001, not
+    # 1.00100004673.
+    fps = Fraction(scene.render.fps) / Fraction(base).limit_denominator(10_000)
+    if rate_hz is None:
+        for bad in stored_values.bad_values(scene):
+            if bad.path == "rate":
+                raise InputError(f"Scene '{scene.name}': {bad}.")
+        rate_hz = Fraction(scene.hfx.rate).limit_denominator(1000)
+    time = TimeBase(fps, rate_hz, scene.frame_start, first, last)
     if time.sample_count > MOST_SAMPLES:
         raise InputError(
             f"Scene '{scene.name}': frames {first} to {last} at {float(fps):g} frames and "
@@ -46,32 +61,18 @@ def time_base(
     return time
 
 
-def _frame_rate(scene: bpy.types.Scene) -> Fraction:
-    """Frames per second (FPS / Base, the base as a fraction up to 1/10000); raises InputError
-    outside 0.001 to 10,000."""
-    fps, base = scene.render.fps, scene.render.fps_base
-    rate = fps / base if base else np.inf
-    if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
-        raise InputError(
-            f"Scene '{scene.name}': its Frame Rate, {fps} with the base {base:g}, is {rate:g} "
-            f"frames a second, allowed is {_FRAME_RATES[0]:g} to {_FRAME_RATES[1]:g}."
-        )
-    return Fraction(fps) / Fraction(base).limit_denominator(10_000)
-
-
-def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Samples per second of a scene's setting, as a fraction with a denominator up to 1000; raises
-    InputError for a damaged value."""
-    for bad in stored_values.bad_values(scene):
-        if bad.path == "rate":
-            raise InputError(f"Scene '{scene.name}': {bad}.")
-    return Fraction(scene.hfx.rate).limit_denominator(1000)
-
-
 def _length(scene: bpy.types.Scene) -> np.float32:
     """Animation frames per played frame (Time Remapping old / new), in Blender's float32."""
     render = scene.render
     return np.float32(render.frame_map_old) / np.float32(render.frame_map_new)
+
+
+def sample_frames(time: TimeBase, indices: I64) -> F64:
+    """Played frames (n,) of sample indices (n,), also negative."""
+    # An exact product, rounded once: repeated rounding could place a sample before a clip with the
+    # same start.
+    step = time.fps / time.rate_hz
+    return time.frame_first + indices * step.numerator / step.denominator
 
 
 def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:

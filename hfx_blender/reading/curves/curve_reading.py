@@ -16,10 +16,10 @@ from ...blender.stored_values import limited
 from ...engine.arrays import F64, I64
 from ...engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ...engine.volume.shape import Shape
-from ..description import response_values, skin_values, visibility
+from ..description import area_values, response_values, visibility
 from ..description.activation import Activation, ActivationSource
+from ..description.area_values import SurfaceVertices
 from ..description.soundness import animated_paths
-from ..description.surface_reading import SurfaceVertices
 from .animation_curves import NotModelledError
 from .fcurve_kinematics import Parents, PlainObject, rest_value
 
@@ -48,9 +48,9 @@ class CurveEffect:
         animated = {path for path, _ in self._place.values.columns}
         known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity", "envelope")}
         animated = {p for p in animated if response_values.place_of(p) is None}
-        animated = {p for p in animated if not skin_values.is_drive(p)}
+        animated = {p for p in animated if not area_values.is_drive(p)}
         if effect.hfx.kind == "SPOT":
-            known |= {f"hfx.{name}" for name in skin_values.PLACE}
+            known |= {f"hfx.{name}" for name in area_values.PLACE}
         unsupported = sorted(path for path in animated - known if path.startswith("hfx."))
         if visibility.is_keyed(effect):
             raise NotModelledError(f"'{effect.name}' is shown and hidden")
@@ -75,7 +75,7 @@ class CurveEffect:
         if filter_property is not None:
             filters = self._hfx.bl_rna.properties["response"].fixed_type
             return float(filters.properties[filter_property[1]].default)
-        if skin_values.is_drive(path):
+        if area_values.is_drive(path):
             return 0.0
         if path.startswith("hfx."):
             known = self._hfx.bl_rna.properties.get(path[4:])
@@ -96,26 +96,26 @@ class CurveEffect:
             world = self._place.world(frames, sampled)
         if self._hfx.modality == "wind" and world is not None:
             parameters += list(effect_values.directions(world).T)
-        levels = self._level(sampled)
+        # The same product as in Activation.level, for all times.
+        if self._state.source is ActivationSource.OFF:
+            levels = np.zeros(len(sampled))
+        else:
+            levels = self._value("intensity", sampled)
+            if self._state.source is not ActivationSource.ALWAYS_ON:
+                levels = self._value("activation", sampled) * levels
+        block = EffectBlock(levels, np.stack(parameters, axis=1))
         if self._vertices is not None and world is not None:
-            return EffectBlock(
-                levels,
-                np.stack(parameters, axis=1),
-                matrices=effect_values.to_metres(world, self._unit_m),
-                vertices=self._vertices,
-            )
+            matrices = effect_values.to_metres(world, self._unit_m)
+            return replace(block, matrices=matrices, vertices=self._vertices)
         if not is_volume or world is None or self.shape is None:
-            return EffectBlock(
-                levels,
-                np.stack(parameters, axis=1),
-                place=skin_values.places(
-                    self._hfx, self._unit_m, lambda name: self._value(name, sampled)
-                ),
-                drive=skin_values.drives(self._hfx, lambda name: self._value(name, sampled)),
-            )
-        return EffectBlock(
-            levels,
-            np.stack(parameters, axis=1),
+
+            def value(name: str) -> F64:
+                return self._value(name, sampled)
+
+            place = area_values.places(self._hfx, self._unit_m, value)
+            return replace(block, place=place, drive=area_values.drives(self._hfx, value))
+        return replace(
+            block,
             matrices=self._placing(world),
             shapes=(self.shape,),
             response=self._response(sampled),
@@ -156,22 +156,12 @@ class CurveEffect:
                     values[:, f, c] = clipped.astype(np.float32).astype(np.float64) * unit
         return values
 
-    def _level(self, sampled: F64) -> F64:
-        """Level (T,) from sampled values (T, C): activation times intensity; the intensity alone if
-        always on, 0 if off."""
-        if self._state.source is ActivationSource.OFF:
-            return np.zeros(len(sampled))
-        intensity = self._value("intensity", sampled)
-        if self._state.source is ActivationSource.ALWAYS_ON:
-            return intensity
-        return self._value("activation", sampled) * intensity
-
     def _value(self, name: str, sampled: F64) -> F64:
         """Values (T,) of ``hfx.<name>`` from sampled values (T, C), clamped to hard limits and
         rounded to float32; without a curve the present value at all times."""
         column = self._place.values.columns.get((f"hfx.{name}", 0))
         owner = self._hfx
-        if skin_values.is_drive(f"hfx.{name}"):
+        if area_values.is_drive(f"hfx.{name}"):
             owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
         if column is None:
             return np.full(len(sampled), limited(owner, name))
@@ -237,8 +227,8 @@ class EffectChunks:
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """Block of effect ``which`` at ascending, not empty sample indices (n,). With ``spots``
-        ``spots`` must include all indices."""
+        """Block of effect ``which`` at ascending, not empty sample indices (n,); with ``spots`` all
+        of these must be spots."""
         if self._spots is not None:
             rows = np.searchsorted(self._spots, indices)
             return _rows_of(self._chunk(0, self._spots)[which], rows)
@@ -249,7 +239,12 @@ class EffectChunks:
             if len(rows):
                 inside = np.arange(number * _CHUNK, (number + 1) * _CHUNK)
                 parts.append(_rows_of(self._chunk(number, inside)[which], rows))
-        return parts[0] if len(parts) == 1 else _joined(parts)
+        if len(parts) == 1:
+            return parts[0]
+        # Fields without a time axis are equal in all chunks.
+        present = [name for name in _BY_TIME if getattr(parts[0], name) is not None]
+        columns = {name: np.concatenate([getattr(b, name) for b in parts]) for name in present}
+        return replace(parts[0], **columns)
 
     def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
         """Blocks of all effects, by key, at ``indices``, cached by chunk number; a new chunk
@@ -270,14 +265,6 @@ def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
     """Copy of a block at some times; fields without a time axis (shapes, vertices) are shared."""
     known = [name for name in _BY_TIME if getattr(block, name) is not None]
     return replace(block, **{name: getattr(block, name)[rows] for name in known})
-
-
-def _joined(parts: list[EffectBlock]) -> EffectBlock:
-    """Blocks of an effect joined in time; fields without a time axis, and the present fields, as in
-    the first block."""
-    known = [name for name in _BY_TIME if getattr(parts[0], name) is not None]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in known}
-    return replace(parts[0], **columns)
 
 
 class CurveBody:

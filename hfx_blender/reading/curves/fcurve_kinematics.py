@@ -20,16 +20,13 @@ from .animation_curves import AnimatedValues, NotModelledError
 _POSE = "pose.bones["
 BONE_PATH = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')
 WIDTHS = {
-    "location": 3,
-    "scale": 3,
-    "rotation_quaternion": 4,
-    "rotation_euler": 3,
-    "rotation_axis_angle": 4,
-    "delta_location": 3,
-    "delta_scale": 3,
-    "delta_rotation_quaternion": 4,
-    "delta_rotation_euler": 3,
+    **{"location": 3, "scale": 3},
+    **{"rotation_quaternion": 4, "rotation_euler": 3, "rotation_axis_angle": 4},
+    **{"delta_location": 3, "delta_scale": 3},
+    **{"delta_rotation_quaternion": 4, "delta_rotation_euler": 3},
 }
+"""Numbers of components of the transform properties."""
+
 _HARMLESS = re.compile(
     r'(hfx\.|hide_|color$|show_|display_|\["|pose\.bones\[".*"\](\["|\.bbone_)|lock_)'
 )
@@ -163,9 +160,16 @@ class PlainObject:
         mode = self._mode
 
         def of(name: str) -> F64:
-            """Values (T, width) of a channel."""
-            return self._channels(sampled, name)
+            """Values (T, width) of a property; components without a curve as at construction."""
+            still = self._still[name]
+            values = np.repeat(still[None], len(sampled), axis=0)
+            for index in range(len(still)):
+                column = self.values.columns.get((name, index))
+                if column is not None:
+                    values[:, index] = sampled[:, column]
+            return values
 
+        # Blender applies delta rotations after the rotation, in the parent's axes.
         turned = rotations(of(rotation_channel(mode)), mode)
         if mode == "QUATERNION":
             turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
@@ -174,17 +178,6 @@ class PlainObject:
         return transforms(
             of("location") + of("delta_location"), turned, of("scale") * of("delta_scale")
         )
-
-    def _channels(self, sampled: F64, name: str) -> F64:
-        """Values (T, width) of a transform property from sampled values (T, C); components without
-        a curve keep the value at construction."""
-        still = self._still[name]
-        values = np.repeat(still[None], len(sampled), axis=0)
-        for index in range(len(still)):
-            column = self.values.columns.get((name, index))
-            if column is not None:
-                values[:, index] = sampled[:, column]
-        return values
 
 
 class PlainRig:
@@ -205,7 +198,11 @@ class PlainRig:
         self._lengths = {bone.name: bone.length for bone in bones}
         self._relative = {bone.name for bone in bones if bone.use_relative_parent}
         modes = [bone.rotation_mode for bone in obj.pose.bones]
-        still = {name: self._current(name) for name in (*_rotations(modes), *_OTHERS)}
+        still: dict[str, F64] = {}
+        for name in dict.fromkeys((*map(rotation_channel, modes), "location", "scale")):
+            flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
+            obj.pose.bones.foreach_get(name, flat)
+            still[name] = flat.reshape(len(self._names), -1).astype(np.float64)
         self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
         places = _channel_places(obj, self._values.columns, index)
         self.keyed = KeyedRig(
@@ -218,12 +215,6 @@ class PlainRig:
             {name: places[name] for name in still if name in places},
         )
         self._kept_pose = _LastResult(self.pose)
-
-    def _current(self, name: str) -> F64:
-        """Present values (B, width) of channel ``name`` of all B bones."""
-        flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
-        self.body.obj.pose.bones.foreach_get(name, flat)
-        return flat.reshape(len(self._names), -1).astype(np.float64)
 
     @property
     def key_frames(self) -> F64:
@@ -300,11 +291,3 @@ def _channel_places(
         if name in bones:
             entries.setdefault(match[2], []).append((column, bones[name], number))
     return {name: np.array(rows).T for name, rows in entries.items()}
-
-
-_OTHERS = ("location", "scale")
-
-
-def _rotations(modes: list[str]) -> list[str]:
-    """Names of the rotation properties that the modes use, unique, in order of first use."""
-    return list(dict.fromkeys(map(rotation_channel, modes)))

@@ -43,7 +43,15 @@ class PresampledRig:
         self._values = AnimatedValues(obj, rest_value, _moves_a_bone, with_drivers=True)
         if not self._values.columns:
             raise NotModelledError(f"nothing animates the bones of '{obj.name}'")
-        self._mixed = _mixed_action(obj)
+        # A strip is removed from the copy as a whole, so it may move bones only. Of the assigned
+        # action a copy with muted bone curves remains if it animates more than bones.
+        for track in obj.animation_data.nla_tracks:
+            for strip in track.strips:
+                paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]
+                if any(paths) and not all(paths):
+                    raise NotModelledError(f"strip '{strip.name}' moves more than bones")
+        paths = [_moves_a_bone(curve.data_path) for curve in compat.fcurves(obj)]
+        self._mixed = obj.animation_data.action if any(paths) and not all(paths) else None
         bones = {bone.name: k for k, bone in enumerate(obj.pose.bones)}
         channels: dict[str, list[tuple[int, int]]] = {}
         for (path, number), column in self._values.columns.items():
@@ -65,9 +73,9 @@ class PresampledRig:
         created: list[bpy.types.ID] = [self.copy]
         data = self.copy.animation_data
         for track in data.nla_tracks:
-            # Strips of bones are removed from the copy, because they would overwrite the set
-            # values.
-            for strip in list(track.strips):  # Blender evaluates channels of muted strips as well
+            # Strips of bones would overwrite the set values. Muting is not enough: Blender
+            # evaluates the channels of muted strips as well.
+            for strip in list(track.strips):
                 if any(_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)):
                     track.strips.remove(strip)
         if self._mixed is not None:
@@ -116,15 +124,3 @@ def _moves_a_bone(path: str) -> bool:
     """Test for the RNA path of a location, rotation or scale (also delta) of a bone."""
     match = BONE_PATH.match(path)
     return match is not None and match[2] in WIDTHS
-
-
-def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Assigned action if it animates bones and more, else None. Raises NotModelledError for such an
-    NLA strip."""
-    for track in obj.animation_data.nla_tracks:
-        for strip in track.strips:
-            paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]
-            if any(paths) and not all(paths):
-                raise NotModelledError(f"strip '{strip.name}' moves more than bones")
-    paths = [_moves_a_bone(curve.data_path) for curve in compat.fcurves(obj)]
-    return obj.animation_data.action if any(paths) and not all(paths) else None

@@ -7,7 +7,6 @@ property, which keeps the last value. So animation data is checked first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
@@ -90,7 +89,13 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         return Activation(ActivationSource.ANIMATED, clips=named)
     if not pairs:
         return Activation(ActivationSource.ALWAYS_ON)
-    playing = _playing_strips(data, pairs)
+    # Strips that Blender evaluates. With a solo track the mute switches of tracks do not count.
+    solo = any(track.is_solo for track in data.nla_tracks)
+    playing = [
+        strip
+        for track, strip in pairs
+        if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
+    ]
     if not playing:
         return Activation(ActivationSource.OFF, clips=named)
     if any(strip.extrapolation != "NOTHING" for strip in playing):
@@ -98,19 +103,6 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
     timed = tuple(Clip(strip.name, *span) for strip, span in zip(playing, spans, strict=True))
     return Activation(ActivationSource.ANIMATED, spans, named, timed)
-
-
-def _playing_strips(
-    data: bpy.types.AnimData, pairs: Iterable[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]
-) -> list[bpy.types.NlaStrip]:
-    """Strips of (track, strip) pairs that Blender evaluates, in order: unmuted, on a solo track if
-    there is any, else on an unmuted track; none with the NLA off."""
-    solo = any(track.is_solo for track in data.nla_tracks)
-    return [
-        strip
-        for track, strip in pairs
-        if data.use_nla and not strip.mute and (track.is_solo if solo else not track.mute)
-    ]
 
 
 def spans_of_value(

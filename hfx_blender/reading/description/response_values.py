@@ -45,10 +45,9 @@ def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGro
         highest = item.bl_rna.properties[name].hard_max
         if any(driver.data_path == path for driver in data.drivers):
             return longest_s(highest, highest)
-        for curves in compat.curve_collections(effect):
-            for curve in curves:
-                if curve.data_path == path:
-                    times_s[name] = max(times_s[name], min(highest_of(curve), highest))
+        for curve in compat.all_fcurves(effect):
+            if curve.data_path == path:
+                times_s[name] = max(times_s[name], min(highest_of(curve), highest))
     return longest_s(*times_s.values())
 
 
@@ -77,14 +76,31 @@ def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
     return values
 
 
+def controls_at(
+    scene: bpy.types.Scene,
+    effect: bpy.types.Object,
+    hfx: bpy.types.PropertyGroup,
+    unit_m: float,
+    time: TimeBase,
+    index: int,
+) -> F64 | None:
+    """Controls (F, WIDTH) of the evaluated properties ``hfx`` of an effect at sample ``index``, see
+    :func:`controls`, with continuous sine phases; None without filters."""
+    values = controls(hfx, unit_m)
+    if values is None:
+        return None
+    frame = np.array([float(time.frame(index))])
+    return with_even_phase(scene, effect, values[None], frame, time)[0]
+
+
 def with_even_phase(
     scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
     """Add phase offsets to controls (T, F, WIDTH) at played frames, in place, and return them.
 
     With an animated frequency, a sine's turns are the integral of the frequency. Its difference
-    from frequency times time is added to the phase. Only F-curves are integrated, a driver's
-    frequency is used as evaluated.
+    from frequency times time is added to the phase. Only F-curves are integrated, negative values
+    as 0 and from the scene's start; a driver's frequency is used as evaluated.
     """
     for f, (index, item) in enumerate(responses.active_filters(effect.hfx)):
         if item.kind != FilterKind.SINE or item.domain != "time":
@@ -93,21 +109,18 @@ def with_even_phase(
         curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)
         if curve is not None:
             times = (frames - time.scene_start) / float(time.fps)
-            turns = _integral(scene, curve, frames, time.scene_start) / float(time.fps)
+            # The integral of the frequency, by the trapezoidal rule at quarter frames. A common
+            # grid from the scene's start makes the phase independent of the block.
+            start = time.scene_start
+            last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
+            grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
+            grid_frames = animation_frames(scene, grid).tolist()
+            hertz = np.array([max(curve.evaluate(frame), 0.0) for frame in grid_frames])
+            areas = 0.5 * (hertz[1:] + hertz[:-1]) / _STEPS_A_FRAME
+            sums = np.concatenate([[0.0], np.cumsum(areas)])
+            turns = np.interp(frames, grid, sums) / float(time.fps)
             values[:, f, 3] += turns - values[:, f, 1] * times
     return values
-
-
-def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
-    """Integral over frames of a curve from frame ``start`` to played ``frames`` (T,), by the
-    trapezoidal rule at quarter frames; negative values count as 0, and frames before the start give
-    0."""
-    last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
-    # A common grid from the scene start makes the phase independent of the block.
-    grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
-    at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
-    sums = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1])) / _STEPS_A_FRAME])
-    return np.interp(frames, grid, sums)
 
 
 def place_of(path: str) -> tuple[int, str] | None:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ...authoring.effects import effect_values, effects, model_migration
 from ...authoring.effects.effect_values import ShapeCache
@@ -37,16 +36,15 @@ from ...errors import InputError
 from ...files.hashes import sha256_of
 from ...text import MOST_LINES, shortened
 from ...version import __version__
-from ..curves.animation_time import animation_frames, played_frame
+from ..curves.animation_time import animation_frames, played_frame, sample_frames
 from ..curves.curve_reading import is_steady
 from ..stepped import reached
 from ..stepped.simulation import Simulation
 from . import (
     activation,
+    area_values,
     response_values,
-    skin_values,
     soundness,
-    surface_reading,
     unreported,
     visibility,
 )
@@ -111,7 +109,11 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     bodies, body_warnings, left_out = _find_bodies(scene, layer, enabled)
     candidates = effects.effects_of(scene)
     shown, warnings = _shown_effects(scene, layer, candidates, enabled)
-    warnings = (*_of_unknown_role(scene), *body_warnings, *warnings)
+    # Blender reads a stored enum value that is no item, as of a later version, as "".
+    roleless = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
+    bad_roles = ((obj, bad) for obj in roleless for bad in bad_values(obj) if bad.path == "role")
+    unknown = (f"object '{obj.name}': {bad}; it was left out" for obj, bad in bad_roles)
+    warnings = (*unknown, *body_warnings, *warnings)
     # Check stored values first: Blender drops a value of another type on the first read.
     sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
     warnings += tuple(text for texts in sound.values() for text in texts)
@@ -155,13 +157,6 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
         )
 
 
-def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
-    """One warning for each object of a scene whose stored role is no known value."""
-    roles = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
-    bad = [(obj, value) for obj in roles for value in bad_values(obj) if value.path == "role"]
-    return [f"object '{obj.name}': {value}; it was left out" for obj, value in bad]
-
-
 def _find_bodies(
     scene: bpy.types.Scene,
     layer: bpy.types.ViewLayer,
@@ -173,13 +168,17 @@ def _find_bodies(
     excluded."""
     bodies = effects.bodies_of(scene)
     if not bodies:
-        inside = _instanced_body(scene)
-        if inside is not None:
-            raise InputError(
-                f"Scene '{scene.name}' shows the haptic body '{inside[1].name}' only as an "
-                f"instance, by '{inside[0].name}', and instances are not posed: select it and "
-                "make a library override (Object > Library Override > Make), or make it real."
-            )
+        # A linked character arrives as an instance of its collection.
+        instancers = [obj for obj in scene_objects(scene) if obj.instance_collection is not None]
+        for obj in instancers:
+            for member in obj.instance_collection.all_objects:
+                if member.hfx.role == "BODY":
+                    raise InputError(
+                        f"Scene '{scene.name}' shows the haptic body '{member.name}' only as an "
+                        f"instance, by '{obj.name}', and instances are not posed: select it and "
+                        "make a library override (Object > Library Override > Make), or make it "
+                        "real."
+                    )
         raise InputError(
             f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
             "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
@@ -202,19 +201,6 @@ def _find_bodies(
         raise _refusal(faults.values())
     warnings = tuple(text for texts in sound.values() for text in texts)
     return list(sound), warnings, soundness.left_out(faults)
-
-
-def _instanced_body(
-    scene: bpy.types.Scene,
-) -> tuple[bpy.types.Object, bpy.types.Object] | None:
-    """First (instancer, body) of the collection instances of a scene whose collection has a body;
-    None without any."""
-    for obj in scene_objects(scene):
-        collection = obj.instance_collection
-        for member in collection.all_objects if collection is not None else ():
-            if member.hfx.role == "BODY":
-                return obj, member
-    return None
 
 
 def _shown_effects(
@@ -301,7 +287,7 @@ def describe(
     )
     if not bindings:
         raise _refusal(unbound.values())
-    if unbound:  # effects on these bodies become invalid too
+    if unbound:
         # Effects on these bodies become invalid too, so describe again without the bodies.
         others = replace(
             haptics,
@@ -336,22 +322,14 @@ def describe(
 
 
 def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
-    """Predicates about excluded objects by name, from messages by object."""
-    return {obj.name: _predicate(obj.name, why.removesuffix(".")) for obj, why in faults.items()}
-
-
-def _predicate(name: str, fault: str) -> str:
-    """Fault without a leading "Effect 'name'", if a space follows; otherwise "has a fault: ..."
-    with the rest."""
-    rest = re.sub(rf"^[Ee]ffect '{re.escape(name)}'", "", fault)
-    return rest.strip() if rest.startswith(" ") else f"has a fault: {rest.lstrip(' :')}"
-
-
-def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Played frames (n,) of sample indices (n,), also negative. Rounded once, so that no sample
-    falls before a clip with the same start."""
-    step = time.fps / time.rate_hz
-    return time.frame_first + indices * step.numerator / step.denominator
+    """Predicates about excluded objects by name, from messages by object: without a leading
+    "Effect 'name'", if a space follows; otherwise "has a fault: ..." with the rest."""
+    predicates = {}
+    for obj, why in faults.items():
+        rest = re.sub(rf"^[Ee]ffect '{re.escape(obj.name)}'", "", why.removesuffix("."))
+        is_predicate = rest.startswith(" ")
+        predicates[obj.name] = rest.strip() if is_predicate else f"has a fault: {rest.lstrip(' :')}"
+    return predicates
 
 
 def _describe_effect(
@@ -371,11 +349,11 @@ def _describe_effect(
         area = _painted_area(effect, haptics, ids)
     elif hfx.kind == "SURFACE":
         evaluated = effect.evaluated_get(haptics.layer.depsgraph)
-        area = surface_reading.describe(effect, evaluated, haptics.unit_m)
+        area = area_values.surface_area(effect, evaluated, haptics.unit_m)
     elif hfx.kind == "SPOT":
-        area = skin_values.spot_area(effect, ids[_body_of(effect, haptics).name_full])
+        area = area_values.spot_area(effect, ids[_body_of(effect, haptics).name_full])
     elif hfx.kind == "ACTUATORS":
-        area = skin_values.actuator_area(effect, ids[_body_of(effect, haptics).name_full])
+        area = area_values.actuator_area(effect, ids[_body_of(effect, haptics).name_full])
     else:
         area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
     return EffectDescription(

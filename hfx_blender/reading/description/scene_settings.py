@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices and tolerances chosen in a scene."""
+"""Devices, tolerances and play space chosen in a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
 
 from ...blender.stored_values import bad_values
 from ...devices.configuration import load_device, named_in_blend
+from ...engine.arrays import F64
 from ...engine.rendering.device_config import DeviceConfig
+from ...engine.scene import TimeBase
 from ...engine.tolerance import PREVIEW, Tolerance, parse
 from ...errors import InputError, UsageError
 from ...formats.writing import usable
-
-if TYPE_CHECKING:
-    import bpy
+from ..curves.animation_curves import NotModelledError
+from ..curves.animation_time import animation_frames, sample_frames
+from ..curves.fcurve_kinematics import PlainObject
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
@@ -74,3 +78,34 @@ def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
     """Tolerance of preview and live devices: PREVIEW, or the export tolerance, see
     :func:`scene_tolerance`."""
     return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)
+
+
+def play_space_poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
+    """Play space to world at all samples, (T, 4, 4) in metres; None if the room is the world.
+    Raises InputError with constraints, drivers or physics, and for a matrix without an inverse."""
+    space = scene.hfx.play_space
+    if space is None:
+        return None
+    try:
+        plain = PlainObject(space)
+    except NotModelledError as error:
+        raise InputError(
+            f"Play space '{space.name}': {error}; it is moved by keyframes, clips or parents only."
+        ) from None
+    frames = animation_frames(scene, sample_frames(time, np.arange(time.sample_count)))
+    world = plain.world(frames, plain.values.sample(frames))
+    world[:, :3, 3] *= unit_m
+    if not np.isfinite(world).all() or (np.abs(np.linalg.det(world)) < 1e-12).any():
+        raise InputError(f"Play space '{space.name}': its scale is 0, or its place no number.")
+    return world
+
+
+def play_space_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
+    """Play space to world at the present frame, (4, 4) in metres, with the scale; identity without
+    a play space."""
+    space = scene.hfx.play_space
+    if space is None:
+        return np.eye(4)
+    matrix = np.array(space.evaluated_get(layer.depsgraph).matrix_world, np.float64)
+    matrix[:3, 3] *= unit_m
+    return matrix

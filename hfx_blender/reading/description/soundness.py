@@ -67,7 +67,14 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
             f"{titled(obj)}: its contact response has {len(obj.hfx.response)} filters, at most "
             f"{MOST_FILTERS} are allowed."
         )
-    return warnings + list(_of_weights(obj)) + list(_of_animation(obj))
+    if obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED":
+        bad_count = sum(not 0.0 <= weight <= 1.0 for weight in effects.area(obj)[1])
+        if bad_count:
+            warnings.append(
+                f"{titled(obj)}: {bad_count} painted weights are no numbers from 0 to 1; these "
+                "vertices are not felt"
+            )
+    return warnings + list(_of_animation(obj))
 
 
 def without_faulty(
@@ -98,12 +105,21 @@ def titled(obj: bpy.types.Object) -> str:
 def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:
     """Notes on the first NaN or infinite key of each F-curve of objects, their parents, data and
     shape keys. Such keys are evaluated as Blender does; effects are silent at samples with NaN."""
+    movers: dict[bpy.types.Object, None] = {}
+    for obj in objects:
+        # Ends at the top, at a cycle of parents, and at an ancestor of an earlier object.
+        mover = obj
+        while mover is not None and mover not in movers:
+            movers[mover] = None
+            mover = mover.parent
     owners: dict[bpy.types.ID, str] = {}
-    for mover in dict.fromkeys(mover for obj in objects for mover in _with_parents(obj)):
+    for mover in movers:
         for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):
             owners.setdefault(owner, mover.name)
     return tuple(
-        note for owner, name in owners.items() for note in _non_finite(name, [*_curves_of(owner)])
+        note
+        for owner, name in owners.items()
+        for note in _non_finite(name, compat.all_fcurves(owner))
     )
 
 
@@ -124,21 +140,6 @@ def _non_finite(name: str, curves: list[bpy.types.FCurve]) -> Iterator[str]:
             f"'{name}': key {number} of the F-curve '{curves[which].data_path}' "
             f"[{curves[which].array_index}] is not a finite number; correct or delete it"
         )
-
-
-def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:
-    """Yield the F-curves of a data-block's action, then of NLA strips."""
-    for curves in compat.curve_collections(owner):
-        yield from curves
-
-
-def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """Object, the parent, the parent's parent and so on; stops at a cycle."""
-    ancestors: dict[str, bpy.types.Object] = {}
-    while obj is not None and obj.name_full not in ancestors:
-        ancestors[obj.name_full] = obj
-        obj = obj.parent
-    return list(ancestors.values())
 
 
 def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
@@ -179,20 +180,8 @@ def animated_paths(obj: bpy.types.ID) -> list[str]:
     data = obj.animation_data
     if data is None:
         return []
-    curves = (*_curves_of(obj), *data.drivers)
+    curves = (*compat.all_fcurves(obj), *data.drivers)
     return list(dict.fromkeys(curve.data_path for curve in curves if not curve.mute))
-
-
-def _of_weights(obj: bpy.types.Object) -> Iterator[str]:
-    """Yield one warning with the number of painted weights that are NaN or outside 0..1; nothing
-    for other objects."""
-    if obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED":
-        bad = sum(not 0.0 <= weight <= 1.0 for weight in effects.area(obj)[1])
-        if bad:
-            yield (
-                f"{titled(obj)}: {bad} painted weights are no numbers from 0 to 1; these vertices "
-                "are not felt"
-            )
 
 
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
@@ -208,7 +197,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
         if _STEADY.fullmatch(path):
             yield f"{titled(obj)}: {path} is animated; what it is now is taken for all times"
     # Overshoot between two keys within the limits is common and intended, so only keys are checked.
-    curves = list(_curves_of(obj))
+    curves = compat.all_fcurves(obj)
     for path in paths:
         limits = _limits(obj, path)
         if limits is None:
@@ -217,6 +206,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
         keys = [key for key in keys if key == key]  # NaN is reported by non_finite_keyframes
         if not keys:
             continue
+        # A key at the limit itself differs from it by float32 rounding.
         for value, limit in ((min(keys), limits[0]), (max(keys), limits[1])):
             if (value - limit) * (1 if limit == limits[1] else -1) > 1e-5 * max(abs(limit), 1.0):
                 yield (

@@ -2,6 +2,8 @@
 """Reasons, known before reading, why effects, clips and bodies are not felt.
 
 Intended silence (a muted effect, a part of the frames) is a note, all other silence a warning.
+Dormant effects, certainly without any sample, are not read; each keeps its index in the scene
+description and in the track, and is reported.
 """
 
 from __future__ import annotations
@@ -16,20 +18,30 @@ import bpy
 import numpy as np
 
 from ...authoring import clips, responses
+from ...authoring.effects import effects
 from ...blender.scene_info import scene_objects
 from ...blender.stored_values import limited
 from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
 from ...engine.arrays import F64
 from ...engine.counters import Unfelt, powerless_reason
 from ...engine.modality import MODALITIES, neutral_temperature_c
+from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import Clip, TimeBase
 from ...text import named
-from ..curves.animation_time import animation_frames
+from ..curves.animation_time import animation_frames, sample_frames
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
-from . import dormant, visibility
-from .activation import Activation, ActivationSource, spans_of_value
+from . import visibility
+from .activation import SILENCED, Activation, ActivationSource, spans_of_value
 
+MUTED = "is muted"
+NOT_SOLO = "is silent because others are solo"
+CLIPS_OFF = (
+    "has clips, all of them muted",
+    "has clips, none of them on the NLA track that is solo",
+    "has clips, but its NLA is turned off",
+)
+OFF = "is not on at any exported time"
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
 _ELSEWHERE: Final = "can be felt only outside of the exported frames"
 
@@ -74,7 +86,8 @@ def reasons(
     felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
     then missing strength. If frames of the scene are not exported, an effect that may be felt at
     the scene's frames is expected to be silent."""
-    frames, whole = dormant.frames_read(scene, time), _of_scene(scene, time)
+    frames = frames_read(scene, time)
+    whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
     unfelt_effects: dict[str, Unfelt] = {}
     lost: list[LostClip] = []
     for effect, state in states.items():
@@ -88,14 +101,9 @@ def reasons(
             unfelt_effects[effect.name] = Unfelt(why, is_expected=True)
         elif why is not None:
             is_part = is_partial(scene, time) and _may_be_felt_in_scene(scene, effect, state)
-            reason = _ELSEWHERE if is_part and why != dormant.OFF else why
+            reason = _ELSEWHERE if is_part and why != OFF else why
             unfelt_effects[effect.name] = Unfelt(reason, is_part)
     return unfelt_effects, warnings_of_clips(lost, whole)
-
-
-def _of_scene(scene: bpy.types.Scene, time: TimeBase) -> TimeBase:
-    """Time base of all frames of the scene, at the rates of ``time``."""
-    return replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
 
 
 def is_partial(scene: bpy.types.Scene, time: TimeBase) -> bool:
@@ -114,9 +122,10 @@ def _may_be_felt_in_scene(
     ends = animation_frames(scene, np.array([scene.frame_start, last]))
     spans = [*state.spans]
     spans += spans_of_value(effect, "hfx.intensity") or ()
-    spans += _strength_spans(effect) or ()
+    strength = f"hfx.{_strength_of(effect)}"
+    spans += spans_of_value(effect, strength, _neutral_c(effect)) or ()
     frames = np.clip([*ends, *chain(*spans)], *ends)
-    return (dormant.why_dormant(effect, state, frames) or why_powerless(effect, frames)) is None
+    return (why_dormant(effect, state, frames) or why_powerless(effect, frames)) is None
 
 
 def lost_clips(
@@ -125,7 +134,7 @@ def lost_clips(
     """Yield evaluated clips with bounds that are wholly or partly outside the scene's frames, or
     between two samples. If other frames than the scene's are read, clips with samples there or in
     the scene are not reported."""
-    whole = _of_scene(scene, time)
+    whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
     for clip in state.playing:
         start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
         why = _why_lost(time, start, end)
@@ -194,6 +203,68 @@ def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
     return Unfelt("has no clip within the frames of the scene", is_warned=True)
 
 
+def is_never_strong(
+    effect: bpy.types.Object, name: str, frames: F64, neutral: float | None = None
+) -> bool:
+    """Test for a property ``hfx.name`` that is certainly at most 0 at all animation ``frames``
+    (n,); with ``neutral``, certainly nearer to it than :data:`NEUTRAL_WITHIN_C`. False with a frame
+    handler of another add-on, and for an animation that cannot be bounded."""
+    if stepping.foreign_handler() is not None:
+        return False  # a handler may set any value
+    path = f"hfx.{name}"
+    spans = spans_of_value(effect, path, neutral)
+    if spans is not None:
+        return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    value = limited(effect.hfx, name)
+    is_weak = value <= 0.0 if neutral is None else abs(value - neutral) < NEUTRAL_WITHIN_C
+    return is_weak and not visibility.is_keyed(effect, path)
+
+
+def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
+    """Animation frames (T,) of all samples and of :data:`OVERLAP` more on both sides, read for
+    motion."""
+    indices = np.arange(-OVERLAP, time.sample_count + OVERLAP)
+    return animation_frames(scene, sample_frames(time, indices))
+
+
+def asleep(
+    scene: bpy.types.Scene,
+    time: TimeBase,
+    states: Iterable[tuple[bpy.types.Object, Activation]],
+) -> dict[bpy.types.Object, str]:
+    """Dormant effects of (effect, activation) pairs with reasons as in :func:`why_dormant`, in
+    order; :data:`NOT_SOLO` is followed by the names of solo effects."""
+    frames = frames_read(scene, time)
+    states = tuple(states)
+    candidates = dict.fromkeys((*effects.effects_of(scene), *(effect for effect, _ in states)))
+    solo_names = named([f"'{effect.name}'" for effect in candidates if effect.hfx.is_solo], 3)
+    reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
+    return {
+        effect: f"{why}: {solo_names}" if why == NOT_SOLO else why
+        for effect, why in reasons
+        if why is not None
+    }
+
+
+def why_dormant(effect: bpy.types.Object, state: Activation, frames: F64) -> str | None:
+    """Predicate why an effect cannot be felt at animation ``frames`` (n,), for use after the name;
+    None otherwise. Checked in order: muted, not solo, clips off, off at all frames, intensity
+    0."""
+    if state is SILENCED:
+        return MUTED if effect.hfx.is_muted else NOT_SOLO
+    if state.source is ActivationSource.OFF:
+        data = effect.animation_data
+        muted, not_solo, off = CLIPS_OFF
+        if not data.use_nla:
+            return off
+        return not_solo if any(track.is_solo for track in data.nla_tracks) else muted
+    if not state.may_be_on(frames).any():
+        return OFF
+    if is_never_strong(effect, "intensity", frames):
+        return "has intensity 0"
+    return None
+
+
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
     """Predicate why an effect that is on has certainly no strength at animation ``frames``; None
     otherwise. None also for kinds besides painted, volume and spot, with response filters, with a
@@ -201,21 +272,14 @@ def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:
     hfx = effect.hfx
     if hfx.kind not in ("PAINTED", "VOLUME", "SPOT") or responses.active_filters(hfx):
         return None
-    if stepping.foreign_handler() is not None:
-        return None  # it may set anything
-    neutral = _neutral_c(effect)
-    name = MODALITIES[hfx.modality].strength_parameter.prop
-    spans = _strength_spans(effect)
-    if spans is not None:
-        is_nothing = not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
-    elif visibility.is_keyed(effect, f"hfx.{name}"):
-        is_nothing = False
-    elif neutral is not None:
-        is_nothing = abs(limited(hfx, name) - neutral) < NEUTRAL_WITHIN_C
-    else:
-        is_nothing = limited(hfx, name) <= 0.0
+    is_nothing = is_never_strong(effect, _strength_of(effect), frames, _neutral_c(effect))
     is_contact = hfx.temperature_reference == "CONTACT"
     return powerless_reason(hfx.modality, is_contact) if is_nothing else None
+
+
+def _strength_of(effect: bpy.types.Object) -> str:
+    """Name of the property with the strength of an effect, by its modality."""
+    return MODALITIES[effect.hfx.modality].strength_parameter.prop
 
 
 def _neutral_c(effect: bpy.types.Object) -> float | None:
@@ -223,13 +287,6 @@ def _neutral_c(effect: bpy.types.Object) -> float | None:
     if effect.hfx.modality != "temperature":
         return None
     return neutral_temperature_c(effect.hfx.temperature_reference == "CONTACT")
-
-
-def _strength_spans(effect: bpy.types.Object) -> tuple[tuple[float, float], ...] | None:
-    """Animation frame intervals in which the strength parameter of an effect may have strength, or
-    a temperature may not be neutral; None if no F-curve alone tells."""
-    name = MODALITIES[effect.hfx.modality].strength_parameter.prop
-    return spans_of_value(effect, f"hfx.{name}", _neutral_c(effect))
 
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
@@ -240,7 +297,12 @@ def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, 
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     if not instancers:
         return ()
-    candidates = {obj for obj in reached_from(instancers) if _is_lost_as_instance(obj)}
+    # Bodies, and effects other than volumes, cannot be read where an instance shows them.
+    candidates = {
+        obj
+        for obj in reached_from(instancers)
+        if obj.hfx.role == "BODY" or (obj.hfx.role == "EFFECT" and obj.hfx.kind != "VOLUME")
+    }
     if not candidates:
         return ()
     own = set(scene_objects(scene))
@@ -250,29 +312,16 @@ def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, 
             parent = instance.parent
             maker = "" if parent is None else parent.original.name
             makers.setdefault(instance.object.original, maker)
-    return tuple(
-        text
-        for obj, maker in sorted(makers.items(), key=lambda pair: pair[0].name_full)
-        for text in _of_instance(obj, maker, obj in own)
-    )
-
-
-def _is_lost_as_instance(obj: bpy.types.Object) -> bool:
-    """Test for a body or for an effect other than a volume."""
-    role = obj.hfx.role
-    return bool(role == "BODY" or (role == "EFFECT" and obj.hfx.kind != "VOLUME"))
-
-
-def _of_instance(obj: bpy.types.Object, maker: str, is_own: bool) -> Iterable[str]:
-    """Yield the warning that an instance of ``obj`` is not felt: for bodies, surfaces, and for
-    effects not in the scene itself; nothing for the scene's own painted and skin effects. ``maker``
-    is the name of the instancing object ("" if unknown); ``is_own``: ``obj`` is also in the
-    scene."""
-    shown = f"is shown {'also' if is_own else 'only'} as an instance, by '{maker}'"
-    if obj.hfx.role == "BODY":
-        yield (
-            f"body '{obj.name}' {shown}: it is not posed there and feels nothing; make a library "
-            "override of it, or make the instance real"
-        )
-    elif obj.hfx.kind == "SURFACE" or not is_own:
-        yield f"effect '{obj.name}' {shown}: it is not felt there; make the instance real"
+    warnings = []
+    for obj, maker in sorted(makers.items(), key=lambda pair: pair[0].name_full):
+        shown = f"is shown {'also' if obj in own else 'only'} as an instance, by '{maker}'"
+        if obj.hfx.role == "BODY":
+            warnings.append(
+                f"body '{obj.name}' {shown}: it is not posed there and feels nothing; make a "
+                "library override of it, or make the instance real"
+            )
+        # The scene's own painted and skin effects are felt on their body, wherever shown.
+        elif obj.hfx.kind == "SURFACE" or obj not in own:
+            text = f"effect '{obj.name}' {shown}: it is not felt there; make the instance real"
+            warnings.append(text)
+    return tuple(warnings)

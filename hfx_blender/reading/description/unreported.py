@@ -28,17 +28,11 @@ def tag(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
 
 def _content(obj: bpy.types.Object) -> str:
     """Text of an object's haptic property group and its "hfx_" properties, for comparison; as text
-    NaN equals NaN."""
-    arrays = [
-        (key, _plain(value))
-        for key, value in obj.items()
-        if key.startswith("hfx_")  # "hfx" itself is a property group
-    ]
-    return repr((compat.properties(obj), arrays))
-
-
-def _plain(value: object) -> object:
-    """Full name of a data-block, list of an array property; other values unchanged."""
-    if isinstance(value, bpy.types.ID):
-        return value.name_full
-    return value.to_list() if hasattr(value, "to_list") else value
+    NaN equals NaN. Data-blocks count by full name."""
+    values = []
+    for key, value in obj.items():
+        if key.startswith("hfx_"):  # "hfx" itself is a property group
+            if isinstance(value, bpy.types.ID):
+                value = value.name_full
+            values.append((key, value.to_list() if hasattr(value, "to_list") else value))
+    return repr((compat.properties(obj), values))

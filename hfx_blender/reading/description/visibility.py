@@ -27,8 +27,7 @@ def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:
     data = obj.animation_data
     if data is None:
         return False
-    curves = [curve for curves in compat.curve_collections(obj) for curve in curves]
-    return any(curve.data_path == path for curve in (*curves, *data.drivers))
+    return any(curve.data_path == path for curve in (*compat.all_fcurves(obj), *data.drivers))
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:

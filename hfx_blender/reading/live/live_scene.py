@@ -25,7 +25,7 @@ from ...engine.samples import SampleRun
 from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume
 from ...engine.tolerance import Tolerance
 from ..curves.animation_time import time_base
-from ..description import scene_description, skin_values, visibility
+from ..description import area_values, scene_description, visibility
 from ..description.scene_description import HapticObjects
 from ..stepped import instances
 from ..stepped.instances import Key
@@ -297,7 +297,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 hfx.is_solo,
                 responses.signature(hfx),
                 surfaces.signature(obj) if hfx.kind == "SURFACE" else (),
-                skin_values.signature(obj),
+                area_values.signature(obj),
                 strips,
             )
         )

@@ -33,19 +33,15 @@ def drivers_of(
 
 
 class RetriedDrivers:
-    """Evaluate every driver of the given data-blocks at every time, also after earlier failures.
+    """Evaluate every driver of the original data-blocks ``reached`` at every time, also after
+    earlier failures; muted drivers and drivers of missing properties are ignored.
 
-    Parameters
-    ----------
-    reached : iterable of bpy.types.ID
-        Original data-blocks; muted drivers and drivers of missing properties are ignored.
-    tags : bool
-        Tag owners of failed drivers, so that Blender evaluates them without changed inputs. False
-        with a simulation, because tagging empties its cache.
+    ``tags``: tag owners of failed drivers, so that Blender evaluates them without changed inputs.
+    False with a simulation, because tagging empties its cache.
     """
 
     def __init__(self, reached: Iterable[bpy.types.ID], *, tags: bool) -> None:
-        self._owners = [owner for owner in reached if next(drivers_of([owner]), None) is not None]
+        self._owners = [*dict.fromkeys(owner for owner, _ in drivers_of(reached))]
         self._tags = tags
         self._messages: IO[bytes] | None = None
         self.failures: tuple[str, ...] = ()
@@ -70,6 +66,7 @@ class RetriedDrivers:
             for k, driver in enumerate(self._drivers)
             if driver.type == "SCRIPTED" and not driver.is_simple_expression
         ]
+        # A file, because a pipe would fill and block Blender, and its C code bypasses sys.stderr.
         if self._scripted and self._messages is None:
             self._messages = tempfile.TemporaryFile()
 
@@ -92,18 +89,16 @@ class RetriedDrivers:
         if list(map(_count, self._owners)) != self._counts:
             self._collect()
         self._failed = [k for k, driver in enumerate(self._drivers) if not driver.is_valid]
-        self.failures = tuple(self._pairs[k][1] for k in (*self._failed, *self._endless()))
-
-    def _endless(self) -> list[int]:
-        """Indices of scripted drivers that Blender reported as NaN or infinite in the last
-        evaluation and replaced by 0."""
-        if self._messages is None:
-            return []
-        self._messages.seek(0)
-        text = self._messages.read().decode(errors="replace")
-        return [
+        # Blender replaces NaN and infinite results by 0, and the driver stays valid: only the
+        # message on standard error tells.
+        text = ""
+        if self._messages is not None:
+            self._messages.seek(0)
+            text = self._messages.read().decode(errors="replace")
+        endless = (
             k for k in self._scripted if f"'{self._drivers[k].expression}' evaluates to" in text
-        ]
+        )
+        self.failures = tuple(self._pairs[k][1] for k in (*self._failed, *endless))
 
 
 def _count(owner: bpy.types.ID) -> int:

@@ -13,7 +13,7 @@ may have objects of equal names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -30,10 +30,10 @@ from ...errors import InputError
 from ..curves.animation_time import animation_frames
 from ..description import (
     activation,
-    dormant,
     response_values,
     scene_description,
     soundness,
+    unfelt,
     visibility,
 )
 from ..description.scene_description import HapticObjects
@@ -50,22 +50,6 @@ _NO_NUMBER = 2**31 - 1
 
 Key = tuple[str, str, tuple[int, ...]]
 """Full name of the source, full name of the instancer ("" without), and persistent id."""
-
-Phase = Callable[[bpy.types.Object, F64], F64]
-"""Function (source, controls (F, WIDTH)) -> controls with continuous phases."""
-
-
-def _states(
-    scene: bpy.types.Scene, sources: Mapping[str, bpy.types.Object]
-) -> dict[str, activation.Activation]:
-    """Activations of sources by full name, in order; silenced if muted, or if another effect of the
-    scene or source is solo and this is not."""
-    every = {obj.name_full: obj for obj in effects.effects_of(scene)}
-    silenced = effects.muted_effects({**every, **sources}.values())
-    return {
-        name: activation.SILENCED if source in silenced else activation.activation_of(source)
-        for name, source in sources.items()
-    }
 
 
 def _shown(
@@ -89,7 +73,7 @@ def _shown(
             number,
         )
         # Two geometry nodes of an object may count from 0 each: extend the id until unique.
-        while key in taken:  # two nodes of an object may both count from 0
+        while key in taken:
             key = (*key[:2], (*key[2], 0))
         taken.add(key)
         yield key, source, instance
@@ -108,12 +92,8 @@ class _Values:
 class Sources:
     """Volumes of a scene with possible instances, and readers of the present instances.
 
-    Parameters
-    ----------
-    faults : dict, optional
-        Message -> sample indices; new faults are added in place.
-    time : TimeBase, optional
-        Volumes that are off at all of these times are excluded too.
+    New faults are added to ``faults``, message -> sample indices, in place. Volumes that are off at
+    all samples of ``time``, if given, are excluded too.
 
     Attributes
     ----------
@@ -143,12 +123,18 @@ class Sources:
         valid, bad = soundness.without_faulty(sources.values(), soundness.warnings_of)
         warnings = (text for texts in valid.values() for text in texts)
         sources = {name: source for name, source in sources.items() if source in valid}
-        states = _states(found.scene, sources)
+        # An effect of the scene on solo silences sources as well.
+        every = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
+        silenced = effects.muted_effects({**every, **sources}.values())
+        states = {
+            name: activation.SILENCED if source in silenced else activation.activation_of(source)
+            for name, source in sources.items()
+        }
         self.warnings = (*warnings, *soundness.left_out(bad))
         self.notes = soundness.non_finite_keyframes(sources.values())
         self.activations = {sources[name]: state for name, state in states.items()}
         self.asleep = (
-            {} if time is None else dormant.asleep(found.scene, time, self.activations.items())
+            {} if time is None else unfelt.asleep(found.scene, time, self.activations.items())
         )
         self.states = {
             name: state
@@ -183,11 +169,11 @@ class Sources:
         return {key for key, _, _ in _shown(depsgraph) if key[0] in self.objects}
 
     def rows_now(
-        self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
+        self, depsgraph: bpy.types.Depsgraph, time: TimeBase | None = None, index: int = 0
     ) -> dict[Key, EffectRow]:
         """Effect rows by key of the present instances of :attr:`objects`, metres; instances without
-        a shape are missing. ``phase`` makes sine phases continuous (None: as stored). Faults are
-        recorded at sample ``index``."""
+        a shape are missing. With ``time`` sine phases are continuous up to sample ``index``, else
+        as stored. Faults are recorded at ``index``."""
         rows: dict[Key, EffectRow] = {}
         common: dict[str, _Values] = {}
         shapes: dict[tuple[str, int], Shape | None] = {}
@@ -196,8 +182,10 @@ class Sources:
             if name not in self.objects:
                 continue
             if name not in common:
-                common[name] = self._values(name, evaluated, phase)
+                common[name] = self._values(name, evaluated, time, index)
             values = common[name]
+            # Geometry nodes may instance several meshes of one source at a time. Only the address
+            # tells these apart: evaluated meshes may share a name.
             data = evaluated.data
             which = name, 0 if data is None else data.as_pointer()
             if which not in shapes:
@@ -215,14 +203,19 @@ class Sources:
             rows[key] = EffectRow(values.level, parameters, matrix, shape, values.response)
         return rows
 
-    def _values(self, name: str, evaluated: bpy.types.Object, phase: Phase | None) -> _Values:
+    def _values(
+        self, name: str, evaluated: bpy.types.Object, time: TimeBase | None, index: int
+    ) -> _Values:
         """Level, parameters, shape scale and filter controls shared by the present instances of a
-        source; ``phase`` (if any) is applied to the controls."""
-        hfx = evaluated.hfx
+        source; ``time`` and ``index`` as of :meth:`rows_now`."""
+        hfx, unit_m = evaluated.hfx, self._found.unit_m
         parameters = effect_values.parameters(hfx, np.eye(4))
-        response = response_values.controls(hfx, self._found.unit_m)
-        if response is not None and phase is not None:
-            response = phase(self.objects[name], response)
+        if time is None:
+            response = response_values.controls(hfx, unit_m)
+        else:
+            response = response_values.controls_at(
+                self._found.scene, self.objects[name], hfx, unit_m, time, index
+            )
         return _Values(
             self.states[name].level(hfx),
             parameters[:1] if hfx.modality == "wind" else parameters,
@@ -246,22 +239,9 @@ class Sources:
 class Instances:
     """All instances of a scene's haptic volumes over its own frames and the exported frames.
 
-    Parameters
-    ----------
-    faults : dict
-        Message -> sample indices; new faults are added in place.
-
-    Attributes
-    ----------
-    descriptions : tuple of EffectDescription
-        One for each instance, sorted by key.
-    warnings, notes, asleep, activations
-        See :class:`Sources`.
-
-    Raises
-    ------
-    InputError
-        There are more than :data:`MOST` instances.
+    ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, asleep and
+    activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
+    indices, in place. Raises InputError for more than :data:`MOST` instances.
     """
 
     def __init__(
@@ -291,8 +271,7 @@ class Instances:
         self._first = min(scene.frame_start, time.frame_first)
         last = max(scene.frame_end, time.frame_last) + 1
         frames = {Fraction(frame) for frame in range(self._first, last + 1)}
-        # Simulations must be stepped from the scene's first frame, so samples before the range
-        # count too.
+        # Blocks near the start of the range also read samples before it, as far as the scene goes.
         if _may_be_brief(self._sources.objects.values()):
             first = -int((time.frame_first - self._first) * time.rate_hz / time.fps)
             count = int((last - time.frame_first) * time.rate_hz / time.fps)
@@ -356,14 +335,7 @@ class Instances:
             stepper.set_frame(self._time.frame(index))
             for failure in stepper.failures:
                 soundness.add_fault(self._faults, failure, index)
-            frame = np.array([float(self._time.frame(index))])
-
-            def phase(source: bpy.types.Object, controls: F64) -> F64:
-                scene = self._found.scene
-                values = controls[None]
-                return response_values.with_even_phase(scene, source, values, frame, self._time)[0]
-
-            rows = self._sources.rows_now(self._found.layer.depsgraph, phase, index)
+            rows = self._sources.rows_now(self._found.layer.depsgraph, self._time, index)
             for name, _, _ in rows.keys() - set(self._keys):
                 text = f"an instance of '{name}' that is there between two frames only is not felt"
                 self._faults.setdefault(text, set()).add(index)

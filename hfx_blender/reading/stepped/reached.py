@@ -36,16 +36,13 @@ def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
         return {}
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     reached = reached_from(instancers) if instancers else set()
-    return {obj.name_full: obj for obj in sorted(reached, key=_full_name) if is_volume(obj)}
+    volumes = filter(is_volume, sorted(reached, key=lambda obj: obj.name_full))
+    return {obj.name_full: obj for obj in volumes}
 
 
 def has_effects(scene: bpy.types.Scene) -> bool:
     """Test for haptic effects in a scene, instanced volumes included."""
     return bool(swarms.listed_effects(scene) or sources_of(scene))
-
-
-def _full_name(data: bpy.types.ID) -> str:
-    return str(data.name_full)
 
 
 def reached_from(

@@ -13,7 +13,7 @@ from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.scene import EffectBlock, PoseBlock
 from ...engine.volume.shape import Shape
-from ..description.surface_reading import joined
+from ..description.area_values import joined
 
 _RELATIVE = 1e-5
 _ABSOLUTE = 5e-6

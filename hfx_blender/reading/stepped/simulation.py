@@ -17,13 +17,8 @@ from ...blender.scene_info import scene_objects
 from .reached import reached_from
 
 _PHYSICS = {
-    "CLOTH",
-    "SOFT_BODY",
-    "FLUID",
-    "DYNAMIC_PAINT",
-    "EXPLODE",
-    "OCEAN",
-    "PARTICLE_INSTANCE",
+    *("CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT"),
+    *("EXPLODE", "OCEAN", "PARTICLE_INSTANCE"),
 }
 """Modifiers with motion or deformation besides F-curves."""
 
@@ -41,7 +36,8 @@ class Simulation:
         self._scene = scene
         self._last = last
         self._is_played = False
-        self._forgets = any(map(_simulates_nodes, _shown(scene)))
+        modifiers = (modifier for obj in _shown(scene) for modifier in obj.modifiers)
+        self._forgets = any(m.type == "NODES" and _simulates(m) for m in modifiers)
         self._frame = Fraction(0)  # last read frame
         self.frames_played = 0
 
@@ -51,12 +47,17 @@ class Simulation:
         during playback."""
         if self._is_played:
             return
-        render = self._scene.render
+        scene, render = self._scene, self._scene.render
+        starts = [start for obj in _shown(scene) for start in _starts(obj)]
+        if scene.rigidbody_world is not None:
+            starts.append(scene.rigidbody_world.point_cache.frame_start)
         remapped = render.frame_map_old, render.frame_map_new
         try:
+            # Caches hold whole frames of the animation. Remapped playback would skip frames or
+            # step through fractions.
             if remapped[0] != remapped[1]:
                 render.frame_map_old = render.frame_map_new = 100
-            for frame in range(_first_frame(self._scene), self._last + 1):
+            for frame in range(min([scene.frame_start, *starts]), self._last + 1):
                 self._scene.frame_set(frame)
                 self.frames_played += 1
         finally:
@@ -169,11 +170,6 @@ def _simulates(modifier: bpy.types.Modifier) -> bool:
     return modifier.type in _PHYSICS
 
 
-def _simulates_nodes(obj: bpy.types.Object) -> bool:
-    """Test for geometry nodes with a simulation zone."""
-    return any(m.type == "NODES" and _simulates(m) for m in obj.modifiers)
-
-
 def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
     """Search a node tree and the groups for a simulation zone. Names of searched trees are added to
     ``seen``, in place, and not searched again."""
@@ -188,16 +184,6 @@ def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
         )
         for node in tree.nodes
     )
-
-
-def _first_frame(scene: bpy.types.Scene) -> int:
-    """Earliest first frame of the scene and of all simulation caches of the objects and the
-    world."""
-    starts = [start for obj in _shown(scene) for start in _starts(obj)]
-    world = scene.rigidbody_world
-    if world is not None:
-        starts.append(world.point_cache.frame_start)
-    return min([scene.frame_start, *starts])
 
 
 def _starts(obj: bpy.types.Object) -> Iterator[int]:

@@ -18,9 +18,9 @@ from ...engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ...engine.volume.shape import Shape
 from ...errors import InputError
 from ..curves.curve_reading import is_rigid
-from ..description import activation, response_values, skin_values, soundness
+from ..description import activation, area_values, response_values, soundness
+from ..description.area_values import SurfaceVertices
 from ..description.scene_description import HapticObjects
-from ..description.surface_reading import SurfaceVertices
 from .scene_rows import EffectRow, PoseRow, SceneRow
 from .stepping import Stepper
 
@@ -42,13 +42,9 @@ class _Settings:
 class SteppedReading:
     """Reader of effects and bodies from a stepped scene.
 
-    Parameters
-    ----------
-    keeps_settings : bool
-        Cache the settings of effects without F-curves and drivers. False for scenes that a user or
-        a handler may edit between two readings.
-    faults : dict, optional
-        Message -> sample indices; new faults are added in place.
+    ``keeps_settings``: cache the settings of effects without unmuted F-curves and drivers of haptic
+    properties. False for scenes that a user or a handler may edit between two readings. Faults are
+    added to ``faults``, message -> sample indices, in place.
     """
 
     def __init__(
@@ -66,7 +62,10 @@ class SteppedReading:
         self._unit_m = found.unit_m
         self._vertices = SurfaceVertices()
         self._settings: dict[int, _Settings] = {}
-        self._keeps = [keeps_settings and not _is_animated(effect) for effect in found.effects]
+        self._keeps = [
+            keeps_settings and not any("hfx" in path for path in soundness.animated_paths(effect))
+            for effect in found.effects
+        ]
         self._is_rigid = [keeps_settings and is_rigid(effect) for effect in found.effects]
         self.counters = shapes.counters
         self.far: frozenset[int] = frozenset()
@@ -115,8 +114,8 @@ class SteppedReading:
         values.level = state.level(hfx)
         matrix = effect_values.world_matrix(evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
-        values.place = skin_values.place(hfx, self._unit_m)
-        values.drive = skin_values.drive(hfx)
+        values.place = area_values.place(hfx, self._unit_m)
+        values.drive = area_values.drive(hfx)
         if hfx.kind == "SURFACE":
             try:
                 values.vertices = self._vertices.of(effect, evaluated)
@@ -125,7 +124,9 @@ class SteppedReading:
                 soundness.add_fault(self.faults, str(error), index)
             values.matrix = effect_values.to_metres(matrix, self._unit_m)
         if hfx.kind == "VOLUME":
-            if hfx.shape == "MESH" and _shows_only_instances(evaluated):
+            # Geometry nodes turned the whole mesh into instances, which are effects themselves.
+            has_nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
+            if hfx.shape == "MESH" and has_nodes and effect_values.is_empty(evaluated):
                 return EffectRow()
             try:
                 values.shape = self._shape(which, evaluated)
@@ -136,7 +137,10 @@ class SteppedReading:
                     return EffectRow()
                 values.level = 0.0  # silent while the mesh has no inside
             values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
-            values.response = self._response(effect, hfx, index)
+            scene, time = self._found.scene, self._scene.time
+            values.response = response_values.controls_at(
+                scene, effect, hfx, self._unit_m, time, index
+            )
         if self._keeps[which]:
             self._keep(which, values, hfx)
         return values
@@ -192,11 +196,6 @@ class SteppedReading:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
-    def count_far(self, name: str, first: int, count: int) -> None:
-        """Record that volume ``name`` was far from skin in a block of ``count`` samples from
-        ``first`` on."""
-        self.counters.far.setdefault(name, {})[str(first)] = count
-
     def is_settled(self, which: int) -> bool:
         """Test for a rigid volume with cached settings, of which only the placement changes."""
         cached = self._settings.get(which)
@@ -221,20 +220,6 @@ class SteppedReading:
             shapes=(cached.shape,),
         )
 
-    def _response(
-        self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
-    ) -> np.ndarray | None:
-        """Controls (F, WIDTH) of a volume's filters at sample ``index``, sine phases continuous;
-        None without filters."""
-        controls = response_values.controls(hfx, self._unit_m)
-        if controls is None:
-            return None
-        time = self._scene.time
-        frame = np.array([float(time.frame(index))])
-        return response_values.with_even_phase(
-            self._found.scene, effect, controls[None], frame, time
-        )[0]
-
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
         """Pose of a body at the present frame, metres: avatar vertices if bound to a surface, else
         bones. None if the body or a mesh of the surface is disabled."""
@@ -256,15 +241,3 @@ class SteppedReading:
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
         matrix = effect_values.world_matrix(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)
-
-
-def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
-    """Test for an evaluated mesh without faces and with geometry nodes, converted wholly into
-    instances."""
-    nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
-    return nodes and effect_values.is_empty(evaluated)
-
-
-def _is_animated(effect: bpy.types.Object) -> bool:
-    """Test for unmuted F-curves or drivers of an effect with "hfx" in the path."""
-    return any("hfx" in path for path in soundness.animated_paths(effect))

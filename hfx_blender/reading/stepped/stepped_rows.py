@@ -23,41 +23,30 @@ from .stepped_volumes import FarVolumes
 from .stepping import Stepper
 
 
-@dataclass(frozen=True)
-class SteppedScenes:
-    """Scenes for stepping: ``whole`` with bodies and effects, ``light`` with effects only.
+def scratch_scenes(
+    found: HapticObjects,
+    scene: SceneDescription,
+    effects: Sequence[int],
+    bodies: Sequence[int],
+    rigs: Sequence[PresampledRig],
+    stack: ExitStack,
+) -> tuple[Stepper, Stepper]:
+    """Steppers of two scratch scenes, open until the stack is closed: of effects and bodies by
+    index, and of the effects alone. Without effects or without bodies the first is returned twice.
 
-    Both are the same stepper if a second scene saves nothing.
-    """
-
-    whole: Stepper
-    light: Stepper
-
-    @classmethod
-    def own(cls, found: HapticObjects, stack: ExitStack) -> SteppedScenes:
-        """Use the user's own scene until the stack is closed."""
-        stepper = stack.enter_context(stepping.own_scene(found))
-        return cls(stepper, stepper)
-
-    @classmethod
-    def scratch(
-        cls,
-        found: HapticObjects,
-        scene: SceneDescription,
-        effects: Sequence[int],
-        bodies: Sequence[int],
-        rigs: Sequence[PresampledRig],
-        stack: ExitStack,
-    ) -> SteppedScenes:
-        """Make scratch scenes of effects and bodies by index until the stack is closed. Bodies of
-        ``rigs`` are replaced by the copies. Without effects or without bodies a single scene serves
-        as both."""
-        objects = objects_of(found, scene, effects, bodies)
-        whole = _scratch(found, objects, rigs, stack)
-        if not effects or not bodies:
-            return cls(whole, whole)
-        alone = stepping.scratch_scene(found.scene, [found.effects[k] for k in effects])
-        return cls(whole, stack.enter_context(alone))
+    Copies replace the bodies of ``rigs``, unless another object depends on a rig."""
+    objects = objects_of(found, scene, effects, bodies)
+    whole = None
+    if rigs:
+        presampled = [rig.obj for rig in rigs]
+        others = [obj for obj in objects if obj not in presampled]
+        with suppress(NotModelledError):
+            whole = stack.enter_context(stepping.scratch_scene(found.scene, others, rigs))
+    whole = whole or stack.enter_context(stepping.scratch_scene(found.scene, objects))
+    if not effects or not bodies:
+        return whole, whole
+    alone = stepping.scratch_scene(found.scene, [found.effects[k] for k in effects])
+    return whole, stack.enter_context(alone)
 
 
 def objects_of(
@@ -75,32 +64,18 @@ def objects_of(
     ]
 
 
-def _scratch(
-    found: HapticObjects,
-    objects: list[bpy.types.Object],
-    rigs: Sequence[PresampledRig],
-    stack: ExitStack,
-) -> Stepper:
-    """Stepper of a scratch scene of ``objects``, with copies in place of ``rigs``; with the rigs
-    themselves if another object depends on a rig."""
-    if rigs:
-        presampled = [rig.obj for rig in rigs]
-        others = [obj for obj in objects if obj not in presampled]
-        with suppress(NotModelledError):
-            return stack.enter_context(stepping.scratch_scene(found.scene, others, rigs))
-    return stack.enter_context(stepping.scratch_scene(found.scene, objects))
-
-
 @dataclass
 class SteppedRows:
     """Reader of rows in the order of time.
 
-    ``bodies`` are indices of stepped bodies; placements of ``volumes`` are read at each time. Rows
-    outside the ``sample_count`` samples of the range are not counted. ``last`` holds the last rows
-    by sample index, for the next block.
+    ``whole`` steps bodies and effects, ``light`` effects only; the same stepper if a second scene
+    saves nothing. ``bodies`` are indices of stepped bodies; placements of ``volumes`` are read at
+    each time. Rows outside the ``sample_count`` samples of the range are not counted. ``last``
+    holds the last rows by sample index, for the next block.
     """
 
-    scenes: SteppedScenes
+    whole: Stepper
+    light: Stepper
     reading: SteppedReading
     bodies: Collection[int]
     volumes: FarVolumes
@@ -132,12 +107,9 @@ class SteppedRows:
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
             row = self.last.get(index)
-            if row is None:
-                row = SceneRow(index)
-                if posed and self.bodies:
-                    self._set_time(row)
-                    self._add_bodies(row)
-            rows.append(row)
+            if row is None and posed and self.bodies:
+                row = self.reading.read(index, self.whole, (), self.bodies)
+            rows.append(row or SceneRow(index))
         self.last = {}
         return rows
 
@@ -151,7 +123,7 @@ class SteppedRows:
     ) -> SceneRow:
         """Read one new row. The light scene is stepped, unless ``is_posed``; the whole scene only
         if bodies turn out to be needed."""
-        stepper = self.scenes.whole if is_posed else self.scenes.light
+        stepper = self.whole if is_posed else self.light
         row = self.reading.read(index, stepper, effects, ())
         if self.volumes.numbers:
             counters, volumes = self.reading.counters, self.volumes
@@ -160,20 +132,13 @@ class SteppedRows:
             if 0 <= index < self.sample_count:
                 on = volumes.seen_on(row.places.there, may_be_on, stepper)
                 counters.on |= dict.fromkeys(on, True)
+        # "not <= 0" instead of "> 0": NaN counts as on, and the engine reports it.
         is_on = any(not row.effects[k].level <= 0.0 for k in effects if k in in_scene)
         if self.bodies and (is_posed or is_on):
-            if stepper is not self.scenes.whole:
-                self._set_time(row)
-            self._add_bodies(row)
+            if stepper is not self.whole:
+                self.reading.read(index, self.whole, (), ())
+            self.reading.add_poses(row, self.whole, self.bodies)
         return row
-
-    def _set_time(self, row: SceneRow) -> None:
-        """Step the whole scene to a row's sample."""
-        self.reading.read(row.index, self.scenes.whole, (), ())
-
-    def _add_bodies(self, row: SceneRow) -> None:
-        """Read the stepped bodies at the present frame of the whole scene into a row, in place."""
-        self.reading.add_poses(row, self.scenes.whole, self.bodies)
 
     def add_effects(self, rows: Iterable[SceneRow], effects: Iterable[int]) -> None:
         """Add effects by index to rows without these, in place, by stepping the light scene
@@ -181,4 +146,4 @@ class SteppedRows:
         for row in rows:
             missing = [k for k in effects if k not in row.effects]
             if missing:
-                row.effects |= self.reading.read(row.index, self.scenes.light, missing, ()).effects
+                row.effects |= self.reading.read(row.index, self.light, missing, ()).effects

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import bpy
@@ -44,16 +44,9 @@ _TRACKING = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER"}
 class Stepper:
     """Scene that is set to frames and read through its dependency graph.
 
-    Parameters
-    ----------
-    presampled : sequence of PresampledRig
-        Rigs replaced by copies in this scene.
-    is_own : bool
-        The user's scene, not a scratch scene.
-    has_code : bool
-        The scene may run code that shows and hides objects.
-    driven : iterable of bpy.types.ID
-        Data-blocks whose drivers are retried after a failure.
+    ``presampled`` rigs are replaced by copies in this scene. ``is_own`` is True for the user's
+    scene, False for a scratch scene. ``has_code``: the scene may run code that shows and hides
+    objects. Drivers of the ``driven`` data-blocks are retried after a failure.
     """
 
     def __init__(
@@ -84,20 +77,16 @@ class Stepper:
             self._simulation.go_to(frame)
         for rig in self._presampled:
             rig.set_frame(frame)
-        self._set_frame(whole, rest / frame.denominator)
+        self.show(whole, rest / frame.denominator)
 
-    def _set_frame(self, whole: int, subframe: float) -> None:
-        """Evaluate at ``whole`` plus ``subframe`` (0..1), drivers retried; again if a marker
-        changed the camera."""
+    def show(self, whole: int, subframe: float) -> None:
+        """Evaluate at frame ``whole`` plus ``subframe`` (0..1), drivers retried; again if a marker
+        changed the camera. Presampled rigs and simulations stay as they are."""
         scene, camera = self._scene, self._scene.camera
         self._drivers.evaluate(lambda: scene.frame_set(whole, subframe=subframe))
         # A marker switches the camera after its dependents were evaluated, so evaluate them again.
         if scene.camera != camera:
             scene.frame_set(whole, subframe=subframe)
-
-    def show(self, frame: tuple[int, float]) -> None:
-        """Evaluate the scene at the user's frame: whole number and fraction."""
-        self._set_frame(*frame)
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -148,7 +137,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
             """Show the hidden objects, and set the frame and camera of before."""
             for obj in idle:
                 obj.hide_viewport = False
-            stepper.show(before)
+            stepper.show(*before)
             if scene.camera != camera:
                 scene.camera = camera
 
@@ -159,9 +148,10 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
                 simulation.play()
             yield stepper
         finally:
+            # A second Ctrl-C may end the restoration half-way. All steps may be repeated.
             try:
                 restore()
-            except KeyboardInterrupt:  # a late Ctrl-C: restore again
+            except KeyboardInterrupt:
                 restore()
                 raise
 
@@ -183,17 +173,17 @@ def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
         # hidden.
         idle &= set(filter(is_instancer, data_reaching(found.dormant))) - shown | {*found.dormant}
         named = set()
-    idle = {obj for obj in idle.difference(found.read) if not _has_part_of_its_own(obj)}
+    # The scene itself uses its camera, a metaball changes the surface of its family, and physics
+    # or an animated monitor icon have effects without any reference: such objects must stay.
+    idle = {
+        obj
+        for obj in idle.difference(found.read)
+        if obj.type not in ("CAMERA", "META")
+        and not visibility.is_keyed(obj)
+        and not simulations.takes_part(obj)
+    }
     required = shown | reached_from((*found.read, *set(objects).difference(idle)), named)
     return [obj for obj in objects if obj in idle and obj not in required]
-
-
-def _has_part_of_its_own(obj: bpy.types.Object) -> bool:
-    """Test for a camera, a metaball, a part of physics or an animated monitor icon: must not be
-    hidden."""
-    # The scene uses its camera, a metaball those of the family.
-    is_used = obj.type in ("CAMERA", "META")
-    return is_used or visibility.is_keyed(obj) or simulations.takes_part(obj)
 
 
 @contextmanager
@@ -218,61 +208,46 @@ def scratch_scene(
     objects: Iterable[bpy.types.Object],
     presampled: Sequence[PresampledRig] = (),
 ) -> Iterator[Stepper]:
-    """Context that steps a scratch scene of objects, at the end to the user's frame.
+    """Context that steps a scratch scene of ``objects`` and copies of ``presampled`` rigs, with the
+    time and simplify settings of ``scene``; removed at the end.
 
-    The user's scene is not evaluated.
-
-    Raises
-    ------
-    NotModelledError
-        An object depends on a presampled rig.
+    Metaballs bring their family. ``scene`` is not evaluated; at the end the objects get the
+    animated values of its current frame. Raises NotModelledError if an object depends on a rig.
     """
-    with _marked_as_stepping(), _scratch(scene, objects, presampled) as stepper:
-        yield stepper
+    # Not where Blender starts: it needs numpy.
+    from ..curves.animation_curves import NotModelledError
 
-
-@contextmanager
-def _scratch(
-    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], presampled: Sequence[PresampledRig]
-) -> Iterator[Stepper]:
-    """Make, yield and remove a scratch scene of ``objects`` (with metaball families) and rig
-    copies, with the time and simplify settings of ``scene``. At the end the objects get the
-    animated values of the user's frame. Raises NotModelledError if an object depends on a rig."""
-    from ..curves.animation_curves import (
-        NotModelledError,  # not where Blender starts: it needs numpy
-    )
-
-    scratch = bpy.data.scenes.new(".HFX Export")
-    created: list[bpy.types.ID] = [scratch]
-    stepper = None
-    try:
-        for name in _RENDER_SETTINGS:
-            setattr(scratch.render, name, getattr(scene.render, name))
-        linked = (member for obj in objects for member in (obj, *_metaball_family(obj, scene)))
-        for obj in dict.fromkeys(linked):  # several bodies may show one mesh
-            scratch.collection.objects.link(obj)
-        # The copies replace the rigs: any dependency on an original means different results.
-        for rig in presampled:
-            created += rig.make_copy()
-            scratch.collection.objects.link(rig.copy)
-        layer = scratch.view_layers[0]
-        layer.update()
-        evaluated = {data.original for data in layer.depsgraph.ids} if presampled else set()
-        for rig in presampled:
-            if rig.obj in evaluated:
-                raise NotModelledError(f"something follows '{rig.obj.name}'")
-        driven = [data.original for data in layer.depsgraph.ids]
-        stepper = Stepper(scratch, layer, presampled=presampled, is_own=False, driven=driven)
-        yield stepper
-    finally:
+    with _marked_as_stepping():
+        scratch = bpy.data.scenes.new(".HFX Export")
+        created: list[bpy.types.ID] = [scratch]
+        stepper = None
         try:
-            # Evaluation writes animated values into the original objects: write those of the user's
-            # frame.
-            if stepper is not None:
-                stepper.show((scene.frame_current, scene.frame_subframe))
+            for name in _RENDER_SETTINGS:
+                setattr(scratch.render, name, getattr(scene.render, name))
+            linked = (member for obj in objects for member in (obj, *_metaball_family(obj, scene)))
+            for obj in dict.fromkeys(linked):  # several bodies may show one mesh
+                scratch.collection.objects.link(obj)
+            # The copies replace the rigs: any dependency on an original means different results.
+            for rig in presampled:
+                created += rig.make_copy()
+                scratch.collection.objects.link(rig.copy)
+            layer = scratch.view_layers[0]
+            layer.update()
+            driven = [data.original for data in layer.depsgraph.ids]
+            for rig in presampled:
+                if rig.obj in driven:
+                    raise NotModelledError(f"something follows '{rig.obj.name}'")
+            stepper = Stepper(scratch, layer, presampled=presampled, is_own=False, driven=driven)
+            yield stepper
         finally:
-            # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
-            bpy.data.batch_remove(created)
+            try:
+                # Evaluation writes animated values into the original objects: write those of the
+                # user's frame.
+                if stepper is not None:
+                    stepper.show(scene.frame_current, scene.frame_subframe)
+            finally:
+                # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
+                bpy.data.batch_remove(created)
 
 
 def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -282,12 +257,8 @@ def _metaball_family(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.
         return []
     shown = visibility.enabled_objects(scene, scene.view_layers[0])
     balls = [o for o in scene_objects(scene) if o.type == "META" and o in shown]
-    return [ball for ball in balls if _without_number(ball.name) == _without_number(obj.name)]
-
-
-def _without_number(name: str) -> str:
-    """Name without a final dot and digits."""
-    return re.sub(r"\.\d+$", "", name)
+    without_number = partial(re.compile(r"\.\d+$").sub, "")
+    return [ball for ball in balls if without_number(ball.name) == without_number(obj.name)]
 
 
 # Package of the handlers of this add-on: ``hfx_blender``, or its name as an extension.
@@ -314,6 +285,7 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
     mover = simulations.simulated(objects)
     if mover is not None:
         return f"physics moves '{mover.name}'"
+    # By name: a set of data-blocks has another order in each run, and the first is reported.
     reached = sorted(data_reached_from(objects), key=lambda data: data.name_full)
     for owner in reached:
         if _takes_camera(owner):

@@ -19,8 +19,7 @@ from hfx_blender.engine.rendering.device_config import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.reading.description.play_space import pose_now
-from hfx_blender.reading.description.scene_settings import scene_tolerance
+from hfx_blender.reading.description.scene_settings import play_space_now, scene_tolerance
 from hfx_blender.reading.live.live_scene import LiveScene
 
 
@@ -71,9 +70,9 @@ def test_as_it_stands_it_is_where_an_export_has_it(fan: DeviceConfig) -> None:
     scene, layer = bpy.context.scene, bpy.context.view_layer
     for frame, x in ((4, 0.0), (5, 20.0)):
         scene.frame_set(frame)
-        assert pose_now(scene, layer, 1.0)[0, 3] == x
+        assert play_space_now(scene, layer, 1.0)[0, 3] == x
     scene.hfx.play_space = None
-    assert pose_now(scene, layer, 1.0).tolist() == np.eye(4).tolist()
+    assert play_space_now(scene, layer, 1.0).tolist() == np.eye(4).tolist()
 
 
 def test_live_samples_tell_where_they_are_if_that_is_needed(fan: DeviceConfig) -> None:

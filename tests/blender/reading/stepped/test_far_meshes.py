@@ -11,8 +11,7 @@ import pytest
 from hfx_blender.authoring.effects.effect_values import ShapeCache
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.reading.scene_reader import SceneReader
-from hfx_blender.reading.stepped.nearness import swept_boxes
-from hfx_blender.reading.stepped.stepped_volumes import FarVolumes
+from hfx_blender.reading.stepped.stepped_volumes import FarVolumes, swept_boxes
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
