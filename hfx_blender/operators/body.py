@@ -406,9 +406,8 @@ class HFX_OT_add_walk(HfxOperator):
         ),
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         from ..avatars import bodies
 
         way = [tuple(corner.location) for corner in self.places]
         bodies.add_walk(context.object, way, self.frame_start, self.frame_end)
-        return ""

@@ -40,7 +40,7 @@ _WARNINGS, _EFFECTS = 8, 12  # limits of the popup
 
 @dataclass(frozen=True)
 class LastExport:
-    """Result of the last export in this session, for the panel."""
+    """Result of an export in this session, for the panel and the popup."""
 
     text: str
     count: int
@@ -165,6 +165,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         formats = formats_without(missing, formats, devices)
         if self._is_invoked:  # disabled formats count as cleared
             formats = tuple(name for name in formats if not why_nothing(name, devices))
+        # The defaults include formats of devices: without devices, only a choice of these is an error.
         if not devices:
             of_devices = {id for id in formats if FORMATS[id].is_of_device}
             if self.properties.is_property_set("formats") and of_devices:

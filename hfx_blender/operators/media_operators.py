@@ -58,7 +58,16 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
     def work(self, context: bpy.types.Context) -> str:
         scene = context.scene
         path, start = Path(self.filepath), scene.frame_current
-        shown = self._shown(context, path, start)
+        if self.projection == "SPHERE":
+            media.add_surroundings(scene, path, start)
+            # Solid shading does not show the world.
+            for area in context.screen.areas if context.screen is not None else ():
+                if area.type == "VIEW_3D":
+                    area.spaces.active.shading.type = "MATERIAL"
+                    area.spaces.active.shading.use_scene_world = True
+            shown = f"'{path.name}' is the world; seen in Material Preview and in renders"
+        else:
+            shown = f"'{media.add_screen(scene, path, start).name}' stands behind the body"
         if self.with_sound and path.suffix.lower() not in _PICTURES:
             try:
                 media.add_sound(scene, path, start)
@@ -67,15 +76,3 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
             else:
                 shown += ", with its sound"
         return shown
-
-    def _shown(self, context: bpy.types.Context, path: Path, start: int) -> str:
-        scene = context.scene
-        if self.projection == "SPHERE":
-            media.add_surroundings(scene, path, start)
-            for area in context.screen.areas if context.screen is not None else ():
-                if area.type == "VIEW_3D":
-                    area.spaces.active.shading.type = "MATERIAL"
-                    area.spaces.active.shading.use_scene_world = True
-            return f"'{path.name}' is the world; seen in Material Preview and in renders"
-        screen = media.add_screen(scene, path, start)
-        return f"'{screen.name}' stands behind the body"

@@ -49,12 +49,12 @@ class HfxOperator(bpy.types.Operator):
                 paragraph.rstrip(".") for paragraph in paragraphs if paragraph
             )
 
-    def work(self, context: bpy.types.Context) -> str:
-        """Run the operator; returns the report, or "" without a report."""
+    def work(self, context: bpy.types.Context) -> str | None:
+        """Run the operator; returns the report, or None or "" without a report."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        def work_in_mode() -> str:
+        def work_in_mode() -> str | None:
             if self.leaves_mode:
                 to_object_mode(context)
             return self.work(context)

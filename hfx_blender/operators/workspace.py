@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 
 import bpy
 from mathutils import Quaternion
@@ -46,7 +48,7 @@ class HFX_OT_workspace(HfxOperator):
         (added,) = set(bpy.data.workspaces) - before
         added.name = NAME
         # Blender shows the workspace after this operator: arrange its areas by a timer.
-        _arrange_soon(context.window, added)
+        _retry(partial(_arrange_when_shown, context.window, added))
         return ""
 
 
@@ -60,26 +62,20 @@ whether to save the present file"""
     requires = ((_has_window, "There is no window"),)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        call_soon(ask_and_load_empty_file)
+        call_soon(partial(load_empty_file, "INVOKE_DEFAULT"))
         return {"FINISHED"}
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         # Loading a file ends the calling operator: load by a timer, after it.
         call_soon(load_empty_file)
-        return ""
-
-
-def ask_and_load_empty_file() -> None:
-    """Load Blender's start-up file as *File > New > General* does, with the question about unsaved
-    changes.
-
-    The cube is replaced after loading. Blender gives no sign of *Cancel*: the next drawing of the
-    menu of new files ends the wait for a loaded file.
-    """
-    load_empty_file("INVOKE_DEFAULT")
 
 
 def load_empty_file(how: str = "EXEC_DEFAULT") -> None:
+    """Load Blender's start-up file; the cube is replaced by the avatar after loading.
+
+    "INVOKE_DEFAULT" asks about unsaved changes, as *File > New > General* does. Blender gives no
+    sign of *Cancel*: the next drawing of the menu of new files ends the wait for a loaded file.
+    """
     add_handlers(_AWAITED)
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.wm.read_homefile(how, app_template="", use_empty=False)
@@ -124,19 +120,25 @@ def _frame_avatar() -> float | None:
     return None
 
 
-def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> None:
+def _retry(step: Callable[[], bool]) -> None:
+    """Call ``step`` by a timer until it returns True, or for 30 s at most."""
     until = time.monotonic() + _PATIENCE_S
 
-    def arrange_when_shown() -> float | None:
-        try:
-            if window.workspace == workspace:
-                _arrange(window)
-                return None
-        except ReferenceError:  # the window was closed, or another file opened
-            return None
-        return _AGAIN_S if time.monotonic() < until else None
+    def retry() -> float | None:
+        return None if step() or time.monotonic() >= until else _AGAIN_S
 
-    call_soon(arrange_when_shown, _AGAIN_S)
+    call_soon(retry, _AGAIN_S)
+
+
+def _arrange_when_shown(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> bool:
+    """Arrange a window that shows a workspace; False if it shows another workspace."""
+    try:
+        if window.workspace != workspace:
+            return False
+        _arrange(window)
+    except ReferenceError:  # the window was closed, or another file opened
+        pass
+    return True
 
 
 def _arrange(window: bpy.types.Window) -> None:
@@ -161,7 +163,7 @@ def _arrange(window: bpy.types.Window) -> None:
                 _frame_clips_soon(window, lower)
     viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
     viewport.spaces.active.show_region_ui = True
-    _show_tab(viewport)
+    _retry(partial(_show_tab, viewport))
 
 
 def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
@@ -178,22 +180,18 @@ def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
     call_soon(frame_clips, _DRAWN_S)
 
 
-def _show_tab(viewport: bpy.types.Area) -> None:
-    until = time.monotonic() + _PATIENCE_S
-
-    def show_when_drawn() -> float | None:
-        try:
-            sidebar = next(region for region in viewport.regions if region.type == "UI")
-            # A sidebar has no tabs before its first drawing.
-            sidebar.active_panel_category = TAB
-        except (TypeError, AttributeError):
-            return _AGAIN_S if time.monotonic() < until else None
-        except (ReferenceError, StopIteration):
-            return None
+def _show_tab(viewport: bpy.types.Area) -> bool:
+    """Show the HFX tab of a viewport's sidebar; False before the first drawing of the sidebar."""
+    try:
+        sidebar = next(region for region in viewport.regions if region.type == "UI")
+        # A sidebar has no tabs before its first drawing.
+        sidebar.active_panel_category = TAB
         viewport.tag_redraw()
-        return None
-
-    call_soon(show_when_drawn, _AGAIN_S)
+    except (TypeError, AttributeError):
+        return False
+    except (ReferenceError, StopIteration):  # the viewport was closed
+        pass
+    return True
 
 
 def draw_new_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

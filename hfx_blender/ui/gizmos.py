@@ -40,6 +40,8 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
     """Set the size whose boundary is at a distance (world units, 0 at least) along a local axis;
     Auto Keying adds a keyframe.
     """
+    from ..authoring.paths import spot_placing
+
     name, component, share = _AXES[effect.hfx.shape][axis]
     length = max(distance, 0.0) / (share * _scale(effect, axis))
     if component < 0:
@@ -49,15 +51,13 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
         values[component] = length
         setattr(effect.hfx, name, values)
     path = f"hfx.{name}"
-    from ..authoring.paths import spot_placing
-
-    if spot_placing.is_auto_keyed(
-        bpy.context, effect, path
-    ):  # Blender auto-keys its own gizmos only
+    # Blender inserts keyframes for its own gizmos only.
+    if spot_placing.is_auto_keyed(bpy.context, effect, path):
         effect.keyframe_insert(path, index=component)
 
 
 def _scale(effect: bpy.types.Object, axis: int) -> float:
+    """World length of a unit along an object's axis; at least 1e-9, to divide by."""
     return max(effect.matrix_world.col[axis].to_3d().length, 1e-9)
 
 
@@ -81,14 +81,19 @@ def _has(effect: bpy.types.Object, axis: int) -> bool:
     return axis in _AXES.get(effect.hfx.shape, {})
 
 
-class HFX_GGT_volume(bpy.types.GizmoGroup):
+class _ViewportGizmos:
+    """Base of gizmo groups in the 3D viewport, made once and updated at each drawing."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "WINDOW"
+    bl_options: ClassVar = {"3D", "PERSISTENT"}
+
+
+class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
     """Size the active haptic volume"""
 
     bl_idname = "HFX_GGT_volume"
     bl_label = "Haptic Volume"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "WINDOW"
-    bl_options: ClassVar = {"3D", "PERSISTENT"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -146,14 +151,11 @@ _COLOUR = (1.0, 0.85, 0.2)
 _SHOWN_BIG = (1.0, 1.0, 1.0)
 
 
-class HFX_GGT_spot(bpy.types.GizmoGroup):
+class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
     """Slide the active point over the skin, and resize its disc"""
 
     bl_idname = "HFX_GGT_spot"
     bl_label = "Point on the Skin"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "WINDOW"
-    bl_options: ClassVar = {"3D", "PERSISTENT"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -184,6 +186,7 @@ class HFX_GGT_spot(bpy.types.GizmoGroup):
     def draw_prepare(self, context: bpy.types.Context) -> None:
         effect = active_spot(context)
         placed = placed_on_body(context, effect) if effect is not None else None
+        # The ring is the rim of the disc, but stays large enough to be clicked around the middle.
         self.middle.hide = self.ring.hide = placed is None
         if placed is None:
             return

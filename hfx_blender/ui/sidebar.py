@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 import bpy
@@ -48,3 +48,16 @@ def draw_text(
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+def filtered(
+    rows: bpy.types.UIList, shown: Iterable[tuple[str, bool]]
+) -> tuple[list[int], list[int]]:
+    """Result of ``filter_items``: flags of a list's rows, without a new order.
+
+    ``shown`` has the searched text of each row, and whether it is shown without a search. A search
+    for part of the text, in any case, includes rows that are hidden otherwise.
+    """
+    pattern = rows.filter_name.lower()
+    flags = [pattern in text.lower() if pattern else is_shown for text, is_shown in shown]
+    return [rows.bitflag_filter_item if is_shown else 0 for is_shown in flags], []

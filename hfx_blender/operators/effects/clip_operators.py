@@ -73,7 +73,10 @@ def _shown(time: str, **limits: float) -> FloatProperty:
 
 
 class _ClipOperator(_OfEffect):
+    """Base of operators that add a clip. Stored are a frame and seconds, shown the scene's unit."""
+
     last_field: ClassVar[str]
+    """Property of the subclass that the dialog shows last."""
 
     start: FloatProperty(
         name="Start Frame",
@@ -104,6 +107,7 @@ class _ClipOperator(_OfEffect):
         return framing.execute_with_room(self, context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
+        """Start, end and fades of the clip in frames, as arguments of ``clips.add_clip``."""
         fps = fps_of(context.scene)
         start = self.start if self.start >= 0 else float(context.scene.frame_current)
         return {
@@ -126,9 +130,8 @@ class HFX_OT_add_clip(_ClipOperator):
         name="Name", description="Name of the clip on the timeline", default="Clip"
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         clips.add_clip(active_effect(context), name=self.name, **self.span(context))
-        return ""
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
@@ -147,11 +150,10 @@ class HFX_OT_add_heartbeat(_ClipOperator):
         max=1200.0,
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         clips.add_heartbeat(
             active_effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
         )
-        return ""
 
 
 def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
@@ -197,9 +199,8 @@ class HFX_OT_remove_clip(_OfEffect):
 
     name: StringProperty(name="Name", description="The clip's name")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         clips.remove_clip(active_effect(context), self.name)
-        return ""
 
 
 class HFX_OT_draw_fades(_OfEffect):

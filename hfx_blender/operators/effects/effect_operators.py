@@ -100,7 +100,7 @@ class HFX_OT_add_volume(HfxOperator):
             self.location = context.scene.cursor.location
         return self.execute(context)
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         # Defaults are metres; a length that is not set is converted to the scene's unit.
         units_a_metre = 1.0 / metres_of(context.scene)
         for name in ("radius", "height"):
@@ -115,7 +115,6 @@ class HFX_OT_add_volume(HfxOperator):
         effect.location = self.location
         _show_wire_colours(context)
         select_only(context, effect)
-        return ""
 
 
 class HFX_OT_volume_from_mesh(HfxOperator):
@@ -131,13 +130,12 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     name: StringProperty(name="Name", description=_NAME_TIP)
     requires = (ON_MESH,)
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         effect = effects.volume_from_mesh(
             context.scene, self.modality, context.object, self.name or None
         )
         _show_wire_colours(context)
         select_only(context, effect)
-        return ""
 
 
 class HFX_OT_add_painted(OnBodyOperator):
@@ -179,9 +177,8 @@ class HFX_OT_make_editable(HfxOperator):
         ),
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         active_effect(context).override_library.is_system_override = False
-        return ""
 
 
 @kept_items
@@ -251,7 +248,7 @@ class HFX_OT_key_actuators(HfxOperator):
     )
     requires = ((active_vector, "Select a vector sensation"),)
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         effect = active_vector(context)
         if effect.library is not None:
             raise InputError(f"'{effect.name}' is linked from another file.")
@@ -259,7 +256,6 @@ class HFX_OT_key_actuators(HfxOperator):
             if self.value >= 0.0:
                 actuator.value = self.value
             effect.keyframe_insert(f"hfx.drive[{k}].value", frame=context.scene.frame_current)
-        return ""
 
 
 class _OnVolume(HfxOperator):
@@ -285,9 +281,8 @@ class HFX_OT_add_response_filter(_OnVolume):
         name="Kind", description="Function of the filter", items=KINDS, default="impact"
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         responses.add_filter(active_volume(context), self.kind)
-        return ""
 
 
 class HFX_OT_remove_response_filter(_OnFilter):
@@ -296,11 +291,10 @@ class HFX_OT_remove_response_filter(_OnFilter):
     bl_idname = "hfx.remove_response_filter"
     bl_label = "Remove Filter"
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         effect = active_volume(context)
         last = len(effect.hfx.response) - 1
         responses.remove_filter(effect, min(effect.hfx.response_active, last))
-        return ""
 
 
 class HFX_OT_move_response_filter(_OnFilter):
@@ -315,11 +309,10 @@ class HFX_OT_move_response_filter(_OnFilter):
         items=(("UP", "Up", "To work earlier"), ("DOWN", "Down", "To work later")),
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         effect, step = active_volume(context), -1 if self.direction == "UP" else 1
         active = effect.hfx.response_active
         responses.move_filter(effect, active, active + step)
-        return ""
 
 
 class HFX_OT_bake_response(_OnVolume):

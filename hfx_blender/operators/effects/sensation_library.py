@@ -41,6 +41,10 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 
 
 def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
+    """Add a sensation's effects at the current frame, on the target body, and select them.
+
+    Object Mode is entered first. Returns the effects.
+    """
     to_object_mode(context)
     body = target_body(context)
     from ...authoring.effects import effect_exchange, swarms
@@ -76,6 +80,7 @@ def _selected(context: bpy.types.Context, title: str) -> Sensation:
 
 @lru_cache(maxsize=4)
 def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
+    """Enum items of readable sensations; the times of change in ``files`` are keys of the cache."""
     from ...authoring.effects import effect_exchange, effect_file
 
     shipped, own = [], []

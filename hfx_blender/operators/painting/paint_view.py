@@ -95,27 +95,15 @@ def leave() -> None:
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
-    forget()
-
-
-def forget() -> None:
-    """Discard the saved views, after another file was opened."""
     _before.clear()
 
 
 class SceneBrush:
-    """Brush with a constant radius on the skin.
+    """Brush with a constant ``radius`` on the skin, Blender's units.
 
     Weight Paint measures brushes in pixels. A radius changed by the user is converted to a new
-    radius on the skin.
-
-    Parameters
-    ----------
-    radius : float
-        Radius on the skin, Blender's units.
-    least : float
-        Lower limit of the radius, the median distance of vertices: smaller brushes miss all
-        vertices.
+    radius on the skin. ``least`` is the lower limit of the radius, the median distance of vertices:
+    smaller brushes miss all vertices.
     """
 
     def __init__(self, radius: float, least: float) -> None:
@@ -143,12 +131,6 @@ class SceneBrush:
         self._pixels = compat.brush_radius(context)
 
 
-def brush_for(canvas: bpy.types.Object, effect: bpy.types.Object) -> SceneBrush:
-    """Brush for a painted mesh, sized by the distances of vertices."""
-    spacing = painting.spacing(canvas, effect)
-    return SceneBrush(painting.brush_radius(canvas, effect), spacing)
-
-
 def _pixels_per_unit(
     context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
 ) -> float | None:
@@ -164,6 +146,7 @@ def _pixels_per_unit(
     middle = sum(corners, Vector()) / len(corners)
     if view.is_perspective:  # the pivot: in close-ups, the middle is far away
         middle = view.view_location
+    # Measured along the width of the view, on a hundredth of the mesh's size.
     across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
     length = max(max(canvas.dimensions), 1e-6) * 0.01
     ends = [
@@ -191,7 +174,9 @@ class HFX_OT_paint_status(bpy.types.Operator):
         canvas = painting.canvas_in(context)
         if canvas is None:
             return {"CANCELLED"}
-        self._brush = brush_for(canvas, canvas[painting.PAINTED_EFFECT])
+        effect = canvas[painting.PAINTED_EFFECT]
+        spacing = painting.spacing(canvas, effect)
+        self._brush = SceneBrush(painting.brush_radius(canvas, effect), spacing)
         self._brush.fit(context, canvas, event)
         self._hidden = hidden_by(canvas)
         HFX_OT_paint_status._is_running = True
@@ -204,7 +189,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
             show([context.view_layer], self._hidden)
             return self._ended(context)
         if canvas != context.object or canvas.mode == "OBJECT":  # left by other means
-            with suppress(RuntimeError):  # an edited mesh: Finish Painting reports this
+            with suppress(RuntimeError):  # an edited mesh: Finish Painting reports the reason
                 bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # True: an undo step
             return self._ended(context)
         if event.type == "MOUSEMOVE":
@@ -245,7 +230,7 @@ def _after_undo(*_: object) -> None:
 
 @persistent
 def _after_loading(*_: object) -> None:
-    forget()
+    _before.clear()  # views of the file before
     HFX_OT_paint_status._is_running = False  # opening a file ends modal operators
     call_soon(_resume)
 

@@ -129,12 +129,11 @@ class HFX_OT_reverse_path(PathOperator):
     bl_idname = "hfx.reverse_path"
     bl_label = "Reverse Path"
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         from ...authoring.paths import spot_placing
 
         spot_placing.remove_extension(active_spot(context))
         paths.reverse(active_spot(context))
-        return ""
 
 
 class HFX_OT_mirror_path(PathOperator):
@@ -149,7 +148,7 @@ class HFX_OT_mirror_path(PathOperator):
         "with the same keyframes and clips",
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
@@ -159,7 +158,6 @@ class HFX_OT_mirror_path(PathOperator):
             effect.name = f"{active_spot(context).name} Mirrored"
             select_only(context, effect)
         paths.mirror(effect)
-        return ""
 
 
 class HFX_OT_move_along_path(PathOperator):

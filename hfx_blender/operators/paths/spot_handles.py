@@ -37,10 +37,9 @@ def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
 
 def _on_body(context: bpy.types.Context, effect: bpy.types.Object, anchor: F64) -> Vector:
     """Position of a canonical anchor on the effect's body now, world space."""
-    anchors = skin_picking.Anchors.of(anchor[None])
-    return Vector(
-        anchors.posed_on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist()
-    )
+    depsgraph = context.evaluated_depsgraph_get()
+    points, _ = skin_picking.Anchors.of(anchor[None]).posed_on(effect.hfx.body, depsgraph)
+    return Vector(points[0].tolist())
 
 
 class _HeldSpotOperator(PathOperator):
@@ -75,6 +74,7 @@ class _HeldSpotOperator(PathOperator):
             self._end(context)
             return {"CANCELLED"}
         if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
+            # Movements are added up: Shift then changes the speed without a jump.
             seen = Vector((event.mouse_x, event.mouse_y))
             self._at += (seen - self._seen) * (_PRECISE if event.shift else 1.0)
             self._seen = seen
@@ -90,6 +90,7 @@ class _HeldSpotOperator(PathOperator):
             "RELEASE" if self.release_confirm else "PRESS"
         )
         if let_go or (event.type in ("RET", "NUMPAD_ENTER") and event.value == "PRESS"):
+            # The operator itself makes the change, as a script would, in one undo step.
             self._take_back(effect)
             self._end(context)
             return self.execute(context)
@@ -132,15 +133,22 @@ class _HeldSpotOperator(PathOperator):
 
     # Methods of subclasses
 
-    def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None: ...
+    def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        """Store the state before the change; InputError if the effect cannot be changed."""
+        raise NotImplementedError
 
-    def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None: ...
+    def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
+        """Show the change for the pointer's pixel ``_at``, and store it for :meth:`work`."""
+        raise NotImplementedError
 
-    def _take_back(self, effect: bpy.types.Object) -> None: ...
+    def _take_back(self, effect: bpy.types.Object) -> None:
+        """Restore the state before the change."""
+        raise NotImplementedError
 
     def _key(
         self, _context: bpy.types.Context, _effect: bpy.types.Object, _event: bpy.types.Event
     ) -> bool:
+        """React to a key of the subclass; returns True for a known key."""
         return False
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
@@ -170,7 +178,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         options={"SKIP_SAVE"},
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         import numpy as np
 
         from ...authoring.paths import spot_placing
@@ -186,7 +194,6 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         else:
             spot_placing.place_at(context.scene, effect, anchor, is_keyed)
         _stand(context, effect)
-        return ""
 
     def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         from ...authoring.paths import spot_placing
@@ -299,7 +306,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
         options={"SKIP_SAVE"},
     )
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         from ...authoring.paths import spot_placing
 
         effect = active_spot(context)
@@ -309,7 +316,6 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
         if spot_placing.is_auto_keyed(context, effect, "hfx.radius"):
             effect.keyframe_insert("hfx.radius")
         effect.update_tag()
-        return ""
 
     def _begin(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         from ...authoring.paths import spot_placing

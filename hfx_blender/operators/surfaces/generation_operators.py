@@ -113,7 +113,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
         running.wait()
         return self._end(context)
 
-    def _begin(self, context: bpy.types.Context) -> str:
+    def _begin(self, context: bpy.types.Context) -> None:
         global running
         from ...generation.generation_process import GenerationProcess
 
@@ -125,7 +125,6 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
             raise HfxError(f"No process can be started ({error}).") from error
         active = context.object
         self._target = active.name if active is not None and active.type == "MESH" else ""
-        return ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type != "TIMER":
@@ -173,9 +172,8 @@ class HFX_OT_cancel_generation(HfxOperator):
     bl_options = {"REGISTER"}
     requires = ((lambda context: running is not None, "No material is being made"),)
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         stop()
-        return ""
 
 
 class HFX_OT_use_generated(HfxOperator):

@@ -96,7 +96,9 @@ class HFX_OT_stroke_pad(HfxOperator):
             self._keep(pad.release(now))
         elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
             self._passed.append(self._place.surface_point(pad, x, y))
-            if event.type == "INBETWEEN_MOUSEMOVE":  # more mouse events are waiting
+            # Waiting events have no times of their own, so that speeds between them are unknown:
+            # their points are one step of the stroke, taken at the last event.
+            if event.type == "INBETWEEN_MOUSEMOVE":
                 return {"RUNNING_MODAL"}
             pad.move_through(self._passed, now)
             self._passed.clear()
@@ -105,7 +107,8 @@ class HFX_OT_stroke_pad(HfxOperator):
             if not pad.is_stroking:
                 return {"PASS_THROUGH"}
             if is_late:
-                return {"RUNNING_MODAL"}  # skip drawing, to catch up
+                # Mouse events wait while Blender draws: without this drawing they catch up.
+                return {"RUNNING_MODAL"}
             pad.rest(now)
         elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):
             self._key(event.type)

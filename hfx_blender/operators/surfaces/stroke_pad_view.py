@@ -81,6 +81,10 @@ def draw(
 
 
 def _texts(pad: StrokePad, rectangle: PadPlace) -> None:
+    """Draw name, keys, the speed of the stroke as a bar, and below it the speed or the pad's fault.
+
+    The mark in the middle of the bar is the target; near it, from 0.8 to 1.25, the bar is green.
+    """
     target, now = pad.target_m_s, pad.now
     top = rectangle.bottom + rectangle.side
     kind = pad.texture.renderer.name
@@ -104,6 +108,7 @@ def _texts(pad: StrokePad, rectangle: PadPlace) -> None:
 
 
 def _plots(pad: StrokePad, left: float, bottom: float) -> None:
+    """Draw height, amplitude and frequency of the last 3 s, and the newest waveform."""
     import numpy as np
 
     shown = pad.recent(_SHOWN_S)
@@ -112,6 +117,7 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
     times = np.array([t - max(end - _SHOWN_S, 0.0) for t, _ in shown]) / _SHOWN_S
     heights = 1e6 * np.array([sample.height_m for _, sample in shown])
     middle = float(heights.mean()) if len(heights) else 0.0
+    # Half the height of the plot is at least 1 µm, so that flat surfaces look flat.
     reach = max(float(np.abs(heights - middle).max(initial=0.0)), 1.0)
     full = float(device.amplitude_m_s2(1.0))
     wave = pad.waveform_m_s2

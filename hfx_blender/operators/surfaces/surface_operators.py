@@ -77,9 +77,8 @@ class HFX_OT_remove_surface(SurfaceOperator):
     bl_idname = "hfx.remove_surface"
     bl_label = "Remove Surface"
 
-    def work(self, context: bpy.types.Context) -> str:
+    def work(self, context: bpy.types.Context) -> None:
         surfaces.remove_surface(context.object)
-        return ""
 
 
 class HFX_OT_bake_surface(SurfaceOperator):

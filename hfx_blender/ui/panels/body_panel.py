@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,10 +12,7 @@ from ...authoring.effects import effects
 from ...avatars import avatar_meshes
 from ...errors import InputError
 from ...operators.shared import active_armature
-from ..sidebar import HfxPanel, draw_text
-
-if TYPE_CHECKING:
-    from ...engine.retargeting.quality import PartQuality
+from ..sidebar import HfxPanel, draw_text, filtered
 
 _SIDES = {"L": " L", "R": " R"}
 _WORDS = {
@@ -108,15 +104,14 @@ class HFX_UL_bones(bpy.types.UIList):
     def filter_items(
         self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
     ) -> tuple[list[int], list[int]]:
-        pattern = self.filter_name.lower()
-        region = hfx.bone_map_region
         shown = [
-            pattern in f"{label_of(row.name)} {row.name} {row.bone}".lower()
-            if pattern  # searches include hidden rows
-            else region_of(row.name) == region
+            (
+                f"{label_of(row.name)} {row.name} {row.bone}",
+                region_of(row.name) == hfx.bone_map_region,
+            )
             for row in getattr(hfx, name)
         ]
-        return [self.bitflag_filter_item if is_shown else 0 for is_shown in shown], []
+        return filtered(self, shown)
 
 
 def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
@@ -146,9 +141,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
     bl_label = "Haptic Body"
     bl_order = 4
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_armature(context) is not None
+    subject = staticmethod(active_armature)
 
     def draw(self, context: bpy.types.Context) -> None:
         from ...avatars import stored_fits
@@ -255,7 +248,13 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
         table = layout.column(align=True)
         _draw_row(table, "Part", "NONE", ("mm off", "placed", "area"))
         for part in stored_fits.worst_first(qualities):
-            _draw_part(table, part)
+            values = (
+                f"{part.distance_p95_mm:.1f}",
+                f"{100 * part.in_place:.0f} %",
+                f"{part.area_ratio:.2f}",
+            )
+            icon = "ERROR" if part.faults else "CHECKMARK"
+            _draw_row(table, part.part.replace("_", " ").title(), icon, values)
         sides = min((quality.sides for quality in qualities), default=1.0)
         forward = min((quality.feet_forward for quality in qualities), default=1.0)
         sentence = f"On its own side: {100 * sides:.0f} %; feet forward: {100 * forward:.0f} %"
@@ -264,16 +263,6 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, warning, "ERROR")
         for note in stored_fits.messages_of(body, "notes"):
             draw_text(context, layout, note, "INFO")
-
-
-def _draw_part(table: bpy.types.UILayout, part: PartQuality) -> None:
-    icon = "ERROR" if part.faults else "CHECKMARK"
-    values = (
-        f"{part.distance_p95_mm:.1f}",
-        f"{100 * part.in_place:.0f} %",
-        f"{part.area_ratio:.2f}",
-    )
-    _draw_row(table, part.part.replace("_", " ").title(), icon, values)
 
 
 def _draw_row(

@@ -29,6 +29,7 @@ from ...errors import InputError
 from ...operators.effects.clip_operators import TIMES, label_of
 from ...operators.shared import active_effect, select_only, to_object_mode
 from ...playback.preview.preview import preview
+from ..sidebar import filtered
 
 _LEAST_ROWS, _MOST_ROWS = 3, 10
 
@@ -76,6 +77,7 @@ def refresh() -> None:
 
 
 def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
+    """Effects of a row: one, or all of its group; empty after they were deleted or renamed."""
     scene = bpy.context.scene
     own = scene.objects.get(row.effect)
     if own is not None and own.hfx.role == "EFFECT":
@@ -84,6 +86,11 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     if row.effect:  # effects of a swarm
         return [effect for effect in listed if effect.name == row.effect]
     return [effect for effect in listed if effects.group_of(effect) == row.group]
+
+
+def _is_shown(row: HfxEffectRow) -> bool:
+    """Test for a row in the list without a search: not of an effect in a closed group."""
+    return not (row.effect and row.group) or row.is_open
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
@@ -175,17 +182,12 @@ class HFX_UL_effects(bpy.types.UIList):
     def filter_items(
         self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str
     ) -> tuple[list[int], list[int]]:
-        pattern = self.filter_name.lower()
-        shown = [
-            pattern in f"{row.effect} {row.group}".lower()
-            if pattern  # searches include closed groups
-            else not (row.effect and row.group) or row.is_open
-            for row in getattr(manager, name)
-        ]
-        return [self.bitflag_filter_item if is_shown else 0 for is_shown in shown], []
+        rows = getattr(manager, name)
+        return filtered(self, ((f"{row.effect} {row.group}", _is_shown(row)) for row in rows))
 
 
 def _active_row(manager: bpy.types.WindowManager) -> int:
+    """Index of the active effect's row, or of the row of its closed group; -1 without any."""
     active = bpy.context.object
     if active is None:
         return -1
@@ -199,6 +201,7 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
 
 
 def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
+    """Select the objects that show a row's effects; no effect during painting."""
     context = bpy.context
     try:
         to_object_mode(context)
@@ -216,14 +219,14 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
 def draw_effects(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     """Draw the list with a height for the shown rows, three to ten."""
     manager = context.window_manager
-    shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
-    rows = min(max(shown, _LEAST_ROWS), _MOST_ROWS)
+    rows = min(max(sum(map(_is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
     layout.template_list(
         "HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row", rows=rows, maxrows=rows
     )
 
 
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
+    """NLA strip of the active effect at the row's position; None beyond the last strip."""
     effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
     index = next(k for k, candidate in enumerate(rows) if candidate == row)
     strips = [] if effect is None else clips.strips_of(effect)
@@ -240,13 +243,13 @@ def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
         strip = _strip(row)
         if strip is None:
             return 0.0
-        frame = getattr(strip, of_strip)
-        return frame / _frames() if is_length else shown_time(bpy.context.scene, frame)
+        scene, frame = bpy.context.scene, getattr(strip, of_strip)
+        return frame / frames_per_shown_unit(scene) if is_length else shown_time(scene, frame)
 
     def set_time(row: HfxClipRow, value: float) -> None:
-        strip = _strip(row)
+        strip, scene = _strip(row), bpy.context.scene
         if strip is not None:
-            frame = value * _frames() if is_length else frame_at(bpy.context.scene, value)
+            frame = value * frames_per_shown_unit(scene) if is_length else frame_at(scene, value)
             setattr(strip, of_strip, frame)
             preview.schedule_check()
             push_undo_soon()
@@ -254,11 +257,6 @@ def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
     return FloatProperty(
         name=label_of(time), description=TIMES[time], get=get, set=set_time, **limits
     )
-
-
-def _frames() -> float:
-    """Frames per unit of the displayed times."""
-    return frames_per_shown_unit(bpy.context.scene)
 
 
 def active_group() -> list[bpy.types.Object]:
@@ -277,7 +275,8 @@ def _start(_manager: object) -> float:
 
 
 def _set_start(manager: object, value: float) -> None:
-    clips.shift_times(active_group(), (value - _start(manager)) * _frames())
+    frames = (value - _start(manager)) * frames_per_shown_unit(bpy.context.scene)
+    clips.shift_times(active_group(), frames)
     preview.schedule_check()
     push_undo_soon()
 

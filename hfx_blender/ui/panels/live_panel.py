@@ -36,17 +36,6 @@ _BUTTONS = 6  # width of the buttons after a device's name, letters
 _MOST_ACTUATORS = 40  # limit of displayed actuators
 
 
-def _draw_source(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the choice of the played source: the scene or a track."""
-    hfx = context.scene.hfx
-    column = layout.column(align=True)
-    column.row(align=True).prop(hfx, "live_source", expand=True)
-    if hfx.live_source == "TRACK":
-        column.prop(hfx, "live_track", text="")
-        column.operator("hfx.record_track", icon="REC")
-        draw_text(context, layout, live.tracks.summary(context.scene))
-
-
 def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
     """Draw the duration of the slow frame that stopped the devices, and buttons with cures."""
     slow, hfx = live.slow_frames.newest, context.scene.hfx
@@ -91,36 +80,40 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
                 layout.operator("hfx.live_play", icon="PLAY")
         if live.is_frozen:
             _draw_advice(context, layout.box())
-        if context.scene.hfx.devices:
-            _draw_source(context, layout)
+        hfx = context.scene.hfx
+        if hfx.devices:
+            column = layout.column(align=True)
+            column.row(align=True).prop(hfx, "live_source", expand=True)
+            if hfx.live_source == "TRACK":
+                column.prop(hfx, "live_track", text="")
+                column.operator("hfx.record_track", icon="REC")
+                draw_text(context, layout, live.tracks.summary(context.scene))
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
-        elif live.latencies_ms and context.scene.hfx.live_source == "SCENE":
-            _draw_latency(context, layout)
-        for item in context.scene.hfx.devices:
+        elif live.latencies_ms and hfx.live_source == "SCENE":
+            text = uncompensated(context.scene)
+            if text:  # frames without latency compensation
+                draw_text(context, layout, text, "INFO")
+            if recorder.must_step:
+                layout.operator("hfx.update_values", icon="FILE_REFRESH")
+        for item in hfx.devices:
             _draw_device(context, layout.box(), item)
         row = layout.row(align=True)
         row.operator_menu_enum("hfx.live_add", "name", icon="ADD")
         row.operator("hfx.live_find", icon="VIEWZOOM")
         row.operator("hfx.live_import", text="", icon="IMPORT")
-        if context.scene.hfx.devices:
+        if hfx.devices:
             column = layout.column(align=True)
             column.label(text="Play Space")
-            column.prop(context.scene.hfx, "play_space", text="")
-
-
-def _draw_latency(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the frames without latency compensation, and the cure; nothing without such frames."""
-    text = uncompensated(context.scene)
-    if text:
-        draw_text(context, layout, text, "INFO")
-    if recorder.must_step:
-        layout.operator("hfx.update_values", icon="FILE_REFRESH")
+            column.prop(hfx, "play_space", text="")
 
 
 def _draw_device(
     context: bpy.types.Context, box: bpy.types.UILayout, item: bpy.types.PropertyGroup
 ) -> None:
+    """Draw a device's name, facts, buttons and state; while playing, a button for each actuator
+    with its value, which sends a test pulse.
+    """
     from ...devices.configurations.device_facts import facts_of
 
     facts, state = facts_of(item.name), live.state(item.name)

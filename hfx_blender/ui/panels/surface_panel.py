@@ -13,7 +13,7 @@ from ...files.suffixes import GENERATED
 from ...operators.shared import active_armature
 from ...operators.surfaces import generation_operators
 from ...operators.surfaces.surface_operators import active_surface
-from ..sidebar import HfxPanel, draw_text
+from ..sidebar import HfxPanel, draw_text, draw_with_unit
 
 _SOURCE_FIELDS = {
     "MATERIAL": ("resolution", "height_mm"),
@@ -104,10 +104,7 @@ class SurfacePanel(HfxPanel):
     """Base of subpanels of an object with a haptic surface."""
 
     bl_parent_id = "HFX_PT_surface"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_surface(context) is not None
+    subject = staticmethod(active_surface)
 
 
 class HFX_PT_surface_files(SurfacePanel, bpy.types.Panel):
@@ -139,10 +136,7 @@ class HFX_PT_surface_felt(SurfacePanel, bpy.types.Panel):
         settings = hfx.surface
         layout.prop(settings, "renderer")
         layout.prop(hfx, "intensity")
-        row = layout.row(align=True)
-        row.use_property_split = False  # split labels are too narrow for units
-        row.prop(hfx, "amplitude", text="Strongest (m/s²)")
-        row.prop_decorator(hfx, "amplitude")
+        draw_with_unit(layout, hfx, "amplitude", "Strongest (m/s²)")
         if settings.renderer == "MCHA":
             for name in ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps"):
                 layout.prop(settings, name)

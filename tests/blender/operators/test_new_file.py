@@ -52,7 +52,7 @@ def test_the_entry_of_the_menu_is_invoked_so_that_blender_asks(reads: list[Any])
     layout = Layout()
     workspace.draw_new_menu(SimpleNamespace(layout=layout), bpy.context)
     assert layout.drawn == [("hfx.new_file", "INVOKE_DEFAULT")]
-    workspace.ask_and_load_empty_file()
+    workspace.load_empty_file("INVOKE_DEFAULT")
     assert reads == [("INVOKE_DEFAULT", {"app_template": "", "use_empty": False})]
     assert is_awaited(), "the question may be open for a while"
     workspace.end_wait(None, bpy.context)
@@ -62,7 +62,7 @@ def test_the_entry_of_the_menu_is_invoked_so_that_blender_asks(reads: list[Any])
 def test_after_cancel_a_file_from_another_menu_gets_no_avatar(
     reads: list[Any], monkeypatch: pytest.MonkeyPatch, menu: str
 ) -> None:
-    workspace.ask_and_load_empty_file()
+    workspace.load_empty_file("INVOKE_DEFAULT")
     monkeypatch.undo()
     workspace.ENTRIES[menu](SimpleNamespace(layout=Layout()), bpy.context)
     begin_by_script()
@@ -79,7 +79,7 @@ def test_after_cancel_another_file_that_is_opened_stays_as_it_is(
     bpy.ops.wm.save_as_mainfile(filepath=path)
     with monkeypatch.context() as patch:
         patch.setattr(workspace.bpy.ops, "wm", SimpleNamespace(read_homefile=lambda *_, **__: None))
-        workspace.ask_and_load_empty_file()
+        workspace.load_empty_file("INVOKE_DEFAULT")
     bpy.ops.wm.open_mainfile(filepath=path)
     assert "Cube" in bpy.data.objects and not is_awaited()
 
