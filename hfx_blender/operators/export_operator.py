@@ -165,7 +165,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         formats = formats_without(missing, formats, devices)
         if self._is_invoked:  # disabled formats count as cleared
             formats = tuple(name for name in formats if not why_nothing(name, devices))
-        # The defaults include formats of devices: without devices, only a choice of these is an error.
+        # The defaults include formats of devices: only a choice of these needs devices.
         if not devices:
             of_devices = {id for id in formats if FORMATS[id].is_of_device}
             if self.properties.is_property_set("formats") and of_devices:
