@@ -12,7 +12,7 @@ from ..errors import HfxError
 
 if TYPE_CHECKING:
     from ..engine.samples import SampleRun
-    from ..reading.live.live_scene import LiveScene
+    from ..reading.live_scene import LiveScene
 
 
 class Evaluation:
@@ -59,7 +59,7 @@ class Evaluation:
         stored in :attr:`fault` instead. Never call this during a depsgraph update.
         """
         from ..reading.description.scene_settings import live_tolerance
-        from ..reading.live.live_scene import LiveScene, signature_of
+        from ..reading.live_scene import LiveScene, signature_of
 
         scene, layer = context.scene, context.view_layer
         hfx = scene.hfx

@@ -19,7 +19,7 @@ from ..shared import FileOperator, HfxOperator
 from .surface_operators import ON_SURFACE
 
 if TYPE_CHECKING:
-    from ...playback.strokes.stroke_pad import Take
+    from ...playback.stroke_pad import Take
 
 _TICK_S = 0.01
 _BUSY_S = 0.03
@@ -41,7 +41,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        from ...playback.strokes.stroke_pad import StrokePad, StrokeSound
+        from ...playback.stroke_pad import StrokePad, StrokeSound
         from .stroke_pad_view import PadPlace, draw
 
         obj, area = context.object, context.area
@@ -138,7 +138,7 @@ class HFX_OT_stroke_pad(HfxOperator):
 
     def _key(self, key: str) -> None:
         from ...engine.texture.haptic_map import SurfaceRenderer
-        from ...playback.strokes.stroke_pad import TARGETS_M_S
+        from ...playback.stroke_pad import TARGETS_M_S
 
         pad = self._pad
         pad.cancel()

@@ -15,7 +15,7 @@ from ...properties.surface_properties import RENDERERS
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64
-    from ...playback.strokes.stroke_pad import StrokePad
+    from ...playback.stroke_pad import StrokePad
 
 _Colour = tuple[float, float, float, float]
 

@@ -199,13 +199,13 @@ class HFX_OT_feel_fabric(HfxOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...engine.texture.haptic_map import DeviceRange
         from ...engine.texture.stroke import FAST_M_S, SLOW_M_S
-        from ...playback.strokes import reference_strokes
+        from ...playback import stroke_pad
 
         chosen = context.window_manager.hfx_surface_calibration
         speed = SLOW_M_S if chosen.speed == "SLOW" else FAST_M_S
-        signal = reference_strokes.felt(chosen.fabric, speed, chosen.drive * 1000.0)
+        signal = stroke_pad.reference_signal(chosen.fabric, speed, chosen.drive * 1000.0)
         full = float(DeviceRange().amplitude_m_s2(1.0))
-        reference_strokes.reference_stroke.play(signal, full)
+        stroke_pad.reference_stroke.play(signal, full)
         return f"{signal.amplitude_m_s2.mean() / full:.0%} of full strength"
 
 

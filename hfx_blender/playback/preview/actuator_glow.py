@@ -21,7 +21,7 @@ from ...engine.rendering.device_config import BodyPlace, DeviceConfig, Place, Ve
 from ...engine.rendering.moment import MomentRenderer
 from ...engine.samples import SampleRun
 from ...errors import HfxError
-from ...reading.live.live_scene import LiveScene
+from ...reading.live_scene import LiveScene
 from ..timeline.timeline_record import TimelineRecord, devices_of, notes_of
 from .skin_colours import DisplayedSkins
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..timeline.timeline_recorder import TimelineRecorder
     from ..timeline.value_chart import Chart
     from .actuator_glow import Discs, Looks
-    from .coloured_mesh import Layer
+    from .skin_colours import Layer
 
 _MARGIN = 10.0
 _TALLEST = 0.45  # of the chart, as a share of the viewport

@@ -14,12 +14,11 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.colouring import PALETTES, Colour, Spread
 from ...engine.samples import Sample, SampleRun
 from ...errors import HfxError
-from ...reading.live.live_scene import LiveScene
+from ...reading.live_scene import LiveScene
 from ..evaluation import evaluation
 from ..timeline.timeline_record import TimelineRecord
 from .actuator_glow import ActuatorGlow, Discs
-from .coloured_mesh import ColouredMesh, Layer, Shown
-from .skin_colours import DisplayedSkins
+from .skin_colours import ColouredMesh, DisplayedSkins, Layer, Shown
 
 MOST_BYTES = 96_000_000
 """Memory limit of the cache, bytes; frames beyond the limit are computed when drawn."""

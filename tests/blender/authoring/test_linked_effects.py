@@ -13,7 +13,7 @@ from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.tolerance import PREVIEW
 from hfx_blender.reading.description import scene_description
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 
 def felt() -> set[str]:

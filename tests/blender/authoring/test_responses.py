@@ -276,7 +276,7 @@ def test_a_part_of_time_is_felt_as_in_the_whole(ball: Any) -> None:
 
 def test_a_touch_rings_on_live_while_nothing_moves(ball: Any) -> None:
     from hfx_blender.engine.tolerance import STANDARD
-    from hfx_blender.reading.live.live_scene import LiveClock, LiveScene
+    from hfx_blender.reading.live_scene import LiveClock, LiveScene
 
     bpy.ops.hfx.add_response_filter(kind="impact")
     ball.hfx.response[0].decay, ball.hfx.response[0].full_speed = DECAY_S, 2.0
@@ -301,7 +301,7 @@ def test_a_touch_rings_on_live_while_nothing_moves(ball: Any) -> None:
 
 
 def test_live_moments_that_do_not_follow_each_other_do_not_hit(ball: Any) -> None:
-    from hfx_blender.reading.live.live_scene import LiveClock
+    from hfx_blender.reading.live_scene import LiveClock
 
     scene, now = bpy.context.scene, [5.0]
     clock = LiveClock(scene, lambda: now[0])

@@ -16,7 +16,7 @@ from hfx_blender.authoring.areas import painting
 from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 NAMES = tuple(effect_exchange.library())
 

@@ -22,7 +22,7 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.operators.paths import path_overlay
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 BACK = (0.09, 0.076, 1.35)
 

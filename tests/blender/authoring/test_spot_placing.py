@@ -19,7 +19,7 @@ from hfx_blender.engine.areas.spot import lengths_along, places_on
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.operators.paths import path_overlay
 from hfx_blender.operators.paths.spot_handles import HFX_OT_resize_spot, HFX_OT_slide_spot
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.ui import gizmos
 
 LEFT, RIGHT, LOW = (0.09, 0.076, 1.35), (-0.09, 0.076, 1.35), (0.0, 0.04, 1.15)

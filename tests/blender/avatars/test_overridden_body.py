@@ -15,7 +15,7 @@ from hfx_blender.avatars import avatar_meshes, stored_fits
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 PLACE = (0.0, 0.1, 1.2)
 

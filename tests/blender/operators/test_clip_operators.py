@@ -14,7 +14,7 @@ from hfx_blender.engine.counters import Unfelt
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.reading.description import activation
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.ui.panels import list_rows
 

@@ -305,7 +305,7 @@ def test_a_stroke_is_exported_in_every_format(
     from hfx_blender.engine.texture.stroke import along
     from hfx_blender.engine.texture.stroke_rendering import render_stroke
     from hfx_blender.operators.surfaces import stroke_pad_operators
-    from hfx_blender.playback.strokes.stroke_pad import Take
+    from hfx_blender.playback.stroke_pad import Take
 
     texture = surfaces.texture_of(denim)
     stroke = along(np.array([[0.0, 0.0], [0.03, 0.005]]), 0.1)

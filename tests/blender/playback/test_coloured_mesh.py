@@ -18,9 +18,8 @@ from hfx_blender.authoring import clips
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
 from hfx_blender.engine.samples import Sample, Stream
 from hfx_blender.playback.preview import preview_layers
-from hfx_blender.playback.preview.coloured_mesh import ColouredMesh, Layer
 from hfx_blender.playback.preview.preview_layers import Preview
-from hfx_blender.playback.preview.skin_colours import DisplayedSkins, Incidence
+from hfx_blender.playback.preview.skin_colours import ColouredMesh, DisplayedSkins, Incidence, Layer
 from hfx_blender.playback.timeline.timeline_record import TimelineRecord, record
 
 BYTE = 0.51 / 255.0  # colours are kept as bytes

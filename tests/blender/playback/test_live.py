@@ -29,7 +29,7 @@ from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.files import resources
-from hfx_blender.operators.live import live_setup
+from hfx_blender.operators.live import live_operators
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live as live_module
 from hfx_blender.playback.live import live_handlers
@@ -39,7 +39,7 @@ from hfx_blender.playback.preview.preview import preview as viewport_preview
 from hfx_blender.playback.preview.preview_layers import Preview
 from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_settings import scene_tolerance
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.reading.stepped import stepping
 
@@ -453,11 +453,13 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     brand = load_device(board).brand
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
-    monkeypatch.setattr(live_setup, "search", live_setup.DeviceSearch())  # only for this test
+    monkeypatch.setattr(
+        live_operators, "search", live_operators.DeviceSearch()
+    )  # only for this test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
-    assert live_setup.search.run() == [port.name]
-    names = [entry.device for entry in live_setup.search.found]
+    assert live_operators.search.run() == [port.name]
+    names = [entry.device for entry in live_operators.search.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
     assert board in bpy.context.scene.hfx.devices

@@ -18,7 +18,7 @@ from hfx_blender.playback.live.live_sources import SceneSource
 from hfx_blender.playback.timeline import timeline_record, timeline_recorder
 from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_settings import scene_tolerance
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 
 @pytest.fixture

@@ -18,10 +18,9 @@ from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, overlay
 from hfx_blender.engine.native import library
 from hfx_blender.engine.samples import Sample, Stream
 from hfx_blender.playback.evaluation import evaluation
-from hfx_blender.playback.preview.coloured_mesh import Layer
 from hfx_blender.playback.preview.preview import preview
 from hfx_blender.playback.preview.preview_layers import Preview
-from hfx_blender.playback.preview.skin_colours import SkinColours
+from hfx_blender.playback.preview.skin_colours import Layer, SkinColours
 from hfx_blender.playback.timeline.timeline_record import NeedsSteppingError, record
 from hfx_blender.ui.panels import effects_panel
 from hfx_tools.felt_shares import felt_shares

@@ -17,7 +17,7 @@ from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.preview.preview import preview
 from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_settings import scene_tolerance
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 NO_CHANGE = {"HFX_OT_paint_status", "HFX_OT_live_stop_all"}
 """Operators that change nothing of the scene, so that they have a base of their own."""

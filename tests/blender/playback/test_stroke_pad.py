@@ -15,8 +15,8 @@ from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.operators.surfaces.stroke_pad_view import PadPlace
-from hfx_blender.playback.strokes import reference_strokes
-from hfx_blender.playback.strokes.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad, StrokeSound
+from hfx_blender.playback import stroke_pad
+from hfx_blender.playback.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad, StrokeSound
 from hfx_tools.demo import board
 
 
@@ -125,12 +125,12 @@ def test_at_the_target_speed_the_pointer_goes_200_pixels_a_second(texture: Surfa
 
 def test_stronger_fabrics_are_stronger_and_c_v_scales_them() -> None:
     actual = {
-        name: reference_strokes.felt(name, speed, 2000.0).amplitude_m_s2.mean()
+        name: stroke_pad.reference_signal(name, speed, 2000.0).amplitude_m_s2.mean()
         for speed in TARGETS_M_S
         for name in ("shirting", "denim", "costume")
     }
     assert actual["shirting"] < actual["denim"] < actual["costume"]
-    twice = reference_strokes.felt("denim", TARGETS_M_S[1], 4000.0).amplitude_m_s2.mean()
+    twice = stroke_pad.reference_signal("denim", TARGETS_M_S[1], 4000.0).amplitude_m_s2.mean()
     assert twice == pytest.approx(2.0 * actual["denim"], rel=1e-6)
 
 
@@ -149,7 +149,7 @@ def test_the_calibration_slider_is_kept(
     assert chosen.drive == pytest.approx(42.0)
     assert surface_calibration.drive_per_m("phone") == pytest.approx(7000.0)
     assert bpy.ops.hfx.feel_fabric() == {"FINISHED"}
-    stroke = reference_strokes.reference_stroke
+    stroke = stroke_pad.reference_stroke
     assert stroke.signal is not None and stroke.step == 0
     stroke.stop()
     assert stroke.signal is None

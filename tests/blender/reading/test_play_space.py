@@ -20,7 +20,7 @@ from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.reading.description.scene_settings import play_space_now, scene_tolerance
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 
 @pytest.fixture

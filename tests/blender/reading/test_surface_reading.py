@@ -18,7 +18,7 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.scene import HapticSurface
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 
 FPS = 25

@@ -11,7 +11,7 @@ import pytest
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.playback.timeline.timeline_record import record
 from hfx_blender.reading.description.scene_settings import scene_tolerance
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

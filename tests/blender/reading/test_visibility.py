@@ -86,7 +86,7 @@ def test_the_eye_and_the_camera_do_not_matter(scene: Any, ball: Any) -> None:
 
 def test_live_feels_nothing_of_what_is_hidden_now(scene: Any, ball: Any) -> None:
     from hfx_blender.engine.tolerance import STANDARD
-    from hfx_blender.reading.live.live_scene import LiveScene, signature_of
+    from hfx_blender.reading.live_scene import LiveScene, signature_of
 
     _by_key(ball)
     live = LiveScene(scene, bpy.context.view_layer, STANDARD)

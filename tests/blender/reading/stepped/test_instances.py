@@ -14,7 +14,7 @@ from hfx_blender.engine.counters import Unfelt
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.errors import InputError
-from hfx_blender.reading.live.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 
 FPS = 25

@@ -10,17 +10,22 @@ import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.arrays import F64
-from ...engine.surface.surface_drive import SurfaceDrive
-from ...engine.texture.haptic_map import SurfaceTexture
-from ...engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
-from ...engine.texture.stroke_rendering import StrokeSignal, render_stroke
-from ...errors import InputError
+from ..blender.events import call_soon, remove_timers
+from ..engine.arrays import F64
+from ..engine.surface.surface_drive import SurfaceDrive
+from ..engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
+from ..engine.texture.height_field import HeightField
+from ..engine.texture.procedural import reference_fabrics, woven
+from ..engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke, line
+from ..engine.texture.stroke_rendering import StrokeSignal, render_stroke
+from ..errors import InputError
+from .live.live import live
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)
 TARGET_PX_S = 200.0
@@ -35,6 +40,13 @@ _FELT_STEP_S = 0.008
 
 _TRAIL_STEP_PX = 1.0
 """Spacing of the drawn line's points, pixels."""
+
+REFERENCE_S = 2.0
+_FABRIC_M = 0.02
+_FABRIC_TEXELS = 512
+_DIRECTION_RAD = np.radians(20.0)  # along the threads nothing would change
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -220,9 +232,6 @@ class StrokePad:
         return 0.0 if field is None else float(field.sample(np.array([point_m]))[0])
 
 
-_log = logging.getLogger(__name__)
-
-
 class StrokeSound:
     """Sound of a stroke: vibration samples, and friction noise scaled by the speed."""
 
@@ -260,3 +269,66 @@ class StrokeSound:
         if self._device is not None:
             self._device.stopAll()
             self._device = None
+
+
+@cache
+def reference_fabric(name: str) -> HeightField:
+    """Height field of a reference fabric, given by its name (a key of ``reference_fabrics()``)."""
+    return woven(reference_fabrics()[name], _FABRIC_M, _FABRIC_TEXELS)
+
+
+def reference_signal(name: str, speed_m_s: float, drive_per_m: float) -> StrokeSignal:
+    """Signal of an even stroke of :data:`REFERENCE_S` over a reference fabric, at a calibration c_v
+    of ``drive_per_m``.
+    """
+    texture = SurfaceTexture(reference_fabric(name), None, SurfaceRenderer.TEXTILE, drive_per_m)
+    stroke = line((0.0, 0.0), float(_DIRECTION_RAD), speed_m_s * REFERENCE_S, speed_m_s)
+    return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
+
+
+class ReferenceStroke:
+    """Stroke played as sound and on connected devices; a new stroke replaces the current one.
+
+    Attributes
+    ----------
+    signal : StrokeSignal or None
+        None while silent.
+    step : int
+        Index of the next time step.
+    """
+
+    def __init__(self) -> None:
+        self.signal: StrokeSignal | None = None
+        self.step = 0
+        self._sound: StrokeSound | None = None
+
+    def play(self, signal: StrokeSignal, full_m_s2: float) -> None:
+        """Play a stroke by a timer; acceleration ``full_m_s2`` is the full volume of its sound."""
+        self.stop()
+        self.signal, self.step = signal, 0
+        self._sound = StrokeSound(full_m_s2)
+        self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
+        call_soon(self._next)
+
+    def stop(self) -> None:
+        """Stop stroke and sound, and send silence to the devices; no effect between strokes."""
+        remove_timers(self._next)
+        if self._sound is not None:
+            self._sound.close()
+        if self.signal is not None:
+            live.send_vibration(0.0, float(self.signal.frequency_hz[0]))
+        self.signal = self._sound = None
+
+    def _next(self) -> float | None:
+        signal, step = self.signal, self.step
+        if signal is None:
+            return None
+        if step >= len(signal.times_s):
+            self.stop()
+            return None
+        live.send_vibration(float(signal.amplitude_m_s2[step]), float(signal.frequency_hz[step]))
+        self.step += 1
+        return signal.step_s
+
+
+reference_stroke = ReferenceStroke()

@@ -15,23 +15,23 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
-from ...authoring import responses
-from ...authoring.effects import effects
-from ...authoring.effects.effect_values import ShapeCache
-from ...authoring.surfaces import surfaces
-from ...blender.scene_info import fps_of, scene_objects
-from ...engine.evaluate import Engine
-from ...engine.samples import SampleRun
-from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume
-from ...engine.tolerance import Tolerance
-from ..curves.animation_time import time_base
-from ..description import area_values, scene_description, visibility
-from ..description.scene_description import HapticObjects
-from ..stepped import instances
-from ..stepped.instances import Key
-from ..stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
-from ..stepped.stepped_reading import SteppedReading
-from ..stepped.stepping import Stepper
+from ..authoring import responses
+from ..authoring.effects import effects
+from ..authoring.effects.effect_values import ShapeCache
+from ..authoring.surfaces import surfaces
+from ..blender.scene_info import fps_of, scene_objects
+from ..engine.evaluate import Engine
+from ..engine.samples import SampleRun
+from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume
+from ..engine.tolerance import Tolerance
+from .curves.animation_time import time_base
+from .description import area_values, scene_description, visibility
+from .description.scene_description import HapticObjects
+from .stepped import instances
+from .stepped.instances import Key
+from .stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
+from .stepped.stepped_reading import SteppedReading
+from .stepped.stepping import Stepper
 
 LONGEST_STEP_S = 0.3
 """Longest time between two related moments; later moments start without memory."""
