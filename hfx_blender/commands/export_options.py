@@ -148,7 +148,7 @@ def _names_of_formats(of_devices: bool) -> str:
 def check(options: argparse.Namespace) -> None:
     """Raise UsageError for options that no scene could be exported with."""
     from ..devices.configuration import load_device
-    from ..engine.areas.on_demand import ON_DEMAND
+    from ..engine.areas.sample_run_builder import ON_DEMAND
 
     refuse_unknown(options.formats or (), "-f")
     for name in options.device or ():

@@ -12,8 +12,7 @@ import numpy as np
 from .active_rows import ActiveEffect, active_rows, warn_of_controls, warn_of_point, with_directions
 from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
-from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
-from .areas.sample_run_builder import SampleRunBuilder
+from .areas.sample_run_builder import ON_DEMAND, ON_DEMAND_HERE, SampleRunBuilder
 from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters

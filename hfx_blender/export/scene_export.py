@@ -75,7 +75,7 @@ class ExportSettings:
     rate_hz: Fraction | None = None  # None: of the scene
     tolerance: Tolerance | None = None  # None: of the scene
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
-    record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
+    record: tuple[str, ...] = ()  # engine.areas.sample_run_builder.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
     threads: int = field(default_factory=cores)  # largest number, without effect on results
     clip_detail: int = DETAIL  # level of detail of bodies in game clips

@@ -17,8 +17,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64, I32, I64
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
-from hfx_blender.engine.volume.placing_matrix import inverse_placement
-from hfx_blender.engine.volume.shape import Shape
+from hfx_blender.engine.volume.shape import Shape, inverse_placement
 
 BAND: Final = 1e-9
 """Points nearer to the boundary than this share of the shape's size are not compared."""

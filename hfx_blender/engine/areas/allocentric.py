@@ -30,10 +30,8 @@ from ..scene import (
 from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
 from ..volume.mesh import DECIMATION_SHARE, MeshVolume, of_fewer_faces
-from ..volume.placing_matrix import world_bounds
-from ..volume.shape import Falloff
-from . import on_demand
-from .sample_run_builder import SampleRunBuilder
+from ..volume.shape import Falloff, world_bounds
+from .sample_run_builder import SampleRunBuilder, boundary_of, depths_m, impacts
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -124,13 +122,13 @@ class AllocentricAreas:
         details: dict[str, Any] = {}
         if hits.details is not None:
             if "depth" in self._builder.record:
-                details["depth_m"] = on_demand.depths(animated, hits)
+                details["depth_m"] = depths_m(animated, hits)
             if "surface" in self._builder.record:
-                surface, normals = on_demand.surface(animated, hits)
+                surface, normals = boundary_of(animated, hits)
                 details.update(surface=surface, surface_normals=normals)
             if "impact" in self._builder.record:
                 time = self._builder.scene.time
-                details["impact"] = on_demand.impact(animated, hits, block.indices, time)
+                details["impact"] = impacts(animated, hits, block.indices, time)
         return self._builder.run(
             active,
             body.id,

@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 
 from ..active_rows import posed_rows
-from ..arrays import F64, I64
+from ..arrays import F64, I64, Bool
 from ..kinematics.placement_motion import turned_by
-from ..native import kinematics as native
 from ..native import library
+from ..native.library import loaded
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
-from ..skin.surface_posing import PointwiseModel
+from ..skin.posing import PointwiseModel
 from .reachable_bounds import ReachableBounds, bounds_of, box_of
 
 FEWEST_PAIRS: Final = 32
@@ -90,14 +90,6 @@ class BlockBroadPhase:
             self._near[key] = boxes.meet(*self._body_box(body, model_id), is_bent=is_bent)
         return not self._near[key][number]
 
-    def _largest_turn(self, body: BodyDescription) -> float:
-        """Largest rotation of a body between successive rows, radians; needs two rows."""
-        if body.id not in self._turns:
-            pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
-            angles = turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]])
-            self._turns[body.id] = float(angles.max())
-        return self._turns[body.id]
-
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
         """Lowest and highest corner (3,) of all skin of a model during the block, world, m.
 
@@ -113,7 +105,10 @@ class BlockBroadPhase:
         swing = 0.0
         if len(rows) > 1:
             # Between two rows a turning body leaves the box of both by the sagitta of its arc.
-            angle = self._largest_turn(body)
+            if body.id not in self._turns:
+                angles = turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]])
+                self._turns[body.id] = float(angles.max())
+            angle = self._turns[body.id]  # the largest rotation between successive rows
             arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
             arm = float(np.sqrt(np.square(arms).sum(axis=1).max()))
             swing = arm * (1.0 - np.cos(0.5 * angle))
@@ -133,7 +128,7 @@ class _VolumeBoxes:
         matrices = np.concatenate([e.matrices for e in volumes if e.matrices is not None])
         levels = np.concatenate([volume.levels for volume in volumes])
         shape = len(volumes), len(block.indices)
-        self._low, self._high, self._sure = native.volume_boxes(
+        self._low, self._high, self._sure = volume_boxes(
             matrices.reshape(*shape, 4, 4), levels.reshape(shape), _bounds(volumes)
         )
 
@@ -162,3 +157,16 @@ def _bounds(volumes: list[EffectBlock]) -> F64:
             box = np.stack([low.min(axis=0), high.max(axis=0)])
         boxes.append(box)
     return np.concatenate(boxes).reshape(-1, 2, 3)
+
+
+def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
+    """World boxes of E volumes over all rows: lowest and highest corner (E, 3), m, and a mask (E,).
+
+    ``matrices`` (E, T, 4, 4) are shape space to world; a volume is left out at rows with a level of
+    0 or less in ``levels`` (E, T); ``bounds`` (E, 2, 3) are lowest and highest corner in shape
+    space. The mask is False where a placement is not usable, and the box undefined.
+    """
+    count, rows = levels.shape
+    boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)
+    loaded().hfx_volume_boxes(count, rows, matrices, levels, bounds, boxes, is_sure)
+    return boxes[:, 0], boxes[:, 1], is_sure

@@ -3,24 +3,35 @@
 
 The broad phase compares boxes of clusters with boxes of volumes in the world (``broad_phase.c``).
 The narrow phase poses only clusters within reach, directly into shape space, and tests their cells
-(``narrow_phase.c``).
+(``narrow_phase.c``). Their weights, by row and *column*, a vertex of the model that the examined
+clusters contain, are compacted into contacts (``gather.c``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from ..active_rows import FARTHEST
-from ..arrays import F64, I64
-from ..native import gathering
+from ..arrays import I32, I64, Bool, Weights
+from ..native.library import loaded
+from ..native.skin import SkinTableArrays
 from ..skin.skinned_model import SkinnedModel
 from . import narrow_phase as native
 from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_query import ContactQuery, Contacts, DetailArrays
 from .narrow_phase import drift_of
+
+_MOST_COLUMNS: Final = 32
+_COLUMNS: WeakKeyDictionary[SkinTableArrays, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
+
+_MOST_CLEARED: Final = 8
+_CLEARED: WeakKeyDictionary[SkinTableArrays, list[npt.NDArray[Any]]] = WeakKeyDictionary()
 
 
 def placed(query: ContactQuery) -> PlacedTarget:
@@ -69,10 +80,14 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
         return _nothing
     pairs, posing = reached.pairs, _posing(query, reached)
     # Dense weights, for the cells of reached clusters only.
-    columns, column_of = gathering.columns_of(reached.clusters, table)
-    weights = gathering.no_weights(table, len(rows), len(columns), falloff.precision)
+    columns, column_of = columns_of(reached.clusters, table)
+    weights = no_weights(table, len(rows), len(columns), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
-    drifts = _drifts(target, pairs.steps[pairs.steps > 1]) if reached.most_steps > 1 else {}
+    # Drift matrices for all intervals, by number of steps of tracking.
+    volume, frame = target.part("matrices"), target.part("to_world")
+    ways = (volume[:-1], volume[1:]), (frame[:-1], frame[1:])
+    steps = np.unique(pairs.steps[pairs.steps > 1]).tolist() if reached.most_steps > 1 else []
+    drifts = {number: drift_of(*ways, number) for number in steps}
     narrow = native.narrow_phase(
         *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )
@@ -80,8 +95,8 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     def collect() -> Contacts:
         counters.vertices_posed += narrow()
         own_sets = query.own_sets or arrays is not None
-        gathered = gathering.gathered(table, weights, columns, query.reported, own_sets)
-        at, sets, offsets, vertices, values = gathered
+        contacts = gathered(table, weights, columns, query.reported, own_sets)
+        at, sets, offsets, vertices, values = contacts
         details = None
         if arrays is not None:
             row, column = np.repeat(at, np.diff(offsets)), np.searchsorted(columns, vertices)
@@ -89,13 +104,6 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
         return Contacts(rows[at], sets, offsets, vertices, values, details)
 
     return collect
-
-
-def _drifts(target: PlacedTarget, steps: I64) -> dict[int, tuple[F64, F64]]:
-    """Drift matrices of :func:`.narrow_phase.drift_of` for all intervals, by number of steps."""
-    volume, body = target.part("matrices"), target.part("to_world")
-    ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
-    return {number: drift_of(*ways, number) for number in np.unique(steps).tolist()}
 
 
 def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
@@ -121,4 +129,73 @@ def _nothing() -> Contacts:
     details = DetailArrays.empty(0, 0).of(empty, empty)
     return Contacts(
         empty, empty, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0), details
+    )
+
+
+def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
+    """Columns of some clusters; the result is cached and must not be changed.
+
+    Returns the vertex of each column, ascending, (C,), and the column of each of the table's cells
+    (cells,), valid for cells of the given clusters only.
+    """
+    known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
+    if key in known:
+        return known[key]
+    if len(known) >= _MOST_COLUMNS:
+        known.clear()
+    count = len(table.cells)
+    is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
+    columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
+    column_count = loaded().hfx_columns(
+        *(len(clusters), clusters, len(table.unit_counts), table.cell_starts, count),
+        *(table.cells, is_needed, place_of, columns, column_of),
+    )
+    known[key] = columns[:column_count].copy(), column_of
+    return known[key]
+
+
+def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) -> Weights:
+    """Weights of 0, (rows, columns), of the float type ``precision``.
+
+    Memory cleared by :func:`gathered` for this table is reused, because the operating system would
+    map new memory page by page.
+    """
+    cleared, size = _CLEARED.setdefault(table, []), rows * columns
+    fitting = (k for k, room in enumerate(cleared) if room.size >= size and room.dtype == precision)
+    # The first large enough array of the right type.
+    which = next(fitting, None)
+    room = np.zeros(size, precision) if which is None else cleared.pop(which)
+    return room[:size].reshape(rows, columns)
+
+
+def gathered(
+    table: SkinTableArrays, weights: Weights, columns: I32, reported: Bool, own_sets: bool
+) -> tuple[I64, I64, I64, I32, Weights]:
+    """Collect contacts row by row; clears ``weights``, which must not be used afterwards.
+
+    ``weights`` (n, C) are of :func:`no_weights`, filled in; ``columns`` (C,) the vertex of each
+    column; ``reported`` (n,) the rows whose contacts are returned; ``own_sets``: store a vertex set
+    for each row, even if equal to that of the row before. Returns rows (indices into ``weights``),
+    sets, offsets, vertices, weights, see :class:`.contact_query.Contacts`.
+    """
+    count, width = weights.shape
+    (at, sets), offsets = np.empty((2, count), np.int64), np.empty(count + 1, np.int64)
+    vertices, values = np.empty(weights.size, np.int32), np.empty(weights.size, weights.dtype)
+    counts = np.empty(3, np.int64)
+    loaded().hfx_gather(
+        *(count, width, weights, weights.dtype == np.float32, reported, columns, own_sets),
+        *(at, sets, offsets, vertices, values, counts),
+    )
+    cleared = _CLEARED[table]
+    assert weights.base is not None
+    cleared.append(weights.base)
+    del cleared[:-_MOST_CLEARED]
+    row_count, set_count, total = counts.tolist()
+    # A view would keep the memory of all possible contacts alive.
+    return (
+        at[:row_count],
+        sets[:row_count],
+        offsets[: set_count + 1],
+        vertices[:total].copy(),
+        values[:total].copy(),
     )

@@ -15,8 +15,7 @@ from ..native.declarations import structure
 from ..native.library import f64, i64, loaded
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.mesh import MeshVolume
-from ..volume.placing_matrix import world_bounds
-from ..volume.shape import Falloff, FalloffKind, Shape
+from ..volume.shape import Falloff, FalloffKind, Shape, world_bounds
 
 _MESH: Final = 4
 _KINDS: Final[dict[type[Shape], int]] = {

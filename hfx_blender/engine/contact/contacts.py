@@ -21,7 +21,7 @@ from ..reference.cells import EXACT, Fineness, Skin
 from ..reference.contact import Body, Contact, Volume, contact
 from ..reference.pose import moved, world_points
 from ..skin.cell_coverage import SkinCoverage
-from ..volume.placing_matrix import inverse_placement, world_bounds
+from ..volume.shape import inverse_placement, world_bounds
 from . import compiled_contacts
 from .contact_query import ContactQuery, Contacts, DetailArrays
 

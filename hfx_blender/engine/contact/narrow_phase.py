@@ -20,9 +20,8 @@ from ..arrays import F64, I64, Weights
 from ..kinematics.placement_motion import Motion
 from ..native.declarations import structure
 from ..native.library import loaded
-from ..native.skin import Clusters, PosedBones
-from ..native.skin_arrays import SkinTableArrays, table_structure
-from ..volume.placing_matrix import inverse_placement
+from ..native.skin import Clusters, PosedBones, SkinTableArrays, table_structure
+from ..volume.shape import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
 from .contact_query import DetailArrays

@@ -12,8 +12,8 @@ from ..arrays import F64, I64, Bool
 from ..kinematics.placement_motion import largest_stretch
 from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
+from ..skin.posing import PointwiseModel
 from ..skin.skinned_model import SkinnedModel
-from ..skin.surface_posing import PointwiseModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ import numpy as np
 
 from ..arrays import F64, I64
 from ..matmul import affine_inverse
-from ..native import kinematics as native
-from ..native.library import f64
+from ..native.library import f64, library
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
 """Rotation mode to channel; all other modes are Euler orders."""
@@ -37,9 +36,10 @@ def from_quaternions(quaternions: F64) -> F64:
 
     Length 0 gives half a turn about X, as in Blender.
     """
-    compiled = native.from_quaternions(quaternions)
-    if compiled is not None:
-        return compiled
+    if (native := library()) is not None:
+        rotations = np.empty((*quaternions.shape[:-1], 3, 3))
+        native.hfx_from_quaternions(rotations.size // 9, quaternions, rotations)
+        return rotations
     lengths = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     unit = np.where(lengths > 0.0, quaternions, [0.0, 1.0, 0.0, 0.0])
     unit = unit / np.where(lengths > 0.0, lengths, 1.0)
@@ -142,11 +142,13 @@ class BoneHierarchy:
         matrix (parent's pose, offset, channels) times R^-1. Channels are ``locations`` and
         ``scales`` (T, B, 3) and rotations ``turned`` (T, B, 3, 3).
         """
-        if not self._other_axes:
+        native = library()
+        if native is not None and not self._other_axes:
+            skinning = np.empty((*locations.shape[:2], 3, 4))
             constants = self._order, self._parents, *self._rows
-            compiled = native.rig_pose(*constants, locations, turned, scales)
-            if compiled is not None:
-                return compiled
+            channels_of = locations, turned, scales
+            native.hfx_rig_pose(*locations.shape[:2], *constants, *channels_of, skinning)
+            return skinning
         channels = np.empty((3, 4, *locations.shape[:2]))
         channels[:, :3] = turned.transpose(2, 3, 0, 1) * scales.transpose(2, 0, 1)
         channels[:, 3] = locations.transpose(2, 0, 1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import F64
-from ..native import kinematics as native
+from ..native.library import loaded
 
 _STILL: float = 1e-9  # radians, below is rounding
 _FLAT: float = 1e-12  # fraction of the largest stretch, below is rounding
@@ -45,7 +45,13 @@ class Motion:
         """Matrices (n, 4, 4) at a fraction 0..1 of the interval."""
         matrices = np.zeros((len(self.angles), 4, 4))
         stretch = self.stretches[0] + share * (self.stretches[1] - self.stretches[0])
-        matrices[:, :3, :3] = _rotations(self.axes, share * self.angles) @ self.turns @ stretch
+        # Rodrigues' formula: the part of the turn about each axis.
+        x, y, z = self.axes.T
+        zero = np.zeros_like(x)
+        cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+        angles = (share * self.angles)[:, None, None]
+        turn = np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
+        matrices[:, :3, :3] = turn @ self.turns @ stretch
         matrices[:, :3, 3] = self.origins[0] + share * (self.origins[1] - self.origins[0])
         matrices[:, 3, 3] = 1.0
         return matrices
@@ -64,8 +70,12 @@ def longest_axis(linear: F64) -> F64:
 
 
 def turned_by(before: F64, after: F64) -> F64:
-    """Rotation angles (n,) between placements (n, 4, 4), radians; exactly 0 without rotation."""
-    return native.turns(before, after)
+    """Rotation angles (n,) between placements (n, 4, 4), radians; exactly 0 without rotation. Needs
+    the compiled library."""
+    assert before.shape == after.shape == (len(before), 4, 4)
+    angles = np.empty(len(before))
+    loaded().hfx_turns(len(angles), before, after, angles)
+    return angles
 
 
 def _polar(linear: F64) -> tuple[F64, F64]:
@@ -104,12 +114,3 @@ def _axis_angle(turns: F64) -> tuple[F64, F64]:
     axes = np.where(length[:, None] > 0.0, axes, (1.0, 0.0, 0.0))
     axes = axes / np.where(length > 0.0, length, 1.0)[:, None]
     return axes, np.where(angles > _STILL, angles, 0.0)
-
-
-def _rotations(axes: F64, angles: F64) -> F64:
-    """Rotation matrices (n, 3, 3) of axes and angles by Rodrigues' formula."""
-    x, y, z = axes.T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))

@@ -15,8 +15,7 @@ import numpy.typing as npt
 from ..arrays import F32, F64, I32, I64, missing_ids
 from .declarations import structure
 from .library import i64, loaded
-from .skin import Clusters
-from .skin_arrays import SkinTableArrays, SurfaceArrays, mesh_structure, table_structure
+from .skin import Clusters, SkinTableArrays, SurfaceArrays, mesh_structure, table_structure
 
 _DEPTH = 64  # greatest number of successive halvings
 _BONE_ROOM = 24  # work space of each bone, float64 elements

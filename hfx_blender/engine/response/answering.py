@@ -24,7 +24,7 @@ from ..scene import (
     SceneDescription,
 )
 from ..skin.cell_coverage import BodySkin
-from ..volume.placing_matrix import world_bounds
+from ..volume.shape import world_bounds
 from .between_samples import refined
 from .grazes import Contacts, may_graze
 from .settling import Settling

@@ -27,7 +27,7 @@ from ..samples import SampleRun, Stream
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.nearest_surface import distances_m
-from ..volume.placing_matrix import inverse_placement, world_bounds
+from ..volume.shape import inverse_placement, world_bounds
 from .motion_estimate import MotionEstimate
 
 WeightedSet = tuple[I32, F32]

@@ -12,9 +12,8 @@ from ..native import library
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
 from .cell_coverage import BodySkin, SkinCoverage, finer_id
-from .posing import PosableModel
+from .posing import BlendedModel, PosableModel, SurfaceModel
 from .skinned_model import SkinnedModel
-from .surface_posing import BlendedModel, SurfaceModel
 
 
 class BoundSkins:

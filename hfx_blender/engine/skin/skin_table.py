@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arrays import F32, F64, I32, I64, missing_ids, sorted_by
 from ..body.model import PerceptualModel
-from ..native import skin_arrays as native
+from ..native import skin as native
 from ..tolerance import Tolerance
 
 # Fraction of a unit always represented by the vertex, at any tolerance

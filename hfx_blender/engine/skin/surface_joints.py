@@ -18,8 +18,8 @@ from ..arrays import F32, F64, I64
 from ..body.model import PerceptualModel
 from ..body.skin_distance import edge_graph
 from ..scene import PoseBlock, SurfaceBinding
-from .bound_weights import BoundWeights
-from .surface_posing import SurfaceModel
+from .posing import SurfaceModel
+from .skinned_model import BoundWeights
 
 _SPACING_M: Final = 0.1  # patch spacing: about 240 joints; game engines allow 256
 _NEAREST: Final = 4  # patches per vertex: one set of glTF weights

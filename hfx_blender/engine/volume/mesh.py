@@ -12,7 +12,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
-from ..native.mesh_search import NativeMesh
+from ..native.declarations import structure
+from ..native.library import loaded
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
@@ -38,6 +39,7 @@ _BOX_TRIANGLES: Final = np.array(
     np.int32,
 )
 _STEPS_IN_OCTAVE: Final = 2.0  # coarse steps of bounds, so that a turning volume keeps its mesh
+_SLACK: Final = 1e-12  # rounding error of a tree's boxes, share of the largest coordinate
 _SIMILAR: Final = 1e-9  # relative difference of scales that count as uniform
 
 
@@ -95,7 +97,8 @@ class MeshVolume:
                 f"'{self.name}' has {broken} vertices whose coordinates are not finite numbers."
             )
         vertices, triangles = merged(vertices, triangles)
-        if not (len(triangles) and _is_solid(np.ptp(vertices, axis=0))):
+        extent = np.ptp(vertices, axis=0) if len(vertices) else np.zeros(3)
+        if not (len(triangles) and extent.min() > _FLATTEST * extent.max()):
             raise InputError(f"'{self.name}' is flat. A mesh volume needs a mesh with an inside.")
         vertices, triangles, note = closed_surface(vertices, triangles, self.name)
         object.__setattr__(self, "_vertices", vertices)
@@ -197,7 +200,12 @@ class MeshVolume:
         if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
             # Uniform scaling needs no tree of its own: distances scale with it.
             return np.asarray(stretch[1] * self.tree.distances(about))
-        return self._placed_tree(linear).distances(linear @ about)
+        # Only the tree of the last linear map is cached: a still volume has one for all rows.
+        key = linear.tobytes()
+        if key not in self._placed_trees:
+            self._placed_trees.clear()
+            self._placed_trees[key] = self.tree.placed(linear)
+        return self._placed_trees[key].distances(linear @ about)
 
     def compiled(self, with_depth: bool = False) -> NativeMesh:
         """Mesh for the library, which must exist; cached. Core radius 0 without ``with_depth``."""
@@ -211,15 +219,6 @@ class MeshVolume:
     @cached_property
     def _compiled(self) -> dict[bool, NativeMesh]:
         return {}
-
-    def _placed_tree(self, linear: F64) -> TriangleTree:
-        """Tree of the triangles about the middle under ``linear``; only the last is cached."""
-        key = linear.tobytes()
-        tree = self._placed_trees.get(key)
-        if tree is None:
-            self._placed_trees.clear()
-            tree = self._placed_trees[key] = self.tree.placed(linear)
-        return tree
 
     @cached_property
     def _placed_trees(self) -> dict[bytes, TriangleTree]:
@@ -275,9 +274,36 @@ class MeshVolume:
         return best
 
 
-def _is_solid(extent: F64) -> bool:
-    """Test extents (3,): the smallest is above 1e-12 of the largest."""
-    return bool(extent.min() > _FLATTEST * extent.max())
+class NativeMesh:
+    """Closed mesh for the compiled contact; ``pointers`` is ``hfx_mesh``.
+
+    ``grid`` is ``hfx_grid`` in shape space; ``tree`` is ``hfx_tree``, moved by ``-middle``, the
+    centre of the mesh's box; ``largest`` the largest absolute coordinate of the tree; ``depth`` the
+    radius of the largest inscribed ball, 0 without falloff.
+    """
+
+    def __init__(self, grid: Any, tree: Any, largest: float, middle: F64, depth: float) -> None:
+        self.pointers = structure("hfx_mesh")(grid, tree, middle, _SLACK * largest, depth)
+
+    def clearances(self, points: F64) -> F64:
+        """Signed lower bounds of the distance to the boundary of points (3, N), shape space, (N,).
+
+        Positive outside, negative inside; all points nearer than the absolute value are on the same
+        side. 0 where no bound is known without a search, NaN for NaN.
+        """
+        clearances = np.empty(points.shape[1])
+        loaded().hfx_mesh_clearances(self.pointers, points, points.shape[1], clearances)
+        return clearances
+
+    def passages(self, starts: F64, ends: F64) -> tuple[F64, F64]:
+        """First and last time at which points in straight, even motion are inside, (N,) each.
+
+        Time is 0 at ``starts`` (3, N) and 1 at ``ends``; infinity and -infinity for a point that is
+        never inside. A point may leave the mesh in between.
+        """
+        first, last = np.empty((2, starts.shape[1]))
+        loaded().hfx_mesh_passages(self.pointers, starts, ends, len(first), first, last)
+        return first, last
 
 
 def of_fewer_faces(

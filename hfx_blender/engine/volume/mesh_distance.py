@@ -10,12 +10,14 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
+from ..native.declarations import structure
 from ..native.library import library, loaded
-from ..native.mesh_search import leaf_order, tree_structure
 
 PAIRS_AT_ONCE: Final = 2**20
 """Pairs of a point and a triangle that are compared at a time without the library."""
 
+_BOX: Final = 6  # lowest and highest corner
+_FRAME: Final = 16
 _WIDTH: Final = 16  # boxes followed at each level for a first upper bound
 _FLAT: Final = 1e-8  # sine of the angle at a corner; below, a triangle is degenerate
 
@@ -36,9 +38,23 @@ class TriangleTree:
 
     def __init__(self, corners: F64, order: I64 | None = None) -> None:
         self.corners, self.order, self.compiled = corners, order, None
-        if library() is not None:
-            self.order = leaf_order(corners) if order is None else order
-            self.compiled = tree_structure(corners, self.order)
+        if library() is None:
+            return
+        if order is None:
+            # Leaves of a balanced tree: groups of triangles are halved at the median centroid along
+            # their longest axis; some triangles occur twice, to fill the leaves.
+            count = len(corners)
+            size = 1 << (count - 1).bit_length()
+            order, spare = np.empty(size, np.int64), np.empty(size, np.int64)
+            room = np.empty((count, 3)), np.empty(size), np.empty(size), spare
+            loaded().hfx_mesh_leaf_order(corners, count, size, order, *room)
+        # Boxes belong to nodes: 1 is the root, 2 n and 2 n + 1 are the children of n, the leaves
+        # are last. Frames belong to the leaves' triangles.
+        boxes, frames = np.zeros((2 * len(order), _BOX)), np.empty((len(order), _FRAME))
+        loaded().hfx_mesh_boxes(corners, order, len(order), boxes)
+        loaded().hfx_mesh_frames(corners, order, len(order), frames)
+        self.compiled = structure("hfx_tree")(boxes, order, corners, frames, len(order))
+        self.order = order
 
     @cached_property
     def _frames(self) -> F64:

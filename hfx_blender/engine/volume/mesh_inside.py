@@ -23,7 +23,6 @@ import numpy as np
 from ..arrays import F64, I32, I64, Bool, ramp
 from ..native.declarations import structure
 from ..native.library import library, loaded
-from ..native.mesh_search import bounds_in_columns
 
 CELLS: Final = 2**18  # more cells miss the cache, fewer leave more points to columns
 CELLS_PER_AXIS: Final = (4, 256)
@@ -278,3 +277,17 @@ def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[
             np.minimum(low[row], np.minimum(near, far), where=passes, out=low[row])
             np.maximum(high[row], np.maximum(near, far), where=passes, out=high[row])
     return low, high
+
+
+def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
+    """Bounds of listed triangles within their columns, eight bounds packed into each int64, (n,).
+
+    Opaque; read by the compiled inside test. ``corners`` (F, 3, 3) and ``margin``, the growth of
+    the bounds, are in cells; ``listed`` and ``columns`` (n,) are triangle and column of each list
+    entry; ``cells`` (3,) counts cells along each axis.
+    """
+    bounds = np.empty(len(listed), np.int64)
+    loaded().hfx_mesh_bounds(
+        *(corners, listed, columns, len(listed), int(cells[1]), int(cells[2]), margin, bounds)
+    )
+    return bounds

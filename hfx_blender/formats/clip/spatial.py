@@ -21,7 +21,7 @@ from ...engine.scene import (
     PaintedArea,
     SkinBinding,
 )
-from ...engine.skin.bound_weights import BoundWeights
+from ...engine.skin.skinned_model import BoundWeights
 from ...engine.volume.shape import FalloffKind
 from ...text import counted
 from ..written import Written

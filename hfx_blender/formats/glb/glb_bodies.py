@@ -27,7 +27,7 @@ from ...engine.scene import (
     SkinBinding,
     SurfaceBinding,
 )
-from ...engine.skin.bound_weights import BoundWeights
+from ...engine.skin.skinned_model import BoundWeights
 from ...engine.skin.surface_joints import SurfaceJoints
 from ...files.strict_json import clean
 from .glb import TO_GLTF, Document, add_model, move, turned

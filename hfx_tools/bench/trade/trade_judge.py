@@ -14,7 +14,7 @@ from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import SkinBinding
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.tolerance import Tolerance
-from hfx_blender.engine.volume.placing_matrix import inverse_placement
+from hfx_blender.engine.volume.shape import inverse_placement
 
 from . import trade_errors
 from .trade_recording import Recording

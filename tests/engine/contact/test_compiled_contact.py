@@ -17,8 +17,7 @@ from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Sphere
-from hfx_blender.engine.volume.placing_matrix import inverse_placement, world_bounds
-from hfx_blender.engine.volume.shape import Falloff
+from hfx_blender.engine.volume.shape import Falloff, inverse_placement, world_bounds
 
 pytestmark = needs_library
 

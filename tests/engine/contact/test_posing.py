@@ -9,9 +9,8 @@ from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.scene import PoseBlock, SkinBinding, SurfaceAnchors
-from hfx_blender.engine.skin.posing import LEAF_SIZE, clusters_of
+from hfx_blender.engine.skin.posing import LEAF_SIZE, SurfaceModel, clusters_of
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
-from hfx_blender.engine.skin.surface_posing import SurfaceModel
 
 TIMES = 4
 

@@ -18,16 +18,15 @@ from moving_scenes import moving_scene
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.native.skin_arrays import table_structure
+from hfx_blender.engine.native.skin import table_structure
 from hfx_blender.engine.reference.cells import Fineness, Samples, Skin, cells_of
 from hfx_blender.engine.reference.pose import world_points
 from hfx_blender.engine.scene import SkinBinding
 from hfx_blender.engine.skin.bound_skins import BoundSkins
-from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
 from hfx_blender.engine.skin.cell_coverage import SkinCoverage, finer_id
 from hfx_blender.engine.skin.posing import clusters_of
 from hfx_blender.engine.skin.skin_table import SkinMesh
-from hfx_blender.engine.skin.skinned_model import SkinnedModel
+from hfx_blender.engine.skin.skinned_model import BoneBoxes, BoundWeights, SkinnedModel
 from hfx_blender.engine.tolerance import STANDARD, Tolerance
 
 pytestmark = needs_library

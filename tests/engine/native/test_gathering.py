@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from hfx_blender.engine.native import gathering, library
+from hfx_blender.engine.contact import compiled_contacts as gathering
+from hfx_blender.engine.native import library
 
 pytestmark = pytest.mark.skipif(not library.is_there(), reason="needs the compiled library")
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_twins import MESHES, needs_library, probes, twins
 
-from hfx_blender.engine.native.mesh_search import bounds_in_columns
 from hfx_blender.engine.volume import mesh_inside
+from hfx_blender.engine.volume.mesh_inside import bounds_in_columns
 
 pytestmark = needs_library
 

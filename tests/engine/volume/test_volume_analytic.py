@@ -12,7 +12,7 @@ from volume_cases import KINDS, placing, points_in, rotation
 
 from hfx_blender.engine.reference import shapes as reference
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from hfx_blender.engine.volume.placing_matrix import inverse_placement
+from hfx_blender.engine.volume.shape import inverse_placement
 
 SHAPES = {
     "cuboid": Cuboid(),

@@ -11,7 +11,7 @@ from volume_cases import KINDS, mesh, placing, points_in, rotation
 
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
-from hfx_blender.engine.volume.placing_matrix import inverse_placement, world_bounds
+from hfx_blender.engine.volume.shape import inverse_placement, world_bounds
 
 
 def exact_inverse(matrix):
