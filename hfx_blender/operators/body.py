@@ -55,7 +55,6 @@ class HFX_OT_add_avatar(HfxOperator):
     """Add the built-in avatar, a haptic body that is posed like any armature"""
 
     leaves_mode = True
-    bl_idname = "hfx.add_avatar"
     bl_label = "Avatar"
 
     person: EnumProperty(
@@ -130,7 +129,6 @@ class HFX_OT_mark_body(_FittingOperator):
     selection, all skin meshes of the armature
     """
 
-    bl_idname = "hfx.mark_body"
     bl_label = "Add Haptic Body"
 
     layer: EnumProperty(
@@ -195,7 +193,6 @@ class HFX_OT_move_to_body(OnBodyOperator):
     """Assign effects to another body; painted areas keep their place on the body"""
 
     leaves_mode = False
-    bl_idname = "hfx.move_to_body"
     bl_label = "Move to Body"
 
     body: EnumProperty(name="Body", description="Body for the effects", items=_bodies)
@@ -236,7 +233,6 @@ class HFX_OT_fit_body(_FittingOperator):
     are kept
     """
 
-    bl_idname = "hfx.fit_body"
     bl_label = "Fit Again"
 
     requires = (
@@ -260,7 +256,6 @@ class HFX_OT_show_model(HfxOperator):
     """Show or hide the perceptual model on the avatar, with a colour for each body part"""
 
     leaves_mode = True
-    bl_idname = "hfx.show_model"
     bl_label = "Show Perceptual Model"
 
     model: EnumProperty(
@@ -322,7 +317,6 @@ class _BonesOperator(HfxOperator):
 class HFX_OT_find_bones(_BonesOperator):
     """Find the bone of each joint; rows edited by you are kept"""
 
-    bl_idname = "hfx.find_bones"
     bl_label = "Find Bones"
 
     def work_on(self, armature: bpy.types.Object) -> str:
@@ -332,7 +326,6 @@ class HFX_OT_find_bones(_BonesOperator):
 class HFX_OT_reset_bones(_BonesOperator):
     """Drop all corrections and return to the automatic mapping"""
 
-    bl_idname = "hfx.reset_bones"
     bl_label = "Reset"
 
     def work_on(self, armature: bpy.types.Object) -> str:
@@ -349,7 +342,6 @@ class _BonesFileOperator(_BonesOperator, FileOperator):
 class HFX_OT_save_bones(_BonesFileOperator):
     """Save the bone table for other avatars with the same bone names"""
 
-    bl_idname = "hfx.save_bones"
     bl_label = "Save Bone Mapping"
 
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
@@ -367,7 +359,6 @@ class HFX_OT_save_bones(_BonesFileOperator):
 class HFX_OT_load_bones(_BonesFileOperator):
     """Load a mapping of bones to joints; fit the body again afterwards"""
 
-    bl_idname = "hfx.load_bones"
     bl_label = "Load Bone Mapping"
 
     def work_on(self, armature: bpy.types.Object) -> str:
@@ -390,7 +381,6 @@ class HfxPlace(bpy.types.PropertyGroup):
 class HFX_OT_add_walk(HfxOperator):
     """Make the active haptic body walk from place to place at an even speed"""
 
-    bl_idname = "hfx.add_walk"
     bl_label = "Walk"
 
     places: CollectionProperty(

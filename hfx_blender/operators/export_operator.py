@@ -81,7 +81,6 @@ def _check_box(flags: str, name: str, label: str, tip: str) -> BoolProperty:
 class HFX_OT_export(StepwiseExport, ExportHelper):
     """Record the scene's haptic track, and what its devices play, into a folder"""
 
-    bl_idname = "hfx.export"
     bl_label = "Export Haptics"
 
     filename_ext = ".hfxtrack"

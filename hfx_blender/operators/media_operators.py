@@ -21,7 +21,6 @@ _VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;" + ";".join(f"*{each}" for each in _P
 class HFX_OT_add_sound(HfxOperator, ImportHelper):
     """Add a sound at the current frame, and sync playback to audio"""
 
-    bl_idname = "hfx.add_sound"
     bl_label = "Sound"
 
     filter_glob: StringProperty(default=_SOUNDS, options={"HIDDEN"})
@@ -37,7 +36,6 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
     A video plays at its own rate from the current frame, with its sound
     """
 
-    bl_idname = "hfx.add_video"
     bl_label = "Video"
 
     filter_glob: StringProperty(default=_VIDEOS, options={"HIDDEN"})

@@ -41,8 +41,12 @@ class HfxOperator(bpy.types.Operator):
     """True for operators that start in Object Mode, as new objects become active."""
 
     def __init_subclass__(cls, **options: object) -> None:
-        """Set the tooltip: paragraphs of the docstring joined as sentences, without line breaks."""
+        """Set id and tooltip: ``HFX_OT_add_clip`` is ``hfx.add_clip``, as Blender names the class
+        of an id; the tooltip is the docstring's paragraphs as sentences, without line breaks.
+        """
         super().__init_subclass__(**options)
+        if cls.__name__.startswith("HFX_OT_"):
+            cls.bl_idname = "hfx." + cls.__name__.removeprefix("HFX_OT_")
         if cls.__doc__ and "bl_description" not in cls.__dict__:
             paragraphs = (" ".join(paragraph.split()) for paragraph in cls.__doc__.split("\n\n"))
             cls.bl_description = ". ".join(

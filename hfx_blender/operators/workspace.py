@@ -33,7 +33,6 @@ class HFX_OT_workspace(HfxOperator):
     workspace is added if missing
     """
 
-    bl_idname = "hfx.workspace"
     bl_label = "HFX Workspace"
     bl_options = {"REGISTER"}
     requires = ((_has_window, "There is no window"),)
@@ -56,7 +55,6 @@ class HFX_OT_new_file(HfxOperator):
     """Begin a new file for haptics: the built-in avatar in the HFX workspace. Blender asks first \
 whether to save the present file"""
 
-    bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
     requires = ((_has_window, "There is no window"),)

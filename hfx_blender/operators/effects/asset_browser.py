@@ -26,7 +26,6 @@ LIBRARY_NAME = "HFX Haptics"
 class HFX_OT_place_dropped(HfxOperator):
     """Replace sensations dropped from the Asset Browser by effects"""
 
-    bl_idname = "hfx.place_dropped"
     bl_label = "Place Sensation"
     requires = (
         (

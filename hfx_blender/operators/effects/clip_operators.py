@@ -121,7 +121,6 @@ class _ClipOperator(_OfEffect):
 class HFX_OT_add_clip(_ClipOperator):
     """Add a clip from the current frame on, with fades"""
 
-    bl_idname = "hfx.add_clip"
     bl_label = "Add Clip"
 
     last_field = "name"
@@ -137,7 +136,6 @@ class HFX_OT_add_clip(_ClipOperator):
 class HFX_OT_add_heartbeat(_ClipOperator):
     """Add a heartbeat clip of whole beats; fades apply to the clip, not to each beat"""
 
-    bl_idname = "hfx.add_heartbeat"
     bl_label = "Add Heartbeat"
 
     last_field = "beats_per_minute"
@@ -166,7 +164,6 @@ def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
 class HFX_OT_extend_scene(HfxOperator):
     """Extend the scene's frame range to include all clips"""
 
-    bl_idname = "hfx.extend_scene"
     bl_label = "Extend the Scene"
 
     which: EnumProperty(
@@ -194,7 +191,6 @@ class HFX_OT_extend_scene(HfxOperator):
 class HFX_OT_remove_clip(_OfEffect):
     """Remove a clip from the timeline; an effect without clips is always on"""
 
-    bl_idname = "hfx.remove_clip"
     bl_label = "Remove Clip"
 
     name: StringProperty(name="Name", description="The clip's name")
@@ -206,7 +202,6 @@ class HFX_OT_remove_clip(_OfEffect):
 class HFX_OT_draw_fades(_OfEffect):
     """Give the clip's strength a curve, to be drawn in the Graph or NLA editor"""
 
-    bl_idname = "hfx.draw_fades"
     bl_label = "Draw Fades as Curve"
 
     name: StringProperty(name="Name", description="The clip's name")
@@ -223,7 +218,6 @@ class HFX_OT_draw_fades(_OfEffect):
 class HFX_OT_copy_clips(_OfEffect):
     """Copy the clips of the active effect to the other selected effects"""
 
-    bl_idname = "hfx.copy_clips"
     bl_label = "Copy Clips to Selected"
 
     def work(self, context: bpy.types.Context) -> str:

@@ -56,7 +56,6 @@ class HFX_OT_add_volume(HfxOperator):
     """Add a haptic volume. Bodies inside it feel the effect"""
 
     leaves_mode = True
-    bl_idname = "hfx.add_volume"
     bl_label = "Haptic Volume"
 
     modality: EnumProperty(
@@ -121,7 +120,6 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     """Add a haptic volume with the shape of the active mesh, parented to the mesh"""
 
     leaves_mode = True
-    bl_idname = "hfx.volume_from_mesh"
     bl_label = "Haptic Volume from Mesh"
 
     modality: EnumProperty(
@@ -141,7 +139,6 @@ class HFX_OT_volume_from_mesh(HfxOperator):
 class HFX_OT_add_painted(OnBodyOperator):
     """Add an effect with a painted area on a haptic body"""
 
-    bl_idname = "hfx.add_painted"
     bl_label = "Painted Effect"
 
     modality: EnumProperty(
@@ -168,7 +165,6 @@ class HFX_OT_add_painted(OnBodyOperator):
 class HFX_OT_make_editable(HfxOperator):
     """Let settings, area and clips of an effect of a linked file be changed in this file"""
 
-    bl_idname = "hfx.make_editable"
     bl_label = "Make Editable"
     requires = (
         (
@@ -199,7 +195,6 @@ class HFX_OT_add_vector_sensation(OnBodyOperator):
     effect
     """
 
-    bl_idname = "hfx.add_vector_sensation"
     bl_label = "Vector Sensation"
     bl_property = "device"
 
@@ -236,7 +231,6 @@ class HFX_OT_add_vector_sensation(OnBodyOperator):
 class HFX_OT_key_actuators(HfxOperator):
     """Insert a keyframe for every actuator of the vector sensation at the current frame"""
 
-    bl_idname = "hfx.key_actuators"
     bl_label = "Key All Actuators"
 
     value: FloatProperty(
@@ -274,7 +268,6 @@ class _OnFilter(HfxOperator):
 class HFX_OT_add_response_filter(_OnVolume):
     """Add a filter to the volume's contact response"""
 
-    bl_idname = "hfx.add_response_filter"
     bl_label = "Add Filter"
 
     kind: EnumProperty(
@@ -288,7 +281,6 @@ class HFX_OT_add_response_filter(_OnVolume):
 class HFX_OT_remove_response_filter(_OnFilter):
     """Remove the active filter with the filter's animation"""
 
-    bl_idname = "hfx.remove_response_filter"
     bl_label = "Remove Filter"
 
     def work(self, context: bpy.types.Context) -> None:
@@ -300,7 +292,6 @@ class HFX_OT_remove_response_filter(_OnFilter):
 class HFX_OT_move_response_filter(_OnFilter):
     """Move the selected filter; filters work from top to bottom"""
 
-    bl_idname = "hfx.move_response_filter"
     bl_label = "Move Filter"
 
     direction: EnumProperty(
@@ -318,7 +309,6 @@ class HFX_OT_move_response_filter(_OnFilter):
 class HFX_OT_bake_response(_OnVolume):
     """Bake the contact response to keyframes, one on each frame of the scene"""
 
-    bl_idname = "hfx.bake_response"
     bl_label = "Bake Response to Keyframes"
 
     target: EnumProperty(name="To", description="Keyframed property", items=response_baking.TARGETS)

@@ -39,7 +39,6 @@ class _ManyEffects(HfxOperator):
 class HFX_OT_scale_strength(_ManyEffects):
     """Make effects stronger or weaker, keyframes included"""
 
-    bl_idname = "hfx.scale_strength"
     bl_label = "Gain"
 
     factor: FloatProperty(
@@ -58,7 +57,6 @@ class HFX_OT_scale_strength(_ManyEffects):
 class HFX_OT_scale_frequency(_ManyEffects):
     """Make vibrations higher or lower, keyframes included"""
 
-    bl_idname = "hfx.scale_frequency"
     bl_label = "Frequency"
 
     factor: FloatProperty(
@@ -77,7 +75,6 @@ class HFX_OT_scale_frequency(_ManyEffects):
 class HFX_OT_modulate(_ManyEffects):
     """Modulate the intensity of effects; a depth of 0 removes the modulation"""
 
-    bl_idname = "hfx.modulate"
     bl_label = "Modulation"
 
     rate: FloatProperty(name="Rate", description="Modulations per second", default=2.0, min=0.01)
@@ -100,7 +97,6 @@ class HFX_OT_modulate(_ManyEffects):
 class HFX_OT_add_rain(OnBodyOperator):
     """Add rain on the body, or replace the rain of the same name"""
 
-    bl_idname = "hfx.add_rain"
     bl_label = "Rain"
 
     drops_per_second: FloatProperty(

@@ -106,7 +106,6 @@ def sensation_items() -> EnumItems:
 class HFX_OT_add_from_library(HfxOperator):
     """Add a sensation from the library at the current frame"""
 
-    bl_idname = "hfx.add_from_library"
     bl_label = "Sensation"
 
     name: EnumProperty(
@@ -129,7 +128,6 @@ class HFX_OT_add_from_library(HfxOperator):
 class HFX_OT_load_effects(HfxOperator, ImportHelper):
     """Add the effects of a file at the current frame"""
 
-    bl_idname = "hfx.load_effects"
     bl_label = "Load Effects"
 
     filename_ext = suffixes.EFFECT
@@ -148,7 +146,6 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     Haptic > Sensation
     """
 
-    bl_idname = "hfx.save_effects"
     bl_label = "Save Effects"
     bl_options = {"REGISTER"}
 
@@ -179,7 +176,6 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
 class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
     """Add the channels of an MPEG HJIF file as painted effects, from the current frame on"""
 
-    bl_idname = "hfx.import_hjif"
     bl_label = "Import Haptics"
 
     filename_ext = ".hjif"
@@ -207,7 +203,6 @@ copied_sensation = ""  # no clipboard in background mode
 class HFX_OT_copy_effects(HfxOperator):
     """Copy the selected effects with their clips to the clipboard"""
 
-    bl_idname = "hfx.copy_effects"
     bl_label = "Copy Effects"
     bl_options = {"REGISTER"}
     requires = ((lambda context: context.selected_objects, "Select the effects to copy first"),)
@@ -224,7 +219,6 @@ class HFX_OT_copy_effects(HfxOperator):
 class HFX_OT_paste_effects(HfxOperator):
     """Paste copied effects at the current frame, on the active body or the only body"""
 
-    bl_idname = "hfx.paste_effects"
     bl_label = "Paste Effects"
 
     def work(self, context: bpy.types.Context) -> str:

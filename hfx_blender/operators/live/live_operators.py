@@ -71,7 +71,6 @@ def _known() -> EnumItems:
 class HFX_OT_live_add(HfxOperator):
     """Add a device to this scene, by name"""
 
-    bl_idname = "hfx.live_add"
     bl_label = "Add Device"
     bl_property = "name"
 
@@ -93,7 +92,6 @@ class HFX_OT_live_add(HfxOperator):
 class HFX_OT_live_import(HfxOperator, ImportHelper):
     """Create a device from a VRChat node map or a Unitouch layout, and add it to the scene"""
 
-    bl_idname = "hfx.live_import"
     bl_label = "Import Node Map or Layout"
 
     filename_ext = ".json"
@@ -113,7 +111,6 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
 class HFX_OT_live_remove(HfxOperator):
     """Disconnect a device and remove the device from the scene"""
 
-    bl_idname = "hfx.live_remove"
     bl_label = "Remove Device"
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -130,7 +127,6 @@ class HFX_OT_live_remove(HfxOperator):
 class HFX_OT_live_connect(_OfDevice):
     """Connect a device and play the effects"""
 
-    bl_idname = "hfx.live_connect"
     bl_label = "Connect"
 
     kind: EnumProperty(
@@ -196,7 +192,6 @@ class HFX_OT_live_connect(_OfDevice):
 class HFX_OT_live_disconnect(_OfDevice):
     """Silence a device and close the port"""
 
-    bl_idname = "hfx.live_disconnect"
     bl_label = "Disconnect"
 
     def work(self, _context: bpy.types.Context) -> str:
@@ -207,7 +202,6 @@ class HFX_OT_live_disconnect(_OfDevice):
 class HFX_OT_live_play(_LiveOperator):
     """Resume the output to connected devices after a stop, from silence"""
 
-    bl_idname = "hfx.live_play"
     bl_label = "Play"
     requires = ((lambda _context: live.states, "Connect a device first"),)
 
@@ -232,7 +226,6 @@ class HFX_OT_live_stop_all(bpy.types.Operator):
 class HFX_OT_live_pulse(_OfDevice):
     """Play a short, weak pulse on one actuator"""
 
-    bl_idname = "hfx.live_pulse"
     bl_label = "Test Pulse"
 
     actuator: IntProperty(options={"HIDDEN", "SKIP_SAVE"}, min=0)
@@ -250,7 +243,6 @@ class HFX_OT_live_pulse(_OfDevice):
 class HFX_OT_live_approve(_OfDevice):
     """Approve the current script of a device"""
 
-    bl_idname = "hfx.live_approve"
     bl_label = "Approve Device Script"
 
     fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -296,7 +288,6 @@ class HFX_OT_live_approve(_OfDevice):
 class HFX_OT_live_revoke(_OfDevice):
     """Revoke the approval of a device's script, and stop it if running"""
 
-    bl_idname = "hfx.live_revoke"
     bl_label = "Withdraw Approval"
 
     fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})

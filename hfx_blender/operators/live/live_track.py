@@ -34,7 +34,6 @@ class HFX_OT_record_track(StepwiseExport):
     The track is kept until Blender quits; export to keep a track
     """
 
-    bl_idname = "hfx.record_track"
     bl_label = "Record Track"
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -72,7 +71,6 @@ class HFX_OT_hide_meshes(HfxOperator):
     objects
     """
 
-    bl_idname = "hfx.hide_meshes"
     bl_label = "Hide Other Meshes"
 
     def work(self, context: bpy.types.Context) -> str:
@@ -100,7 +98,6 @@ def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
 class HFX_OT_update_values(HfxOperator):
     """Compute the values of effects and actuators on all frames of the timeline"""
 
-    bl_idname = "hfx.update_values"
     bl_label = "Update Values"
     bl_options = {"REGISTER"}
     requires = (

@@ -51,7 +51,6 @@ def _model(effect: bpy.types.Object) -> PerceptualModel:
 class HFX_OT_paint_begin(_PaintedOperator):
     """Paint the area of the effect on its perceptual model, in Weight Paint"""
 
-    bl_idname = "hfx.paint_begin"
     bl_label = "Paint"
 
     def work(self, context: bpy.types.Context) -> str:
@@ -76,7 +75,6 @@ class HFX_OT_paint_begin(_PaintedOperator):
 class HFX_OT_paint_end(HfxOperator):
     """Apply the painted weights and show the avatar again"""
 
-    bl_idname = "hfx.paint_end"
     bl_label = "Finish Painting"
     requires = ((painting.canvas_in, "Nothing is being painted"),)
 
@@ -117,7 +115,6 @@ def _parts() -> EnumItems:
 class HFX_OT_fill_part(_PaintedOperator):
     """Paint a whole body part at full strength"""
 
-    bl_idname = "hfx.fill_part"
     bl_label = "Fill Body Part"
 
     part: EnumProperty(
@@ -148,7 +145,6 @@ class HFX_OT_fill_part(_PaintedOperator):
 class HFX_OT_set_area(_PaintedOperator):
     """Set the area of the effect from a list of vertices and weights (for scripts)"""
 
-    bl_idname = "hfx.set_area"
     bl_label = "Set Painted Area"
 
     area: StringProperty(name="Area", description='JSON: {"vertex id": weight, ...}')
@@ -171,7 +167,6 @@ class HFX_OT_save_area(_PaintedOperator):
     An empty area removes the name from the list
     """
 
-    bl_idname = "hfx.save_area"
     bl_label = "Save Area"
     bl_options = {"REGISTER"}  # a file of the user's own; nothing of the scene changes
 
@@ -201,7 +196,6 @@ def _blend(effect: bpy.types.Object, weights: F64, how: str) -> int:
 class HFX_OT_area_filter(_PaintedOperator):
     """Change the whole painted area, from vertex to neighbouring vertex"""
 
-    bl_idname = "hfx.area_filter"
     bl_label = "Change Area"
 
     action: EnumProperty(
@@ -238,7 +232,6 @@ class HFX_OT_area_filter(_PaintedOperator):
 class HFX_OT_area_mirror(_PaintedOperator):
     """Mirror the painted area between the left and the right of the body"""
 
-    bl_idname = "hfx.area_mirror"
     bl_label = "Mirror Area"
 
     action: EnumProperty(
@@ -266,7 +259,6 @@ class HFX_OT_area_mirror(_PaintedOperator):
 class HFX_OT_area_from_image(_PaintedOperator):
     """Paint the area from an image, laid over the body by the avatar's UV map"""
 
-    bl_idname = "hfx.area_from_image"
     bl_label = "Area from Image"
 
     image: StringProperty(name="Image", description="One of this file's images")
@@ -308,7 +300,6 @@ class HFX_OT_area_from_image(_PaintedOperator):
 class HFX_OT_area_from_selection(_PaintedOperator):
     """Set the area from the selected vertices of the painted mesh or of the avatar's meshes"""
 
-    bl_idname = "hfx.area_from_selection"
     bl_label = "Area from Selection"
 
     blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS, default="add")
@@ -331,7 +322,6 @@ class HFX_OT_area_from_selection(_PaintedOperator):
 class HFX_OT_area_copy(_PaintedOperator):
     """Copy the area of the active effect to the other selected painted effects of any modality"""
 
-    bl_idname = "hfx.area_copy"
     bl_label = "Copy Area to Selected"
 
     blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
@@ -357,7 +347,6 @@ class HFX_OT_area_copy(_PaintedOperator):
 class HFX_OT_area_keep(_PaintedOperator):
     """Transfer the painted area to the modality of the effect"""
 
-    bl_idname = "hfx.area_keep"
     bl_label = "Keep Painted Area"
     requires = (
         (
@@ -376,7 +365,6 @@ class HFX_OT_area_keep(_PaintedOperator):
 class HFX_OT_effect_mirrored(_PaintedOperator):
     """Add a copy of the effect on the other side of the body, with the same clips"""
 
-    bl_idname = "hfx.effect_mirrored"
     bl_label = "Mirrored Copy"
 
     def work(self, context: bpy.types.Context) -> str:

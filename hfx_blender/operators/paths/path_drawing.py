@@ -59,7 +59,6 @@ class HfxPathPoint(bpy.types.PropertyGroup):
 class HFX_OT_draw_path(HfxOperator):
     """Draw the path of a point on the skin, on the posed avatar"""
 
-    bl_idname = "hfx.draw_path"
     bl_label = "Draw Path"
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 

@@ -76,7 +76,6 @@ class HFX_OT_add_spot(OnBodyOperator):
     Its position is the 3D cursor if near the body, otherwise the middle of the back
     """
 
-    bl_idname = "hfx.add_spot"
     bl_label = "Point on the Skin"
 
     modality: EnumProperty(
@@ -126,7 +125,6 @@ class HFX_OT_add_spot(OnBodyOperator):
 class HFX_OT_reverse_path(PathOperator):
     """Reverse the path; keyframes stay, so the point moves backwards"""
 
-    bl_idname = "hfx.reverse_path"
     bl_label = "Reverse Path"
 
     def work(self, context: bpy.types.Context) -> None:
@@ -139,7 +137,6 @@ class HFX_OT_reverse_path(PathOperator):
 class HFX_OT_mirror_path(PathOperator):
     """Mirror the path to the other side of the body"""
 
-    bl_idname = "hfx.mirror_path"
     bl_label = "Mirror Path"
 
     copy: BoolProperty(
@@ -163,7 +160,6 @@ class HFX_OT_mirror_path(PathOperator):
 class HFX_OT_move_along_path(PathOperator):
     """Keyframe the position from the start to the end of the path, from the current frame"""
 
-    bl_idname = "hfx.move_along_path"
     bl_label = "Move along Path"
 
     seconds: FloatProperty(
@@ -218,7 +214,6 @@ def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
 class HFX_OT_path_from_library(HfxOperator):
     """Give the point a ready path"""
 
-    bl_idname = "hfx.path_from_library"
     bl_label = "Path from Library"
     requires = (ON_SPOT,)
 
@@ -233,7 +228,6 @@ class HFX_OT_path_from_library(HfxOperator):
 class HFX_OT_load_path(HfxOperator, ImportHelper):
     """Load a path file, with its motion if included"""
 
-    bl_idname = "hfx.load_path"
     bl_label = "Load Path"
     requires = (ON_SPOT,)
 
@@ -249,7 +243,6 @@ class HFX_OT_load_path(HfxOperator, ImportHelper):
 class HFX_OT_save_path(PathOperator, ExportHelper):
     """Save the path and the motion to a file"""
 
-    bl_idname = "hfx.save_path"
     bl_label = "Save Path"
 
     filename_ext = suffixes.PATH

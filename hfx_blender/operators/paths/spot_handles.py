@@ -162,7 +162,6 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
     Auto Keying adds a keyframe; the point moves along the skin between keyframes
     """
 
-    bl_idname = "hfx.slide_spot"
     bl_label = "Slide on the Skin"
 
     place: FloatVectorProperty(
@@ -294,7 +293,6 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
 class HFX_OT_resize_spot(_HeldSpotOperator):
     """Change the radius of the point's disc with the mouse; Auto Keying adds a keyframe"""
 
-    bl_idname = "hfx.resize_spot"
     bl_label = "Resize Disc"
 
     radius: FloatProperty(
@@ -347,7 +345,6 @@ class HFX_OT_key_spot(PathOperator):
     keyframes
     """
 
-    bl_idname = "hfx.key_spot"
     bl_label = "Insert Place Key"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

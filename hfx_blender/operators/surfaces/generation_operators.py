@@ -93,7 +93,6 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
     A separate process generates; Blender stays usable
     """
 
-    bl_idname = "hfx.generate_surface"
     bl_label = "Make Material"
 
     _target = ""  # no annotation: Blender would register a property
@@ -167,7 +166,6 @@ def _given(obj: bpy.types.Object, record: Path) -> str:
 class HFX_OT_cancel_generation(HfxOperator):
     """End the making of materials; nothing changes"""
 
-    bl_idname = "hfx.cancel_generation"
     bl_label = "Cancel"
     bl_options = {"REGISTER"}
     requires = ((lambda context: running is not None, "No material is being made"),)
@@ -179,7 +177,6 @@ class HFX_OT_cancel_generation(HfxOperator):
 class HFX_OT_use_generated(HfxOperator):
     """Assign this material and its haptic surface to the active object"""
 
-    bl_idname = "hfx.use_generated"
     bl_label = "Use"
 
     number: IntProperty(name="Number", description="Of the variation", min=0)

@@ -32,7 +32,6 @@ last_take: Take | None = None
 class HFX_OT_stroke_pad(HfxOperator):
     """Stroke the active surface with the mouse: see, hear and feel the texture"""
 
-    bl_idname = "hfx.stroke_pad"
     bl_label = "Stroke Pad"
     bl_options = {"REGISTER"}
     requires = (ON_SURFACE,)
@@ -167,7 +166,6 @@ class HFX_OT_stroke_pad(HfxOperator):
 class HFX_OT_export_stroke(FileOperator):
     """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
 
-    bl_idname = "hfx.export_stroke"
     bl_label = "Export Last Stroke"
     bl_options = {"REGISTER"}
 

@@ -45,7 +45,6 @@ class SurfaceOperator(HfxOperator):
 class HFX_OT_add_surface(HfxOperator):
     """Add a haptic surface to the active object, and bake the maps"""
 
-    bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
 
     source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-2])
@@ -74,7 +73,6 @@ class HFX_OT_add_surface(HfxOperator):
 class HFX_OT_remove_surface(SurfaceOperator):
     """Remove the haptic surface of the active object, with all maps"""
 
-    bl_idname = "hfx.remove_surface"
     bl_label = "Remove Surface"
 
     def work(self, context: bpy.types.Context) -> None:
@@ -84,7 +82,6 @@ class HFX_OT_remove_surface(SurfaceOperator):
 class HFX_OT_bake_surface(SurfaceOperator):
     """Bake the maps again from the current material, image or scan"""
 
-    bl_idname = "hfx.bake_surface"
     bl_label = "Make Maps"
 
     def work(self, context: bpy.types.Context) -> str:
@@ -98,7 +95,6 @@ class SurfaceFileOperator(FileOperator):
 class HFX_OT_load_surface_image(SurfaceFileOperator):
     """Take an image of heights, or a photograph, as the surface"""
 
-    bl_idname = "hfx.load_surface_image"
     bl_label = "Load Image"
 
     kind: EnumProperty(
@@ -122,7 +118,6 @@ class HFX_OT_load_surface_image(SurfaceFileOperator):
 class HFX_OT_load_scan(SurfaceFileOperator):
     """Take a scanned piece (PLY, XYZ, 16-bit picture) as the surface"""
 
-    bl_idname = "hfx.load_scan"
     bl_label = "Load Scan"
 
     unit_mm: FloatProperty(
@@ -142,7 +137,6 @@ class HFX_OT_load_scan(SurfaceFileOperator):
 class HFX_OT_export_texture(SurfaceFileOperator):
     """Write the haptic map: two grey PNGs and a JSON of scale, ranges and steps"""
 
-    bl_idname = "hfx.export_texture"
     bl_label = "Export Map"
     bl_options = {"REGISTER"}
 
@@ -176,7 +170,6 @@ class HFX_OT_export_texture(SurfaceFileOperator):
 class HFX_OT_import_texture(SurfaceFileOperator):
     """Use a haptic map, given by its JSON file, as the surface"""
 
-    bl_idname = "hfx.import_texture"
     bl_label = "Import Map"
 
     filter_glob: StringProperty(default=f"*{suffixes.TEXTURE_MAP}", options={"HIDDEN"})
@@ -192,7 +185,6 @@ class HFX_OT_import_texture(SurfaceFileOperator):
 class HFX_OT_feel_fabric(HfxOperator):
     """Feel and hear two seconds of a stroke over the chosen reference fabric"""
 
-    bl_idname = "hfx.feel_fabric"
     bl_label = "Feel It"
     bl_options = {"REGISTER"}
 
@@ -228,7 +220,6 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     A photograph does not tell all: colours can be mistaken for relief. Esc cancels
     """
 
-    bl_idname = "hfx.estimate_relief"
     bl_label = "Relief from Picture"
 
     size_mm: FloatVectorProperty(
