@@ -352,7 +352,6 @@ def _choices(_self: object, _context: object) -> EnumItems:
 class HFX_OT_live_find(HfxOperator):
     """Search for devices: serial ports by USB id, programs on this computer and in the network"""
 
-    bl_idname = "hfx.live_find"
     bl_label = "Find Devices"
     bl_options = {"REGISTER"}  # device actions have no undo
     bl_property = "which"
@@ -386,7 +385,6 @@ class HFX_OT_live_find(HfxOperator):
 class HFX_OT_live_offset(HfxOperator):
     """Delay the values of a device to match sound and picture; the delay is saved"""
 
-    bl_idname = "hfx.live_offset"
     bl_label = "Offset"
     bl_options = {"REGISTER"}
 
