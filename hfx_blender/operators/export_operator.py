@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from ..authoring.effects import swarms
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
+from .shared import draw_wrapped
 from .stepwise_operator import StepwiseExport
 
 if TYPE_CHECKING:
@@ -145,8 +145,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             row.enabled = not reason
             row.prop(self, _box_of("formats", name))
         for reason in dict.fromkeys(filter(None, reasons.values())):
-            for number, line in enumerate(textwrap.wrap(reason, _LINE)):
-                column.label(text=line, icon="BLANK1" if number else "INFO")
+            draw_wrapped(column, reason, _LINE, "INFO")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._is_invoked = True
@@ -230,13 +229,13 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     layout = menu.layout
     for written in last_written:
         for warning in shortened(written.warnings, _WARNINGS):
-            _draw_wrapped(layout, warning, "ERROR")
+            draw_wrapped(layout, _sentence(warning), _POPUP_LINE, "ERROR", _LINES)
         if written.has_clips_outside:
             layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
         if written.warnings:
             layout.separator()
         for line in shortened(written.effects, _EFFECTS):
-            _draw_wrapped(layout, line, "DOT")
+            draw_wrapped(layout, _sentence(line), _POPUP_LINE, "DOT", _LINES)
         layout.separator()
         icon = "FILE_TICK" if written.warnings else "CHECKMARK"
         layout.label(text=printable(written.text), icon=icon)
@@ -244,7 +243,5 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
         layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
 
 
-def _draw_wrapped(layout: bpy.types.UILayout, text: str, icon: str) -> None:
-    sentence = printable(text[:1].upper() + text[1:])
-    for number, line in enumerate(textwrap.wrap(sentence, _POPUP_LINE, max_lines=_LINES)):
-        layout.label(text=line, icon="BLANK1" if number else icon)
+def _sentence(text: str) -> str:
+    return printable(text[:1].upper() + text[1:])

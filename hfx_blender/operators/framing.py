@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from functools import partial
 
 import bpy
+from bpy_extras import view3d_utils
+from mathutils import Vector
 
 from ..blender import compat
 from ..blender.events import call_soon
@@ -42,6 +44,15 @@ def region_at(area: bpy.types.Area, x: float, y: float) -> bpy.types.Region:
 def holds(region: bpy.types.Region, x: float, y: float) -> bool:
     """Test a pixel of the window for being in a region."""
     return 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
+
+
+def ray_at(region: bpy.types.Region, x: float, y: float) -> tuple[Vector, Vector]:
+    """World-space origin and direction of the ray through a pixel of the window, in a region of a
+    3D viewport. An operator started in the sidebar has another region in its context.
+    """
+    at = (x - region.x, y - region.y)
+    origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
+    return origin, view3d_utils.region_2d_to_vector_3d(region, region.data, at)
 
 
 def views(area: bpy.types.Area) -> list[bpy.types.Region]:

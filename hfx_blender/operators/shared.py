@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
@@ -202,6 +203,14 @@ def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], E
         return cached
 
     return items
+
+
+def draw_wrapped(
+    layout: bpy.types.UILayout, text: str, letters: int, icon: str = "NONE", most: int = 1000
+) -> None:
+    """Draw a text in at most ``most`` lines of ``letters``; the icon precedes the first line."""
+    for number, line in enumerate(textwrap.wrap(text, letters, max_lines=most)):
+        layout.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 def to_object_mode(context: bpy.types.Context) -> None:

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 import bpy
+
+from ..operators.shared import draw_wrapped
 
 
 class HfxPanel:
@@ -45,9 +46,7 @@ def draw_text(
     # Background mode has no region and no interface scale.
     width = 0 if context.region is None else context.region.width
     letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - reserved
-    column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
-        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+    draw_wrapped(layout.column(align=True), text, max(letters, 20), icon)
 
 
 def filtered(

@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy_extras import view3d_utils
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from idprop.types import IDPropertyGroup
 from mathutils import Vector
@@ -245,9 +244,7 @@ def _vertex_under(
         region = framing.region_at(area, mouse_x, mouse_y)
         if not framing.holds(region, mouse_x, mouse_y):
             continue
-        at = mouse_x - region.x, mouse_y - region.y
-        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
-        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
+        origin, ray = framing.ray_at(region, mouse_x, mouse_y)
         to_local = canvas.matrix_world.inverted_safe()
         evaluated = canvas.evaluated_get(context.evaluated_depsgraph_get())
         hit, _, _, face = evaluated.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)

@@ -16,7 +16,6 @@ from bpy.props import (
     FloatVectorProperty,
     IntProperty,
 )
-from bpy_extras import view3d_utils
 
 from ...authoring.paths import paths, skin_picking
 from ...errors import InputError
@@ -109,8 +108,6 @@ class HFX_OT_draw_path(HfxOperator):
         return message
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        import numpy as np
-
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, "Draw in a 3D viewport.")
             return {"CANCELLED"}
@@ -134,7 +131,7 @@ class HFX_OT_draw_path(HfxOperator):
         context.workspace.status_text_set(_HINTS.get(self.mode, _HINTS["STRAIGHT"]))
         context.window.cursor_modal_set("PAINT_CROSS")
         context.window_manager.modal_handler_add(self)
-        path_overlay.show_pending(body, np.zeros((0, 3)))
+        path_overlay.show_pending(body)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -179,10 +176,10 @@ class HFX_OT_draw_path(HfxOperator):
 
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Test for a mouse position on the viewport, outside of toolbar and sidebar."""
-        others = [part for part in context.area.regions if part.type != "WINDOW"]
         at = event.mouse_x, event.mouse_y
-        region = framing.region_at(context.area, *at)
-        return framing.holds(region, *at) and not any(framing.holds(each, *at) for each in others)
+        # Toolbar and sidebar lie over the viewport's region.
+        regions = [region for region in context.area.regions if framing.holds(region, *at)]
+        return {region.type for region in regions} == {"WINDOW"}
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Append the point under the mouse with its time; outside of the body nothing, or the last
@@ -190,12 +187,8 @@ class HFX_OT_draw_path(HfxOperator):
         """
         import numpy as np
 
-        # The operator may have been started from a button, in a panel's region.
         region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
-        at = (event.mouse_x - region.x, event.mouse_y - region.y)
-        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
-        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
-        hit = self._picker.hit(origin, ray)
+        hit = self._picker.hit(*framing.ray_at(region, event.mouse_x, event.mouse_y))
         if hit is None and self.mode == "RECORD" and len(self.stroke):
             hit = np.array(self.stroke[-1].place)
         if hit is None:
@@ -227,9 +220,7 @@ class HFX_OT_draw_path(HfxOperator):
         return self.execute(context)
 
     def _end(self, context: bpy.types.Context) -> None:
-        import numpy as np
-
-        path_overlay.show_pending(None, np.zeros((0, 3)))
+        path_overlay.show_pending(None)
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None

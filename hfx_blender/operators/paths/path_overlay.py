@@ -30,7 +30,9 @@ pending_clicks: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, 
 _draw_handle: object | None = None
 
 
-def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
+def show_pending(
+    body: bpy.types.Object | None, places: F64 | None = None, path: F64 | None = None
+) -> None:
     """Show points (n, 3) during drawing on a body, and a path (m, 3) through them; body None hides
     both. Metres on the canonical body; without a path, straight segments join the points.
     """
@@ -128,7 +130,7 @@ def _draw() -> None:
                 colour = (*modality_colour(effect.hfx.modality)[:3], strength)
                 for line in lines:
                     _draw_line(line, colour)
-        if body is not None and len(places):
+        if body is not None and places is not None and len(places):
             _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
             points = _on_body(body, depsgraph, places, unit_m)
             shader = gpu.shader.from_builtin("UNIFORM_COLOR")
@@ -165,11 +167,9 @@ def register() -> None:
 
 
 def unregister() -> None:
-    import numpy as np
-
     global _draw_handle
     if _draw_handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_draw_handle, "WINDOW")
         _draw_handle = None
     _anchors.clear()
-    show_pending(None, np.zeros((0, 3)))
+    show_pending(None)

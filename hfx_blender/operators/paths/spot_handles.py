@@ -108,9 +108,7 @@ class _HeldSpotOperator(PathOperator):
         self._end(context)
 
     def _end(self, context: bpy.types.Context) -> None:
-        import numpy as np
-
-        path_overlay.show_pending(None, np.zeros((0, 3)))
+        path_overlay.show_pending(None)
         context.workspace.status_text_set(None)
         context.window.cursor_modal_restore()
         if context.area is not None:
@@ -228,10 +226,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         """
         import numpy as np
 
-        region = self._region
-        at = self._at - Vector((region.x, region.y))
-        origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
-        ray = view3d_utils.region_2d_to_vector_3d(region, region.data, at)
+        origin, ray = framing.ray_at(self._region, *self._at)
         hit = self._picker.hit(origin, ray)
         if hit is not None:
             return hit

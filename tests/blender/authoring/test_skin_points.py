@@ -350,13 +350,13 @@ def _mouse(
     at: tuple[int, int] = (60, 60),
 ) -> set[str]:
     """An event over the back at height 1.25 m, x metres to the left of the middle."""
-    from hfx_blender.operators.paths import path_drawing
+    from hfx_blender.operators import framing
 
     view = SimpleNamespace(
         region_2d_to_origin_3d=lambda *_: Vector((x, 3.0, 1.25)),
         region_2d_to_vector_3d=lambda *_: Vector((0.0, -1.0, 0.0)),
     )
-    monkeypatch.setattr(path_drawing, "view3d_utils", view)
+    monkeypatch.setattr(framing, "view3d_utils", view)
     window = SimpleNamespace(type="WINDOW", x=10, y=10, width=100, height=100, data=None)
     panel = SimpleNamespace(type="UI", x=80, y=10, width=30, height=100)  # lies on the view
     context = SimpleNamespace(

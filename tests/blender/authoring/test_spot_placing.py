@@ -320,9 +320,11 @@ def mouse(spot: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
         region_2d_to_vector_3d=lambda *_: Vector((0.0, -1.0, 0.0)),
         location_3d_to_region_2d=lambda _r, _v, place: Vector((place[0], place[2])) * 1000.0,
     )
+    from hfx_blender.operators import framing
     from hfx_blender.operators.paths import spot_handles
 
-    monkeypatch.setattr(spot_handles, "view3d_utils", look)
+    for module in (framing, spot_handles):
+        monkeypatch.setattr(module, "view3d_utils", look)
     region = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100, data=None)
     context = SimpleNamespace(
         object=spot,
