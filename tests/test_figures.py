@@ -14,7 +14,7 @@ import pytest
 from hfx_blender.devices.host import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.spatial_sound import hearing, layouts
+from hfx_blender.engine.spatial_sound import hearing, loudspeakers
 from hfx_blender.export.batch import local_workers
 from hfx_blender.files import json_shapes, limits, resources, strict_json
 from hfx_blender.formats.device_files import (
@@ -132,7 +132,7 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
         r"values of a device expire (\d+) ms",
         lambda: 1000 * device_thread.FREEZE_S,
     ),
-    ("belt-demo.md", r"At most (\d+) loudspeakers", lambda: layouts.MAX_LOUDSPEAKERS),
+    ("belt-demo.md", r"At most (\d+) loudspeakers", lambda: loudspeakers.MAX_LOUDSPEAKERS),
     (
         "belt-demo.md",
         r"distances of ([0-9.]+) to (\d+) m\.",

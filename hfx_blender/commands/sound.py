@@ -72,8 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def settings_of(options: argparse.Namespace) -> Any:
     """Sound settings from the options; UsageError for impossible combinations."""
     from ..engine.spatial_sound.hearing import Hearing
-    from ..engine.spatial_sound.layouts import parse
-    from ..engine.spatial_sound.panner import Panner
+    from ..engine.spatial_sound.loudspeakers import Panner, parse
     from ..export.scene_sound import SoundSettings
 
     try:

@@ -5,9 +5,8 @@ Pure Python and numpy, without ``bpy``. Input is :mod:`.scene`, output :mod:`.tr
 
 Modules and packages, lowest first; each imports only from entries above:
 
-arrays            array types, ids without an entry, archives of arrays
+arrays            array types, products and inverses without threads, archives of arrays
 stepwise          long work in steps, with progress and cancelling
-matmul            matrix products and inverses without threads
 tolerance         accepted error
 modality          the four modalities: parameters, units, combination of effects
 counters          counters of the engine's work

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from math import isfinite
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .arrays import I64, Bool
 from .counters import Counters
@@ -67,12 +66,11 @@ def _finite_rows(
     """Own rows at which one effect is on with finite values, ascending; warns with the number of
     others."""
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
-    judged = finite[block.own]
-    if not judged.all():
-        counters.warn(
-            f"effect '{effect.name}': a value is not a finite number; it is silent there",
-            int(np.count_nonzero(~judged)),
-        )
+    # Rows of history and future are counted by the blocks that own them.
+    lost = int(np.count_nonzero(~finite[block.own]))
+    if lost:
+        text = f"effect '{effect.name}': a value is not a finite number; it is silent there"
+        counters.warn(text, lost)
     on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
     _keep_own(on, block)
     return np.flatnonzero(on)
@@ -89,21 +87,22 @@ def with_directions(
 ) -> AnimationBlock:
     """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if unchanged. Warns of
     effects other than volumes and surfaces, where on."""
-    effects_of_block = None
-    for k, effect in enumerate(effects):
-        if effect.modality != "wind" or block.effects[k].parameters[:, 1:4].any(axis=1).all():
+    replaced: dict[int, EffectBlock] = {}
+    for k, (effect, animated) in enumerate(zip(effects, block.effects, strict=True)):
+        if effect.modality != "wind" or animated.parameters[:, 1:4].any(axis=1).all():
             continue
-        animated = block.effects[k]
         still = ~animated.parameters[:, 1:4].any(axis=1)
         parameters = animated.parameters.copy()
         parameters[still, 1:4] = 0.0, 0.0, 1.0
-        effects_of_block = list(block.effects) if effects_of_block is None else effects_of_block
-        effects_of_block[k] = replace(animated, parameters=parameters)
+        replaced[k] = replace(animated, parameters=parameters)
         count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.own]))
         if count and animated.matrices is None:  # contacts warn of flattened volumes
             text = f"effect '{effect.name}': its Z axis has no direction; its wind blows to +Z"
             counters.warn(text, count)
-    return block if effects_of_block is None else replace(block, effects=tuple(effects_of_block))
+    if not replaced:
+        return block
+    effects_of_block = (replaced.get(k, animated) for k, animated in enumerate(block.effects))
+    return replace(block, effects=tuple(effects_of_block))
 
 
 def warn_of_controls(
@@ -123,15 +122,14 @@ def posed_rows(pose: PoseBlock) -> I64:
     ``FARTHEST``."""
     is_posed = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
-        if values is not None and not _is_near(values):
+        if values is None:
+            continue
+        # Quick sufficient test: a small sum of squares has no large or non-finite term. The factor
+        # covers rounding.
+        flat = values.ravel()
+        if not np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2:
             is_posed &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
     return is_posed.nonzero()[0]
-
-
-def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
-    """Quick sufficient test (sum of squares) for finite values below ``FARTHEST``."""
-    flat = values.ravel()
-    return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # 0.9: rounding
 
 
 def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
@@ -154,17 +152,16 @@ def with_pose(
 ) -> I64:
     """Rows, of ascending ``rows``, in ``posed`` (known pose); warns with the number of others.
     ``needs_pose``: the warning says that painted effects are silent as well."""
+    # As many poses as the last number says: every row up to there is posed.
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
-        return rows  # every row up to the last is posed
+        return rows
     is_posed = np.isin(rows, posed)
     if not is_posed.all():
-        counters.warn(
-            f"body '{body.name}': its pose is no usable number; "
-            + ("nothing is" if needs_pose else "no volume is")
-            + " felt there"
-            + ("" if needs_pose else ", painted effects go on"),
-            int(np.count_nonzero(~is_posed)),
-        )
+        lost = "no volume is felt there, painted effects go on"
+        if needs_pose:
+            lost = "nothing is felt there"
+        text = f"body '{body.name}': its pose is no usable number; {lost}"
+        counters.warn(text, int(np.count_nonzero(~is_posed)))
     return rows[is_posed]
 
 
@@ -177,8 +174,7 @@ def followed(
     row before.
     """
     count = len(block.indices)
-    # A single row (live) follows none.
-    if count == 1:
+    if count == 1:  # live: a single row follows none
         return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
     # is_before[k]: row k + 1 is requested and follows row k by one sample.
     is_requested, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)

@@ -31,6 +31,7 @@ class Counters:
 
     def clear(self) -> None:
         """Reset all counts except loaded models and reached bodies."""
+        # The same object is emptied, as many parts of the engine hold a reference.
         models, bodies = self.models_loaded, self.bodies_reached
         self.__dict__.update(vars(Counters(models_loaded=models, bodies_reached=bodies)))
 
@@ -47,17 +48,14 @@ class Counters:
     def since(self, before: Counters) -> Counters:
         """Counters of the time since an earlier copy: differences of numbers, new list entries,
         changed warnings."""
-        changes: dict[str, int] = {
+        changes: dict[str, Any] = {
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }
-        new = self.models_loaded[len(before.models_loaded) :]
-        reached = self.bodies_reached[len(before.bodies_reached) :]
-        warnings = {
-            text: count - before.warnings.get(text, 0)
-            for text, count in self.warnings.items()
-            if count != before.warnings.get(text, 0)
-        }
-        return Counters(models_loaded=new, bodies_reached=reached, warnings=warnings, **changes)
+        # Lists and warnings only grow, so their new part is at the end, or a higher count.
+        for name in ("models_loaded", "bodies_reached"):
+            changes[name] = getattr(self, name)[len(getattr(before, name)) :]
+        counts = {text: n - before.warnings.get(text, 0) for text, n in self.warnings.items()}
+        return Counters(warnings={text: n for text, n in counts.items() if n}, **changes)
 
     def reach(self, body_id: str) -> None:
         """Record that a body had a narrow phase, each id once."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -43,23 +44,11 @@ _SLOW: Final = (
 class Engine:
     """Evaluates one scene in blocks of animation.
 
-    Models, skins and poses are loaded and computed only for active effects.
-
-    Parameters
-    ----------
-    record : iterable of str
-        Optional fields of samples, of ``ON_DEMAND`` and ``ON_DEMAND_HERE``.
-    models : callable
-        Loads a perceptual model by id; called on first use.
-    tolerance : Tolerance
-        Accepted error; ``PAPER`` tests vertices only, others sample the skin.
-    threads : int
-        Number of worker threads for the compiled library; 1 disables threading. Results are equal.
-
-    Raises
-    ------
-    ValueError
-        ``record`` has an unknown field.
+    Models, skins and poses are loaded and computed only for active effects. ``record`` names
+    optional fields of samples, of ``ON_DEMAND`` and ``ON_DEMAND_HERE``; ValueError for another.
+    ``models`` loads a perceptual model by id, on first use. ``tolerance`` is the accepted error;
+    ``PAPER`` tests vertices only, other tolerances sample the skin. ``threads`` is the number of
+    worker threads for the compiled library, 1 without threading; results are equal.
     """
 
     def __init__(
@@ -83,7 +72,11 @@ class Engine:
         self.responses = Answering(scene)
         builder = SampleRunBuilder(scene, fields, self._skins, self.counters)
         self._egocentric = EgocentricAreas(builder)
-        self._threads = _threads(threads)
+        self._threads: Executor | None = None
+        if threads > 1 and library.is_there():
+            from concurrent.futures import ThreadPoolExecutor  # imported late for Blender's start
+
+            self._threads = ThreadPoolExecutor(threads, "hfx")
         self._allocentric = AllocentricAreas(builder, self.responses, self._threads)
 
     @property
@@ -111,24 +104,19 @@ class Engine:
         counters include only yielded blocks.
         """
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
-        for block in blocks:
-            # Counts of a begun block are held back until its samples are yielded.
-            before = self.counters.copy()
-            finish = self.begin(block)
-            begun.append((block, finish, self.counters.since(before)))
-            self.counters.go_back(before)
-            if self._threads is None or len(begun) > 1:
-                yield self._finished(*begun.popleft())
-        while begun:
-            yield self._finished(*begun.popleft())
-
-    def _finished(
-        self, block: AnimationBlock, finish: Callable[[], list[SampleRun]], counted: Counters
-    ) -> tuple[AnimationBlock, list[SampleRun]]:
-        """Add the counts ``counted`` while beginning a block, finish it, and return (block,
-        runs)."""
-        self.counters.add(counted)
-        return block, finish()
+        for block in chain(blocks, (None,)):
+            if block is not None:
+                # Counts of a begun block are held back until its samples are yielded.
+                before = self.counters.copy()
+                finish = self.begin(block)
+                begun.append((block, finish, self.counters.since(before)))
+                self.counters.go_back(before)
+            # Keep one block in the threads' work, until no further block comes.
+            waiting = 0 if self._threads is None or block is None else 1
+            while len(begun) > waiting:
+                block_begun, finish, counted = begun.popleft()
+                self.counters.add(counted)
+                yield block_begun, finish()
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
         """Begin to :meth:`evaluate` a block; returns a function to finish it, to be called once.
@@ -193,13 +181,3 @@ class Engine:
         else:
             runs = [self._allocentric.surface(active, body, reach) for body in bodies]
         return lambda: runs
-
-
-def _threads(count: int) -> Executor | None:
-    """Pool of ``count`` worker threads; None without the compiled library or for a count below
-    2."""
-    if count < 2 or not library.is_there():
-        return None
-    from concurrent.futures import ThreadPoolExecutor  # imported late for Blender's start
-
-    return ThreadPoolExecutor(count, "hfx")

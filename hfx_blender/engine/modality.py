@@ -27,7 +27,6 @@ HFX Studio's 30 degC area near a fire must warm, and a 30 degC object must cool 
 of Danieau et al. 2018, section 4.1), so the neutral temperatures differ.
 """
 
-
 MAX_TEMPERATURE_C: Final = 40.0
 """Highest temperature of all devices: conservative for skin, not a certified limit."""
 
@@ -90,10 +89,12 @@ class Modality:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
     def strength_parameter(self) -> Parameter:
+        """Parameter of the strength."""
         return next(p for p in self.parameters if p.name == self.strength)
 
     @cached_property

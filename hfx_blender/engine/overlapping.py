@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from queue import Empty, Full, Queue, SimpleQueue
 from threading import Event, Thread
 from typing import Final, Generic, TypeVar
@@ -17,13 +17,12 @@ from typing import Final, Generic, TypeVar
 Made = TypeVar("Made")
 Done = TypeVar("Done")
 
-# Largest number of items waiting for the thread; limits memory
-_AHEAD: Final = 3
-# Switch interval of the interpreter, seconds. Python's default of 5 ms is several times the time to
-# step a frame.
+_AHEAD: Final = 3  # largest number of items waiting for the thread; limits memory
 _TURN_S: Final = 1e-4
-# Interval of checks for stop and errors while waiting, seconds
-_LOOK_S: Final = 0.05
+"""Switch interval of the interpreter. Python's default of 5 ms is several times the time to step a
+frame."""
+
+_LOOK_S: Final = 0.05  # interval of checks for stop and errors while waiting
 
 
 class _StoppedError(Exception):
@@ -122,7 +121,9 @@ def overlapped(
     repeatedly at the end until all work is done. Errors of both are raised here. Closing the
     generator ends the thread.
     """
-    with _short_turns():
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, _TURN_S))
+    try:
         worker = _Worker(work)
         try:
             for item in source:
@@ -135,6 +136,8 @@ def overlapped(
         finally:
             worker.stop()
         yield worker.results_since()
+    finally:
+        sys.setswitchinterval(before)
 
 
 def sequentially(
@@ -145,14 +148,3 @@ def sequentially(
     with closing(work(source)) as done:
         for result in done:
             yield [result]
-
-
-@contextmanager
-def _short_turns() -> Iterator[None]:
-    """Context with a switch interval of the interpreter of at most 0.1 ms, restored at the end."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, _TURN_S))
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)

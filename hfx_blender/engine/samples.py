@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .arrays import F32, F64, I32, I64
 
@@ -197,54 +196,31 @@ def _joined(runs: list[SampleRun]) -> SampleRun:
     first = runs[0]
     if len(runs) == 1:
         return first
+    fault = f"effect '{first.stream.effect_id}': what its samples carry changes"
+
+    def parts_of(name: str) -> list[Any]:
+        parts = [part for run in runs if (part := getattr(run, name)) is not None]
+        if len(parts) not in (0, len(runs)):
+            raise ValueError(fault)
+        return parts
+
+    # Sets and entries of a run are counted from 0, so later runs are shifted by those before.
     set_counts = np.cumsum([0, *(len(run.offsets) - 1 for run in runs)])
     entries = np.cumsum([0, *(len(run.vertices) for run in runs)])
-    sets = None
-    if any(run.sets is not None for run in runs):
-        sets = np.concatenate([run.set_of + n for run, n in zip(runs, set_counts, strict=False)])
     tails = [run.offsets[1:] + n for run, n in zip(runs, entries, strict=False)]
-    impacts = [run.impact for run in runs if run.impact is not None]
-    drives = [run.drive for run in runs if run.drive is not None]
-    if len(impacts) not in (0, len(runs)) or len(drives) not in (0, len(runs)):
-        raise ValueError(_differing(first))
-    columns: dict[str, Any] = {name: _column(runs, name) for name in (*ROWS, *ENTRIES)}
-    return replace(
-        first,
-        **columns,
-        offsets=np.concatenate([first.offsets[:1], *tails]),
-        sets=sets,
-        impact=_impact(impacts) if impacts else None,
-        drive=_drive(drives, first) if drives else None,
-    )
-
-
-def _column(runs: list[SampleRun], name: str) -> npt.NDArray[Any] | None:
-    """Concatenated column; None if no run has the column, ValueError if only some have."""
-    parts = [getattr(run, name) for run in runs]
-    if all(part is None for part in parts):
-        return None
-    if any(part is None for part in parts):
-        raise ValueError(_differing(runs[0]))
-    return np.concatenate(parts)
-
-
-def _impact(parts: list[Impact]) -> Impact:
-    """Concatenated impacts."""
-    return Impact(
-        np.concatenate([part.times_s for part in parts]),
-        np.concatenate([part.speeds_m_s for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-    )
-
-
-def _drive(parts: list[Drive], run: SampleRun) -> Drive:
-    """Concatenated drives of a device; raises ValueError, naming the effect of ``run``, for several
-    devices or lists of actuators."""
-    if len({(part.device_id, part.actuators) for part in parts}) > 1:
-        raise ValueError(_differing(run))
-    return replace(parts[0], values=np.concatenate([part.values for part in parts]))
-
-
-def _differing(run: SampleRun) -> str:
-    """Message about samples of an effect with different columns."""
-    return f"effect '{run.stream.effect_id}': what its samples carry changes"
+    columns: dict[str, Any] = {"offsets": np.concatenate([first.offsets[:1], *tails])}
+    if any(run.sets is not None for run in runs):
+        sets = [run.set_of + n for run, n in zip(runs, set_counts, strict=False)]
+        columns["sets"] = np.concatenate(sets)
+    for name in (*ROWS, *ENTRIES):
+        parts = parts_of(name)
+        columns[name] = np.concatenate(parts) if parts else None
+    if impacts := parts_of("impact"):
+        values = ([getattr(part, item.name) for part in impacts] for item in fields(Impact))
+        columns["impact"] = Impact(*map(np.concatenate, values))
+    if drives := parts_of("drive"):
+        if len({(part.device_id, part.actuators) for part in drives}) > 1:
+            raise ValueError(fault)
+        strengths = [part.values for part in drives]
+        columns["drive"] = replace(drives[0], values=np.concatenate(strengths))
+    return replace(first, **columns)

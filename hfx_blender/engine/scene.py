@@ -64,6 +64,7 @@ class TimeBase:
 
     @cached_property
     def _frames_per_sample(self) -> Fraction:
+        """Exact step from sample to sample, in frames; a live frame asks for many samples."""
         return self.fps / self.rate_hz
 
     @cached_property

@@ -20,10 +20,8 @@ from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
 from ..engine.spatial_sound.hearing import Hearing, ListenerFrame
-from ..engine.spatial_sound.layouts import LAYOUTS, LoudspeakerLayout
-from ..engine.spatial_sound.panner import Panner, Scheme
-from ..engine.spatial_sound.reverberation import Reverberators
-from ..engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
+from ..engine.spatial_sound.loudspeakers import LAYOUTS, LoudspeakerLayout, Panner, Scheme
+from ..engine.spatial_sound.spatial_mix import Reverberators, SoundSource, SpatialMix
 from ..engine.track import TrackReader
 from ..errors import InputError
 from ..files.limits import MEMORY

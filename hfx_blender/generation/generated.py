@@ -23,7 +23,7 @@ from ..files.json_shapes import read as read_json
 from ..files.kinds import refuse_another
 from ..formats.pictures import png, texture_map
 from ..formats.written import Written, write_json
-from .word_forms import tokens
+from .vocabulary import tokens
 
 RECORD: Final = suffixes.GENERATED
 FORMAT: Final = "hfx-generated-texture"
@@ -145,15 +145,23 @@ def read(path: Path) -> GeneratedFiles:
     refuse_another(document.value, document.file, FORMAT)
     record = document.hold(_RECORD)
     name, files = record.get("name"), record.get("files")
-    for part in ("colour", "height", "roughness"):
-        _check(path, f"{name}.{part}.png", files)
+    has_slope = record.get("full_slope") is not None
+    pictures = ("colour", "height", "roughness", *(("slope",) if has_slope else ()))
+    for part in pictures:
+        picture = path.with_name(f"{name}.{part}.png")
+        if picture.name not in files:
+            raise InputError(f"{path}: files: '{picture.name}' is missing.")
+        refuse_no_file(picture)
+        if sha256_of(picture) != files[picture.name]:
+            raise InputError(
+                f"{picture}: is not the picture that {path.name} names; its hash differs."
+            )
     width, height = record.numbers("size_mm")
     share, rough = (
         _share(path.with_name(f"{name}.{part}.png")) for part in ("height", "roughness")
     )
     slope = None
-    if record.get("full_slope") is not None:
-        _check(path, f"{name}.slope.png", files)
+    if has_slope:
         record["full_slope"].hold(Number(0.0, 1e6))
         full = record.number("full_slope")
         slope = (full * _share(path.with_name(f"{name}.slope.png"))).astype(np.float32)
@@ -169,18 +177,6 @@ def read(path: Path) -> GeneratedFiles:
         tuple(map(str, record.get("notes", ()))),
         slope,
     )
-
-
-def _check(record: Path, name: str, files: Mapping[str, Any]) -> None:
-    """Raise InputError if ``name`` is not in ``files`` (SHA-256 by file name), is no file in the
-    folder of ``record``, or has another hash.
-    """
-    path = record.with_name(name)
-    if name not in files:
-        raise InputError(f"{record}: files: '{name}' is missing.")
-    refuse_no_file(path)
-    if sha256_of(path) != files[name]:
-        raise InputError(f"{path}: is not the picture that {record.name} names; its hash differs.")
 
 
 def _codes(share: F64) -> png.Grey:

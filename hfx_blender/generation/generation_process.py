@@ -22,23 +22,12 @@ from .generated import Generated, write
 
 
 class GenerationProcess:
-    """Parent side: process of a job.
-
-    Attributes
-    ----------
-    share : float
-        Completed share of the job, 0..1.
-    records : list of Path
-        Record files of the finished surfaces, in order.
-    fault : str
-        Reason of a failure; "" without a failure.
-    """
+    """Parent side: process of a job, started when created; OSError if that fails."""
 
     def __init__(self, job: Mapping[str, Any]) -> None:
-        """Start the process; OSError if that fails."""
-        self.share = 0.0
-        self.records: list[Path] = []
-        self.fault = ""
+        self.share = 0.0  # completed share of the job, 0..1
+        self.records: list[Path] = []  # record files of the finished surfaces, in order
+        self.fault = ""  # reason of a failure; "" without a failure
         self._worker = Worker(
             "generation.generation_process", received=self._take, keeps_errors=True
         )
@@ -46,6 +35,7 @@ class GenerationProcess:
         self._worker.send(json_message(dict(job)))
 
     def _take(self, _worker: Worker, message: Message) -> None:
+        """Read a message of the process into share, records and fault."""
         content = decode_json(message.body)
         self.share = float(content.get("share", self.share))
         self.fault = content.get("error", self.fault)
@@ -79,7 +69,16 @@ def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
     count = int(job["variations"])
     for number in range(count):
         if job["back_end"] == picture_folder.NAME:
-            surface = _of_picture(job, steps)
+            width, height = job["size_mm"]
+            surface = picture_folder.generate(
+                Path(job["picture"]),
+                # Decoded by Blender, as this process reads fewer picture formats.
+                lambda path: np.asarray(np.load(job["pixels"], allow_pickle=False), np.float64),
+                size_m=(width / 1000.0, height / 1000.0),
+                depth_m=job["height_mm"] / 1000.0,
+                tiles=job["tiles"],
+                steps=steps,
+            )
         else:
             surface = library_search.generate(
                 job["words"],
@@ -89,19 +88,6 @@ def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
                 steps=steps,
             )
         yield (number + 1) / count, surface
-
-
-def _of_picture(job: Mapping[str, Any], steps: NoticeableSteps | None) -> Generated:
-    width, height = job["size_mm"]
-    return picture_folder.generate(
-        Path(job["picture"]),
-        # Blender has decoded the picture into an array: this process reads fewer picture formats.
-        lambda path: np.asarray(np.load(job["pixels"], allow_pickle=False), np.float64),
-        size_m=(width / 1000.0, height / 1000.0),
-        depth_m=job["height_mm"] / 1000.0,
-        tiles=job["tiles"],
-        steps=steps,
-    )
 
 
 def main() -> None:

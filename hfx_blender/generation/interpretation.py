@@ -4,24 +4,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 from ..engine.texture.procedural import KINDS
 from ..errors import InputError
-from .material_words import COLOURS, LONGEST_PHRASE, WORDS, MaterialWord
-from .quality_words import (
+from .vocabulary import (
     ASIDES,
+    COLOURS,
     DEGREES,
     DIRECTIONS,
     DRAFTS,
+    LONGEST_PHRASE,
     NEGATIONS,
     QUALITIES,
     SMALL_WORDS,
     SURFACE_TURNS,
+    WORDS,
+    MaterialWord,
     Traits,
+    base_form,
+    nearest_form,
+    tokens,
 )
-from .word_forms import base_form, nearest_form, tokens
 
 _STOPS: Final = frozenset(".,;:!?()\n")
 _UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "micron": 1e-6, "microns": 1e-6}
@@ -118,9 +123,12 @@ class Interpretation:
                 last[kind] = max(last[kind], material.place)
         kind = max(KINDS, key=lambda name: (scores[name], last[name]))
         if scores[kind] == 0.0:
+            text, listed = ", ".join(self.unknown), "."
+            if text:
+                listed = f". Not known: {text[:_LISTED]}{' ...' * (len(text) > _LISTED)}."
             raise InputError(
                 "No word names a material that the library has anything near to; it knows English "
-                f"words for {', '.join(KINDS)}" + _listed(self.unknown)
+                f"words for {', '.join(KINDS)}{listed}"
             )
         of_kind = [x for x in self.materials if x.meaning.kind == kind]
         tints = [x.word for x in self.materials if x.word in COLOURS and x not in of_kind]
@@ -141,29 +149,19 @@ def read_words(text: str, negative: str = "") -> Interpretation:
     Raises InputError: a size is outside the range of touch.
     """
     meaning = Interpretation()
-    _TextReader(meaning, text).read()
+    _TextReader(meaning, text)
     if negative.strip():
         unwanted = Interpretation()
-        _TextReader(unwanted, negative).read()
+        _TextReader(unwanted, negative)
         meaning.unwanted |= {x.meaning.kind for x in unwanted.materials if x.weight >= 2.0}
-        meaning.add(
-            Traits(
-                unwanted.scale, unwanted.depth, unwanted.wear, unwanted.roughness, unwanted.light
-            ),
-            -0.5,
-        )
+        traits = {item.name: getattr(unwanted, item.name) for item in fields(Traits)}
+        meaning.add(Traits(**traits), -0.5)
         meaning.unknown += [word for word in unwanted.unknown if word not in meaning.unknown]
     return meaning
 
 
-def _listed(unknown: list[str]) -> str:
-    """End of a message: unknown words, cut to 200 letters and "..."; "." without any."""
-    text = ", ".join(unknown)
-    return f". Not known: {text[:_LISTED]}{' ...' * (len(text) > _LISTED)}." if unknown else "."
-
-
 class _TextReader:
-    """Single pass over the words of a text; writes to an interpretation.
+    """Single pass over the words of a text, when created; writes to an interpretation.
 
     The state holds for the next material or quality, or to the end of the clause.
     """
@@ -179,14 +177,12 @@ class _TextReader:
         self._bonus = 0.0  # added to the weight of materials
         self._is_aside = False  # material of a comparison, or nearby
         self._is_reference = False  # after "than"
-
-    def read(self) -> None:
-        """Read all words of the text."""
         index = 0
         while index < len(self._words):
             index += self._step(index)
 
     def _end_of_clause(self) -> None:
+        """Forget the words that act on the next material or quality."""
         self._degree, self._bonus = 1.0, 0.0
         self._is_unwanted = self._is_aside = self._is_reference = False
 
@@ -275,7 +271,10 @@ class _TextReader:
         """Read a degree, direction, colour, quality or material, first hit in this order; pass over
         small words, correct or note unknown words. Returns 1.
         """
-        if word in DEGREES and not self._is_quality_alone(place):
+        following = self._words[place + 1 : place + 2]
+        # "even" is a degree before a quality, and otherwise a quality.
+        is_before_quality = bool(following and base_form(following[0], QUALITIES))
+        if word in DEGREES and (word not in QUALITIES or is_before_quality):
             factor = DEGREES[word]
             if word == "not":  # "not metal" excludes metal, "not shiny metal" only the shine
                 self._is_unwanted = self._is_denied = True
@@ -286,7 +285,10 @@ class _TextReader:
             self._result.direction_deg = DIRECTIONS[word]
             self._result.understood[word] = f"turned by {DIRECTIONS[word]} degrees"
         elif self._is_colour(place, word):
-            self._colour(word)
+            if not self._is_unwanted:
+                self._result.colour = word
+                self._result.understood[word] = "colour"
+            self._degree = 1.0
         elif (quality := base_form(word, QUALITIES)) and word not in WORDS:
             self._quality(place, quality)
         elif (material := base_form(word, WORDS)) is not None:
@@ -294,12 +296,6 @@ class _TextReader:
         elif word not in SMALL_WORDS and base_form(word, SMALL_WORDS) is None:
             self._unknown(place, word)
         return 1
-
-    def _is_quality_alone(self, place: int) -> bool:
-        """Test that the degree at word ``place`` is a quality, too ("even"), and none follows."""
-        word = self._words[place]
-        following = self._words[place + 1 : place + 2]
-        return word in QUALITIES and not (following and base_form(following[0], QUALITIES))
 
     def _is_colour(self, place: int, word: str) -> bool:
         """Test for a word of COLOURS that is no material, has "-toned" or "-coloured", or precedes
@@ -318,16 +314,12 @@ class _TextReader:
         is_made_of_it = thing.weight < own.weight and thing.kind != "fabric"
         return thing.kind != own.kind and thing.weight >= 2 and not is_made_of_it
 
-    def _colour(self, word: str) -> None:
-        if not self._is_unwanted:
-            self._result.colour = word
-            self._result.understood[word] = "colour"
-        self._degree = 1.0
-
     def _quality(self, place: int, quality: str) -> None:
+        """Apply a quality, found in the word at ``place``, to the degree of the words before."""
         word = self._words[place]
         following = self._words[place + 1 : place + 2]
         meaning = QUALITIES[quality]
+        # A deep colour is dark, not deep.
         if quality == "deep" and following and following[0] in COLOURS:
             meaning = QUALITIES["deepcolour"]
         degree = self._degree
@@ -340,6 +332,7 @@ class _TextReader:
         self._is_unwanted &= not self._is_denied
 
     def _material(self, word: str, meaning: MaterialWord, place: int) -> None:
+        """Add a material, or its kind to the unwanted kinds; none for "oak-coloured"."""
         if word in self._coloured and word not in COLOURS:
             return
         if self._is_unwanted:
@@ -347,7 +340,10 @@ class _TextReader:
             self._result.understood[word] = f"no {meaning.kind}"
             self._is_unwanted = False
             return
-        is_aside = (self._is_aside and not self._is_reference) or self._is_shade(place)
+        # Stone grey carpet: a material before a plain colour names a shade.
+        following = self._words[place + 1 : place + 2]
+        is_shade = bool(following) and following[0] in COLOURS and following[0] not in WORDS
+        is_aside = (self._is_aside and not self._is_reference) or is_shade
         # Materials aside count only if no more important material is named.
         weight = 0.0 if is_aside else meaning.weight + self._bonus
         named = NamedMaterial(word, place, meaning, weight, self._is_reference)
@@ -358,25 +354,21 @@ class _TextReader:
             self._result.add(QUALITIES[word], self._degree)
         self._degree = 1.0
 
-    def _is_shade(self, place: int) -> bool:
-        """Test that a colour that is no material follows word ``place``: "stone grey carpet"."""
-        following = self._words[place + 1 : place + 2]
-        return bool(following) and following[0] in COLOURS and following[0] not in WORDS
-
     def _unknown(self, place: int, word: str) -> None:
         """Read the nearest material, at 0.6 of its weight, or quality of a misspelt word; else
         append the word to ``unknown``, once.
         """
+        # Materials first, as the kind of material matters more than a quality.
         for known in (WORDS, QUALITIES):
             near = nearest_form(word, known)
-            if near is not None and " " not in near:
-                self._result.understood[word] = f"read as '{near}'"
-                if known is WORDS:
-                    known_word = WORDS[near]
-                    guess = replace(known_word, weight=_GUESSED * known_word.weight)
-                    self._material(near, guess, place)
-                else:
-                    self._result.add(QUALITIES[near], self._degree)
-                return
+            if near is None or " " in near:
+                continue
+            self._result.understood[word] = f"read as '{near}'"
+            if known is WORDS:
+                guess = replace(WORDS[near], weight=_GUESSED * WORDS[near].weight)
+                self._material(near, guess, place)
+            else:
+                self._result.add(QUALITIES[near], self._degree)
+            return
         if word not in self._result.unknown:
             self._result.unknown.append(word)

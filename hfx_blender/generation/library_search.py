@@ -13,8 +13,8 @@ from ..engine.texture.haptic_map import NoticeableSteps
 from ..engine.texture.mcha import MapSettings, make_map
 from .generated import Generated, name_of
 from .interpretation import Interpretation, read_words
-from .material_words import COLOURS, MaterialWord
 from .steering import Steering, albedo, steered
+from .vocabulary import COLOURS
 
 NAME: Final = "library"
 _LEAST_FACTOR: Final = 0.2
@@ -40,7 +40,16 @@ def generate(
     meaning = read_words(words, negative)
     shape, strongest = meaning.choose()
     material = procedural.material(shape.material)
-    steering = _steering(meaning, shape, material)
+    # A stated size replaces all words about size.
+    scale = float(np.clip(meaning.scale, _LEAST_FACTOR, _MOST_FACTOR)) * shape.scale
+    steering = Steering(
+        scale if meaning.period_m is None else meaning.period_m / material.period_m,
+        float(np.clip(meaning.depth, _LEAST_FACTOR, _MOST_FACTOR)) * shape.depth,
+        meaning.wear,
+        meaning.roughness,
+        meaning.direction_deg or 0,
+        meaning.draft,
+    ).clipped()
     field, roughness = steered(material, steering, texels, seed)
     if meaning.depth_m is not None:
         # A stated depth replaces the material's own.
@@ -76,26 +85,10 @@ def generate(
     )
 
 
-def _steering(
-    meaning: Interpretation, shape: MaterialWord, material: procedural.ProceduralMaterial
-) -> Steering:
-    scale = float(np.clip(meaning.scale, _LEAST_FACTOR, _MOST_FACTOR)) * shape.scale
-    if meaning.period_m is not None:
-        # A stated size replaces all words about size.
-        scale = meaning.period_m / material.period_m
-    return Steering(
-        scale,
-        float(np.clip(meaning.depth, _LEAST_FACTOR, _MOST_FACTOR)) * shape.depth,
-        meaning.wear,
-        meaning.roughness,
-        meaning.direction_deg or 0,
-        meaning.draft,
-    ).clipped()
-
-
 def _notes(
     meaning: Interpretation, word: str, material: procedural.ProceduralMaterial
 ) -> tuple[str, ...]:
+    """Sentences about the nearest material of ``word``, and unknown and corrected words."""
     notes = [
         f"the library was searched, nothing was painted: nearest to '{word}' is "
         f"'{material.title}' ({material.kind}), steered by the other words"

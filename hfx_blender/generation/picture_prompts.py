@@ -9,22 +9,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 _NEGATIVE: Final = "Negative prompt:"
 _SETTINGS: Final = re.compile(r'\s*([A-Z][\w /-]*):\s*("(?:\\.|[^"\\])*"|[^,]*)(?:,|$)')
 _TEXTS: Final = (
-    "text",
-    "text_g",
-    "text_l",
-    "t5xxl",
-    "clip_l",
-    "clip_g",
-    "string",
-    "value",
-    "prompt",
+    *("text", "text_g", "text_l", "t5xxl", "clip_l", "clip_g"),
+    *("string", "value", "prompt"),
 )
 """Inputs of ComfyUI's nodes with words, by precedence."""
 
@@ -96,7 +89,11 @@ def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
     """Prompt of an executed ComfyUI graph: the words that lead to the first sampler with words.
     None without words.
     """
-    nodes = {key: node for key, node in graph.items() if _is_node(node)}
+    nodes = {
+        key: node
+        for key, node in graph.items()
+        if isinstance(node, dict) and isinstance(node.get("inputs"), dict)
+    }
     for node in nodes.values():
         inputs = node["inputs"]
         if not any(name in inputs for name in ("positive", "guider")):
@@ -109,13 +106,10 @@ def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
         words = _words(nodes, positive, "positive")
         if words:
             negative = _words(nodes, ends.get("negative"), "negative")
-            seed = _number(nodes, inputs)
-            return PicturePrompt(words, negative, seed, "ComfyUI", _model(nodes))
+            named = (n["inputs"].get(k) for n in nodes.values() for k in ("ckpt_name", "unet_name"))
+            model = next((name for name in named if isinstance(name, str)), "")
+            return PicturePrompt(words, negative, _number(nodes, inputs), "ComfyUI", model)
     return None
-
-
-def _is_node(value: Any) -> bool:
-    return isinstance(value, dict) and isinstance(value.get("inputs"), dict)
 
 
 def _followed(nodes: Mapping[str, Any], link: Any) -> Mapping[str, Any] | None:
@@ -163,15 +157,6 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
     return None
 
 
-def _model(nodes: Mapping[str, Any]) -> str:
-    """First text in an input ``ckpt_name`` or ``unet_name`` of ComfyUI nodes; "" without any."""
-    for node in nodes.values():
-        for name in ("ckpt_name", "unet_name"):
-            if isinstance(node["inputs"].get(name), str):
-                return str(node["inputs"][name])
-    return ""
-
-
 def _of_workflow(document: Mapping[str, Any]) -> PicturePrompt | None:
     """Prompt of ComfyUI's drawn graph, where links have numbers and widget values have no names."""
     # A link is [number, source node, source slot, target node, target slot, type].
@@ -180,15 +165,13 @@ def _of_workflow(document: Mapping[str, Any]) -> PicturePrompt | None:
         for link in _items(document.get("links"))
         if isinstance(link, list) and len(link) > 4 and isinstance(link[0], int)
     }
-    graph = {str(node["id"]): _as_executed(node, links) for node in _enabled_nodes(document)}
+    # Mode 0: a node that is neither muted nor bypassed.
+    graph = {
+        str(node["id"]): _as_executed(node, links)
+        for node in _items(document.get("nodes"))
+        if isinstance(node, dict) and "id" in node and node.get("mode", 0) == 0
+    }
     return _of_graph(graph)
-
-
-def _enabled_nodes(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Nodes of a drawn graph that are neither muted nor bypassed."""
-    for node in _items(document.get("nodes")):
-        if isinstance(node, dict) and "id" in node and node.get("mode", 0) == 0:
-            yield node
 
 
 def _items(value: Any) -> list[Any]:

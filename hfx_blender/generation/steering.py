@@ -53,7 +53,14 @@ def steered(
     steering = steering.clipped()
     field, roughness = material.make(texels, seed)
     if steering.draft is not None:
-        field = _with_weave(field, steering.draft, texels, seed)
+        # Cloth as deep as the relief without its rarest heights, with random fibres of 4 %.
+        size = field.size_m[0]
+        thread_m = size / _THREADS
+        depth = float(np.ptp(np.quantile(field.heights_m, (0.02, 0.98))))
+        cloth = woven(Weave(steering.draft, thread_m, max(depth, 1e-6)), size, texels)
+        rng = np.random.default_rng([seed, *steering.draft.encode()])
+        fibres = 0.04 * depth * noise(rng, texels, size, 8.0 * thread_m, 0.3 * thread_m)
+        field = HeightField(cloth.heights_m + fibres, cloth.texel_m)
     # Wear removes tops only: the gaps below the median stay as deep as they were.
     heights = field.heights_m
     middle = float(np.median(heights))
@@ -67,18 +74,6 @@ def steered(
     heights = heights - heights.min()
     rough = np.clip(roughness + steering.roughness, 0.0, 1.0)
     return HeightField(heights, (texel, texel)), rough
-
-
-def _with_weave(field: HeightField, draft: str, texels: int, seed: int) -> HeightField:
-    """Cloth of 40 threads of a weave, with size and texels of ``field``, as deep as its relief
-    between the 2nd and 98th percentile, with random fibres of 4 % of that.
-    """
-    size = field.size_m[0]
-    depth = float(np.ptp(np.quantile(field.heights_m, (0.02, 0.98))))
-    cloth = woven(Weave(draft, size / _THREADS, max(depth, 1e-6)), size, texels)
-    rng = np.random.default_rng([seed, *draft.encode()])
-    fibres = 0.04 * depth * noise(rng, texels, size, 8.0 * size / _THREADS, 0.3 * size / _THREADS)
-    return HeightField(cloth.heights_m + fibres, cloth.texel_m)
 
 
 def turned(values: F64, direction_deg: int) -> F64:
@@ -126,18 +121,9 @@ def albedo(
 ) -> U8:
     """Colour picture (N, N, 3) of a surface, 8 bit sRGB, bottom row first; darker in gaps, tiling.
 
-    Parameters
-    ----------
-    kind : str
-        Entry of :data:`.procedural.KINDS`.
-    field : HeightField
-        Heights (N, N).
-    srgb : (float, float, float)
-        Colour of the material, 0..1.
-    light : float
-        Factor of the linear light.
-    direction_deg : int
-        Direction of the grain: 0, 45 or 90.
+    ``kind`` is an entry of :data:`.procedural.KINDS`, ``field`` has heights (N, N), ``srgb`` is the
+    colour of the material, 0..1, ``light`` a factor of the linear light, and ``direction_deg`` the
+    direction of the grain: 0, 45 or 90.
     """
     # noise() repeats at the edges of the tile, and independent texels have no seam.
     look = _LOOKS[kind]
@@ -147,16 +133,13 @@ def albedo(
     warmth = noise(rng, texels, size, 0.4 * size, 0.04 * size, stretch=look.stretch)
     patches, warmth = turned(patches, direction_deg), turned(warmth, direction_deg)
     speckle = rng.standard_normal((texels, texels))
-    shade = 1.0 - look.gaps * (1.0 - _share(field.heights_m))
+    # Gaps are dark. The rarest heights are left out: a single pit would make all the rest bright.
+    low, high = np.quantile(field.heights_m, (0.02, 0.98))
+    share = np.ones_like(field.heights_m)
+    if high > low:
+        share = np.clip((field.heights_m - low) / (high - low), 0.0, 1.0)
+    shade = 1.0 - look.gaps * (1.0 - share)
     shade = shade * np.exp(look.patches * patches + look.speckle * speckle) * light
     tinted = 1.0 + look.tint * warmth[..., None] * np.array(_WARM)
     linear = srgb_to_linear(np.array(srgb)) * shade[..., None] * tinted
     return np.rint(255.0 * linear_to_srgb(np.clip(linear, 0.0, 1.0))).astype(np.uint8)
-
-
-def _share(heights: F64) -> F64:
-    """Heights scaled to 0..1 between their 2nd and 98th percentiles, clipped; 1 if these agree."""
-    low, high = np.quantile(heights, (0.02, 0.98))
-    if high <= low:
-        return np.ones_like(heights)
-    return np.asarray(np.clip((heights - low) / (high - low), 0.0, 1.0))

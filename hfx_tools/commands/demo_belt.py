@@ -19,7 +19,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     from hfx_blender.devices.configuration import load_device
     from hfx_blender.devices.script_rendering import render_devices
-    from hfx_blender.engine.spatial_sound.layouts import LAYOUTS
+    from hfx_blender.engine.spatial_sound.loudspeakers import LAYOUTS
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
     from hfx_blender.export.scene_sound import SoundSettings, write_sound

@@ -13,7 +13,7 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.colouring import COLOURS
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.scene import TimeBase
-from hfx_blender.engine.spatial_sound.layouts import LoudspeakerLayout
+from hfx_blender.engine.spatial_sound.loudspeakers import LoudspeakerLayout
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.text import printable
 

@@ -18,10 +18,9 @@ from hfx_blender.engine.arrays import F32, F64
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.procedural import KINDS, MATERIALS
 from hfx_blender.errors import InputError
-from hfx_blender.generation.material_words import COLOURS
-from hfx_blender.generation.picture_conversion import surface_of
-from hfx_blender.generation.picture_folder import SUFFIXES
+from hfx_blender.generation.picture_folder import SUFFIXES, surface_of
 from hfx_blender.generation.steering import Steering, albedo, steered
+from hfx_blender.generation.vocabulary import COLOURS
 
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]

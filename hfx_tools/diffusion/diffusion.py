@@ -18,7 +18,7 @@ from hfx_blender.engine.texture.haptic_map import NoticeableSteps
 from hfx_blender.engine.texture.mcha import MapSettings
 from hfx_blender.files.hashes import sha256_of
 from hfx_blender.generation.generated import Generated, name_of
-from hfx_blender.generation.picture_conversion import WAYS, Way, surface_of
+from hfx_blender.generation.picture_folder import WAYS, Way, surface_of
 
 from .model_folder import ModelFolder, Progress
 from .touch_decoder import WEIGHTS

@@ -16,10 +16,15 @@ from hfx_blender.engine.spatial_sound.hearing import (
     absorption_db_m,
     doppler_hz,
 )
-from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, LoudspeakerLayout, parse
-from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
-from hfx_blender.engine.spatial_sound.reverberation import Reverberators
-from hfx_blender.engine.spatial_sound.spatial_mix import SoundSource, SpatialMix
+from hfx_blender.engine.spatial_sound.loudspeakers import (
+    LAYOUTS,
+    SCHEMES,
+    LoudspeakerLayout,
+    Panner,
+    Scheme,
+    parse,
+)
+from hfx_blender.engine.spatial_sound.spatial_mix import Reverberators, SoundSource, SpatialMix
 from hfx_blender.errors import UsageError
 from hfx_blender.formats.sound import sound_wav
 

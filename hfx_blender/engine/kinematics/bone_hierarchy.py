@@ -15,8 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I64
-from ..matmul import affine_inverse
+from ..arrays import F64, I64, affine_inverse
 from ..native.library import f64, library
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}

@@ -13,8 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ...errors import InputError
-from ..arrays import F64, I64, Bool
-from ..matmul import affine_inverse
+from ..arrays import F64, I64, Bool, affine_inverse
 from ..samples import SampleRun
 from .device_config import Actuator, DeviceConfig, RoomPlace
 

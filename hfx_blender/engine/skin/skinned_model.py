@@ -10,9 +10,8 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, expand
+from ..arrays import F64, I32, I64, expand, stacked_product
 from ..body.model import PerceptualModel
-from ..matmul import stacked_product
 from ..native import skin as native
 from ..native.cluster_bounds import Outline
 from ..native.skin import SkinTableArrays

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I64
+from ..arrays import F64, I64, expand
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
 from ..scene import PoseBlock, SkinBinding
@@ -42,12 +42,11 @@ class Hearing:
     with_doppler: bool = False
 
     def __post_init__(self) -> None:
+        least_m = 1.0 / FARTHEST_M
         for name in ("reference_m", "audible_m", "spread_m"):
-            if not 1.0 / FARTHEST_M <= getattr(self, name) <= FARTHEST_M:
-                raise ValueError(
-                    f"{name}: expected {1.0 / FARTHEST_M:g} to {FARTHEST_M:g}, "
-                    f"got {getattr(self, name):g}"
-                )
+            value = getattr(self, name)
+            if not least_m <= value <= FARTHEST_M:
+                raise ValueError(f"{name}: expected {least_m:g} to {FARTHEST_M:g}, got {value:g}")
         if not 0.0 <= self.air <= _THICKEST:
             raise ValueError(f"air: expected 0 to {_THICKEST:g}, got {self.air:g}")
 
@@ -67,7 +66,8 @@ def absorption_db_m(frequencies_hz: F64) -> F64:
 
     ISO 9613-1, equations 3 to 5 and B.3.
     """
-    temperature = 293.15
+    temperature = 293.15  # kelvins
+    # Relaxation of oxygen and nitrogen depends on the share of water vapour.
     vapour = _HUMIDITY * 10.0 ** (4.6151 - 6.8346 * (273.16 / temperature) ** 1.261)  # per cent
     oxygen_hz = 24.0 + 4.04e4 * vapour * (0.02 + vapour) / (0.391 + vapour)
     nitrogen_hz = 9.0 + 280.0 * vapour
@@ -98,11 +98,9 @@ class ListenerFrame:
         fitted = binding.fitted.get(model.id)
         placed = model if fitted is None else fitted.of(model)
         torso = np.flatnonzero(placed.part == PARTS.index("torso"))
-        weights = placed.weights
-        shares = np.zeros(len(placed.bone_names))
-        for vertex in torso.tolist():
-            weight_range = slice(int(weights.offsets[vertex]), int(weights.offsets[vertex + 1]))
-            np.add.at(shares, weights.bones[weight_range], weights.values[weight_range])
+        weights, shares = placed.weights, np.zeros(len(placed.bone_names))
+        entries, _ = expand(weights.offsets.astype(np.int64), torso)
+        np.add.at(shares, weights.bones[entries], weights.values[entries])
         self._bone = binding.bone_names.index(placed.bone_names[int(np.argmax(shares))])
         self._middle = placed.vertices[torso].astype(np.float64).mean(axis=0)
 

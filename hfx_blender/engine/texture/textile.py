@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F64
-from ..matmul import stacked_product
+from ..arrays import F64, stacked_product
 from .height_field import HeightField
 from .stroke import Stroke
 

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64
-from ..matmul import inverse_3x3
+from ..arrays import F64, inverse_3x3
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape

@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from ..arrays import F64, Bool
-from ..matmul import inverse_3x3
+from ..arrays import inverse_3x3
 
 
 class Shape(Protocol):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import F64
-from ...engine.spatial_sound.layouts import LoudspeakerLayout
+from ...engine.spatial_sound.loudspeakers import LoudspeakerLayout
 from ...errors import InputError
 from ...files.atomic import atomic_file
 from .wav import SIDECAR_SUFFIX, encoded, head

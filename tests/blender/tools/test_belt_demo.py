@@ -16,7 +16,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.renderer import Renderer
-from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, parse
+from hfx_blender.engine.spatial_sound.loudspeakers import LAYOUTS, parse
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export import scene_sound

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hfx_blender.engine.matmul import affine_inverse
+from hfx_blender.engine.arrays import affine_inverse
 
 
 def test_affine_inverse() -> None:

@@ -1,10 +1,79 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vocabulary of qualities: comparatives, finishes, directions, weaves, and small words."""
+"""Vocabularies of colours, materials and qualities; forms and misspellings of words.
+
+Materials are in ``vocabulary.csv``; of a word in several rows the first row counts.
+"""
 
 from __future__ import annotations
 
+import csv
+import difflib
+import itertools
+import re
+import unicodedata
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
+
+COLOURS: Final = {
+    "grey": (0.50, 0.50, 0.49), "gray": (0.50, 0.50, 0.49), "black": (0.10, 0.10, 0.10),
+    "white": (0.90, 0.89, 0.87), "red": (0.66, 0.12, 0.11), "green": (0.20, 0.42, 0.18),
+    "blue": (0.16, 0.28, 0.58), "yellow": (0.85, 0.72, 0.20), "orange": (0.82, 0.44, 0.12),
+    "purple": (0.40, 0.20, 0.48), "violet": (0.45, 0.25, 0.60), "pink": (0.88, 0.58, 0.64),
+    "brown": (0.42, 0.27, 0.16), "beige": (0.76, 0.68, 0.55), "tan": (0.70, 0.57, 0.40),
+    "cream": (0.91, 0.86, 0.74), "ivory": (0.92, 0.89, 0.80), "navy": (0.10, 0.13, 0.30),
+    "crimson": (0.60, 0.07, 0.16), "scarlet": (0.75, 0.12, 0.08), "maroon": (0.38, 0.08, 0.12),
+    "burgundy": (0.40, 0.06, 0.16), "turquoise": (0.22, 0.65, 0.64), "teal": (0.10, 0.42, 0.44),
+    "indigo": (0.16, 0.17, 0.40), "charcoal": (0.22, 0.22, 0.23), "khaki": (0.60, 0.55, 0.38),
+    "olive": (0.40, 0.40, 0.18), "ochre": (0.74, 0.52, 0.18), "amber": (0.80, 0.52, 0.14),
+    "sepia": (0.44, 0.31, 0.20), "magenta": (0.70, 0.16, 0.50), "cyan": (0.20, 0.66, 0.74),
+    "lilac": (0.72, 0.62, 0.80), "emerald": (0.10, 0.48, 0.30), "golden": (0.80, 0.62, 0.28),
+    "silvery": (0.72, 0.73, 0.74), "coppery": (0.72, 0.43, 0.30), "greyish": (0.52, 0.52, 0.50),
+    "sand": (0.76, 0.66, 0.48), "silver": (0.72, 0.73, 0.74), "gold": (0.83, 0.66, 0.32),
+    "copper": (0.72, 0.43, 0.30), "bronze": (0.55, 0.40, 0.24), "brass": (0.74, 0.62, 0.35),
+    "iron": (0.30, 0.30, 0.31), "steel": (0.62, 0.63, 0.65), "rust": (0.50, 0.25, 0.13),
+    "denim": (0.20, 0.28, 0.44), "wool": (0.62, 0.56, 0.48), "jute": (0.62, 0.50, 0.34),
+    "wood": (0.56, 0.39, 0.24), "oak": (0.64, 0.48, 0.31), "walnut": (0.36, 0.24, 0.16),
+    "mahogany": (0.42, 0.19, 0.12), "pine": (0.79, 0.62, 0.41), "birch": (0.83, 0.72, 0.56),
+    "cherry": (0.58, 0.29, 0.18), "driftwood": (0.55, 0.52, 0.48), "cork": (0.68, 0.49, 0.32),
+    "slate": (0.33, 0.37, 0.41), "rose": (0.82, 0.50, 0.52), "lavender": (0.68, 0.62, 0.80),
+    "mint": (0.62, 0.82, 0.70), "coral": (0.88, 0.46, 0.38), "chocolate": (0.30, 0.18, 0.11),
+    "honey": (0.78, 0.55, 0.24), "chestnut": (0.44, 0.23, 0.14), "ebony": (0.14, 0.11, 0.09),
+    "snow": (0.94, 0.94, 0.94), "jet": (0.06, 0.06, 0.06), "reddish": (0.56, 0.28, 0.20),
+    "bluish": (0.42, 0.48, 0.58), "greenish": (0.42, 0.50, 0.38), "yellowish": (0.78, 0.70, 0.46),
+    "brownish": (0.46, 0.35, 0.25), "mossy": (0.34, 0.42, 0.22), "mustard": (0.74, 0.58, 0.16),
+}  # fmt: skip
+"""sRGB of each colour, 0..1. Material words among the keys are colours before other materials."""
+
+
+@dataclass(frozen=True)
+class MaterialWord:
+    """Library material that is nearest to a material word, and the differences from it."""
+
+    material: str  # key of procedural.MATERIALS
+    scale: float  # factor of all lengths
+    depth: float  # further factor of heights
+    colour: str  # key of COLOURS
+    weight: float  # 3 a material, 2 an object or trade name, 1 a finish of several materials
+
+    @property
+    def kind(self) -> str:
+        """Kind of the material: gravel, metal, fabric or wood."""
+        return self.material.partition("-")[0]
+
+
+WORDS: Final[dict[str, MaterialWord]] = {}
+"""Material of each word or phrase; keys are lower case, singular, without hyphens."""
+
+with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _table:
+    for _row in csv.DictReader(_table):
+        _scale, _depth, _weight = (float(_row[name]) for name in ("scale", "depth", "weight"))
+        _entry = MaterialWord(_row["material"], _scale, _depth, _row["colour"], _weight)
+        for _word in _row["words"].split(","):
+            WORDS.setdefault(_word.strip(), _entry)
+
+LONGEST_PHRASE: Final = max(len(phrase.split()) for phrase in WORDS)
 
 
 @dataclass(frozen=True)
@@ -119,3 +188,66 @@ ASIDES: Final = {
 
 QUALITIES: Final = {word.strip(): quality for quality, words in _TABLE for word in words.split(",")}
 """Quality of each word."""
+
+
+_TOKEN: Final = re.compile(r"[a-z]+|[^\W\d_a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
+_POSSESSIVE: Final = re.compile(r"(?<=[a-z])['\N{RIGHT SINGLE QUOTATION MARK}]s?\b")
+_LEAST_FUZZY: Final = 5  # letters
+_LEAST_GUESSED: Final = 7
+"""Least length of a word with a wrong letter; a shorter word may be a different word (steep)."""
+
+_ALIKE: Final = 0.85
+_ENDINGS: Final = (
+    ("ies", "y"), ("ves", "f"), ("es", ""), ("s", ""), ("ier", "y"), ("iest", "y"),
+    ("est", "e"), ("est", ""), ("er", "e"), ("er", ""), ("ing", "e"), ("ing", ""), ("ed", "e"),
+    ("ed", ""), ("ily", "y"), ("ly", ""), ("ness", ""), ("ish", ""), ("ish", "e"), ("y", ""),
+    ("y", "e"), ("en", ""), ("en", "e"), ("iness", "y"), ("like", ""), ("less", ""),
+)  # fmt: skip
+
+
+def tokens(text: str) -> list[str]:
+    """Split a text into words, numbers, punctuation and line breaks, in lower case, without accents
+    and possessive endings; other signs are dropped.
+    """
+    plain = unicodedata.normalize("NFKD", text.lower())
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    plain = _POSSESSIVE.sub("", plain.replace("\N{GREEK SMALL LETTER MU}m", "um"))
+    return _TOKEN.findall(plain)
+
+
+def base_form(word: str, known: Container[str]) -> str | None:
+    """Form of a word in ``known``: the word, or without an ending (-s, -er, -ing, -y ...) if 3
+    letters stay; None without any.
+    """
+    if word in known:
+        return word
+    # A stem has at least three letters: "es" of "yes" is no ending.
+    for ending, instead in _ENDINGS:
+        if not word.endswith(ending) or len(word) - len(ending) < 3:
+            continue
+        stem = word[: len(word) - len(ending)]
+        if stem + instead in known:
+            return stem + instead
+        if not instead and stem[-1] == stem[-2] and stem[:-1] in known:  # bigger, thinner
+            return stem[:-1]
+    return None
+
+
+def nearest_form(word: str, known: Iterable[str]) -> str | None:
+    """Known word nearest to a misspelt word; None if none is near, or below 5 letters.
+
+    Below 7 letters only swapped neighbours and wrongly doubled letters are corrected.
+    """
+    if len(word) < _LEAST_FUZZY:
+        return None
+    similar = [x for x in known if abs(len(x) - len(word)) <= 1 and x[0] == word[0]]
+    swapped = {word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)}
+    nearest = [x for x in similar if x in swapped or _undoubled(x) == _undoubled(word)]
+    if not nearest and len(word) >= _LEAST_GUESSED:
+        nearest = difflib.get_close_matches(word, similar, 1, _ALIKE)
+    return nearest[0] if nearest else None
+
+
+def _undoubled(word: str) -> str:
+    """Word with each run of a letter as one letter."""
+    return "".join(letter for letter, _ in itertools.groupby(word))

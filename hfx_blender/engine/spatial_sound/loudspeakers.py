@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loudspeaker layouts: direction of each channel from the listener.
+"""Loudspeaker layouts, and panning of sources by the rendering schemes of haptic devices.
 
 Listener space has X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
 """
@@ -7,12 +7,14 @@ Listener space has X to the front, Y to the left, Z up. Azimuth turns from the f
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from ...errors import UsageError
 from ..arrays import F64
+from ..rendering.panning.constant_power import RingPanning, VectorBasePanning
+from .hearing import Hearing
 
 MAX_LOUDSPEAKERS: Final = 64
 _SHOWN: Final = 60  # largest number of characters of a layout in messages
@@ -43,10 +45,11 @@ class LoudspeakerLayout:
 
 
 def _flat(name: str, *azimuths: float) -> LoudspeakerLayout:
+    """Layout at ear height, by azimuths in degrees."""
     return LoudspeakerLayout(name, azimuths, (0.0,) * len(azimuths))
 
 
-_CORNER = float(np.degrees(np.arctan(np.sqrt(0.5))))
+_CORNER: Final = float(np.degrees(np.arctan(np.sqrt(0.5))))  # elevation of a cube's corners
 
 LAYOUTS: Final = {
     layout.name: layout
@@ -97,3 +100,56 @@ def parse(text: str) -> LoudspeakerLayout:
     if not np.ptp(layout.directions, axis=0).any():
         raise UsageError(f"loudspeakers '{shown}': all of them are at one place")
     return layout
+
+
+Scheme = Literal["vbap", "ring"]
+SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")
+
+
+class Panner:
+    """Gains of loudspeakers for places around a listener.
+
+    ``scheme``: vector-base amplitude panning, or constant power between neighbours on a flat ring.
+    Raises UsageError for a scheme that does not fit the layout.
+    """
+
+    def __init__(
+        self, layout: LoudspeakerLayout, hearing: Hearing, scheme: Scheme = "vbap"
+    ) -> None:
+        self._layout = layout
+        self.hearing = hearing
+        self._scheme: VectorBasePanning | RingPanning
+        if scheme == "ring":
+            if not layout.is_flat:
+                raise UsageError(f"loudspeakers '{layout.name}': a ring must be flat; use vbap")
+            self._scheme = RingPanning(np.radians(layout.azimuths_deg))
+        else:
+            try:
+                self._scheme = VectorBasePanning(layout.directions)
+            except ValueError:
+                raise UsageError(
+                    f"loudspeakers '{layout.name}': those that are not all at ear height must "
+                    "surround more than a plane"
+                ) from None
+
+    def gains(self, places_m: F64) -> tuple[F64, F64]:
+        """Gains of each loudspeaker for the dry part (n, C), and gain of the wet part (n,).
+
+        Places (n, 3) are in listener space; a place that is not finite is silent. Near the head
+        (within ``spread_m``) the sound spreads over all loudspeakers.
+        """
+        known = np.isfinite(places_m).all(axis=1)
+        places = np.where(known[:, None], places_m, 0.0)
+        distances = np.where(known, np.linalg.norm(places, axis=1), np.inf)
+        dry, wet = self.hearing.gains(distances)
+        directions = places[:, :2] if self._layout.is_flat else places
+        lengths = np.linalg.norm(directions, axis=1)
+        if isinstance(self._scheme, RingPanning):
+            panned = self._scheme.gains(np.arctan2(directions[:, 1], directions[:, 0])[:, None])
+        else:
+            panned = self._scheme.gains(directions)
+        # A source passing through the head spreads, so that the sound does not jump to the
+        # opposite side. Mixing powers keeps the loudness constant.
+        share = np.clip(1.0 - lengths / self.hearing.spread_m, 0.0, 1.0)[:, None]
+        power = (1.0 - share) * np.square(panned) + share * (1.0 / len(self._layout))
+        return np.sqrt(power) * dry[:, None], wet
