@@ -23,7 +23,7 @@ from ..files.json_shapes import read as read_json
 from ..files.kinds import refuse_another
 from ..formats.pictures import png, texture_map
 from ..formats.written import Written, write_json
-from .vocabulary import tokens
+from .surface_words import tokens
 
 RECORD: Final = suffixes.GENERATED
 FORMAT: Final = "hfx-generated-texture"

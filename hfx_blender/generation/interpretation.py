@@ -9,7 +9,7 @@ from typing import Final
 
 from ..engine.texture.procedural import KINDS
 from ..errors import InputError
-from .vocabulary import (
+from .surface_words import (
     ASIDES,
     COLOURS,
     DEGREES,

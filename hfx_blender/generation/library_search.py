@@ -14,7 +14,7 @@ from ..engine.texture.mcha import MapSettings, make_map
 from .generated import Generated, name_of
 from .interpretation import Interpretation, read_words
 from .steering import Steering, albedo, steered
-from .vocabulary import COLOURS
+from .surface_words import COLOURS
 
 NAME: Final = "library"
 _LEAST_FACTOR: Final = 0.2

@@ -20,7 +20,7 @@ from hfx_blender.engine.texture.procedural import KINDS, MATERIALS
 from hfx_blender.errors import InputError
 from hfx_blender.generation.picture_folder import SUFFIXES, surface_of
 from hfx_blender.generation.steering import Steering, albedo, steered
-from hfx_blender.generation.vocabulary import COLOURS
+from hfx_blender.generation.surface_words import COLOURS
 
 COUNT: Final = 16_000
 Truth = Literal["picture", "relief"]

@@ -10,8 +10,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from ..arrays import F64, Bool
-from ..arrays import inverse_3x3
+from ..arrays import F64, Bool, inverse_3x3
 
 
 class Shape(Protocol):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vocabularies of colours, materials and qualities; forms and misspellings of words.
 
-Materials are in ``vocabulary.csv``; of a word in several rows the first row counts.
+Materials are in ``surface_words.csv``; of a word in several rows the first row counts.
 """
 
 from __future__ import annotations
