@@ -243,6 +243,7 @@ def _closer_shares(steps: IntervalSteps, new: I64, strong: I64, slow: F64) -> tu
 def _with_between(touches: Touches, parts: list[TouchedSets]) -> Touches:
     """Touches with moments between samples, sorted by row, then time, and with the moments' vertex
     sets appended. Of successive moments with equal sets only the first and the last remain."""
+    parts = [part for part in parts if len(part.rows)]  # a filter in space may leave no vertex
     if not parts:
         return touches
     counts = np.cumsum([len(touches.offsets) - 1, *(len(part.offsets) - 1 for part in parts)])

@@ -445,3 +445,13 @@ def test_a_path_over_a_jump_or_without_neighbours_is_straight() -> None:
         actual = MotionEstimate(at[0][:count], at[1][:count]).at(shares)[:, 0, 0]
         assert actual.min() >= 0.0 and actual.max() <= 1.0
     np.testing.assert_allclose(MotionEstimate(at[0][:1], at[1][:1]).at(shares)[:, 0, 0], shares)
+
+
+def test_an_impact_where_no_skin_is_near_enough_to_the_centre() -> None:
+    """Contact at 20 to 30 mm of the ball's centre; the filter ends at 1 mm."""
+    stack = (
+        (FilterKind.DISTANCE, Operation.MULTIPLY, (1.0, 0.0, 0.001, 1.0, 0.0)),
+        (FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, DECAY_S, 1.0)),
+    )
+    for rate in RATES:
+        assert (levels_of(bounce(0.2037, 0.01), rate, stack=stack) == 0.0).all()
