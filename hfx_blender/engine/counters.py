@@ -83,6 +83,10 @@ class Counters:
         return asdict(self)
 
 
+OF_HISTORY: Final = frozenset({"bodies_reached", "meshes_searched", "vertices_posed"})
+"""Counters that depend on skin cached by earlier blocks, so on the division of a scene into parts:
+bounds of a cluster are narrower once its neighbours are known, and fewer positions are needed."""
+
 _NUMBERS: Final = tuple(column.name for column in fields(Counters) if column.type == "int")
 
 

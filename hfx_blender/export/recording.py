@@ -55,7 +55,8 @@ class Recorded:
             engine.counters.as_dict(),
             reader.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
-            (*reader.notes, *engine.notes),
+            # Constant notes first: merged parts then have the order of a single recording.
+            (*engine.notes, *reader.notes),
             reader.stepping_note,
             asdict(times),
         )

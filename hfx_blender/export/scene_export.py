@@ -21,7 +21,7 @@ from ..devices.script_rendering import Rendered, rendering
 from ..engine.areas.felt_times import FeltTimes
 from ..engine.arrays import write_npz
 from ..engine.body.model import load_model
-from ..engine.counters import Unfelt
+from ..engine.counters import OF_HISTORY, Unfelt
 from ..engine.evaluate import Engine
 from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import misfits, renderers_of_track
@@ -327,7 +327,7 @@ class SceneExport:
             engine={
                 "tolerance": self.tolerance.name,
                 "stepping": recorded.stepping,
-                **recorded.engine,
+                **{name: n for name, n in recorded.engine.items() if name not in OF_HISTORY},
             },
             reading=recorded.reading,
             notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
