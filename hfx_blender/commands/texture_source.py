@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, UsageError, refuse_no_file
 from ..files.kinds import title_of
+from ..files.suffixes import PICTURES
 from ..processes import blender_session
 from .arguments import add_largest, checked, pair_of
 
@@ -168,14 +169,14 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
     full = Path(os.path.abspath(path))
     suffix = path.suffix.lower()
-    if suffix not in (*surface_sources.PICTURES, *point_cloud.SUFFIXES):
-        pictures = ", ".join(sorted(surface_sources.PICTURES))
+    if suffix not in (*PICTURES, *point_cloud.SUFFIXES):
+        pictures = ", ".join(PICTURES)
         clouds = ", ".join(point_cloud.SUFFIXES)
         raise InputError(
             f"{path}: is {title_of(path)}; expected a map (.texture.json), a picture ({pictures}), "
             f"a point cloud ({clouds}), a .blend, or the name of a material."
         )
-    if suffix not in surface_sources.PICTURES:
+    if suffix not in PICTURES:
         relief = surface_sources.read_scan(
             full,
             unit_mm=options.unit,

@@ -10,3 +10,4 @@ PATH: Final = ".hfxpath"
 TEXTURE_MAP: Final = ".texture.json"
 GENERATED: Final = ".generated.json"
 STROKES: Final = (".wav", ".ahap", ".he", ".haptic", ".csv")
+PICTURES: Final = (".exr", ".jpeg", ".jpg", ".png", ".tif", ".tiff")  # of heights

@@ -13,22 +13,14 @@ from ..files import resources
 
 _ADDON = (__package__ or "").rpartition(".")[0]  # Blender's name of this extension
 _COLD = "cold"
-_VARIABLES = {
-    "effects_folder": resources.EFFECTS_VARIABLE,
-    "devices_folder": resources.DEVICES_VARIABLE,
-    "body_models_folder": resources.BODY_MODELS_VARIABLE,
+_FOLDERS = {
+    "effects_folder": (resources.EFFECTS_VARIABLE, resources.user_effects),
+    "devices_folder": (resources.DEVICES_VARIABLE, resources.user_devices),
+    "body_models_folder": (resources.BODY_MODELS_VARIABLE, resources.user_body_models),
 }
-"""Environment variables of the folders, inherited by helper processes."""
+"""Environment variables of the folders, inherited by helper processes, and the folders in use."""
 
 _initial_values: dict[str, str | None] = {}
-
-
-def _recolour(self: HfxPreferences, _context: bpy.types.Context) -> None:
-    self.apply_colours()
-
-
-def _refolder(self: HfxPreferences, _context: bpy.types.Context) -> None:
-    self.apply_folders()
 
 
 def _colour(label: str, default: tuple[float, float, float]) -> FloatVectorProperty:
@@ -40,7 +32,7 @@ def _colour(label: str, default: tuple[float, float, float]) -> FloatVectorPrope
         min=0.0,
         max=1.0,
         default=default,
-        update=_recolour,
+        update=lambda self, _context: self.apply_colours(),
     )
 
 
@@ -49,7 +41,7 @@ def _folder(label: str, tip: str) -> StringProperty:
         name=label,
         description=f"{tip}. Empty: the default folder",
         subtype="DIR_PATH",
-        update=_refolder,
+        update=lambda self, _context: self.apply_folders(),
     )
 
 
@@ -71,7 +63,9 @@ class HfxPreferences(bpy.types.AddonPreferences):
     devices_folder: _folder("Devices", "Folder of your own device configurations")
     body_models_folder: _folder("Body Models", "Folder of your own sets of body models")
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, _context: bpy.types.Context) -> None:
+        from ..devices.live import approval
+
         layout = self.layout
         layout.label(text="My Colours (palette of a scene in the HFX tab)", icon="COLOR")
         row = layout.row()
@@ -82,12 +76,8 @@ class HfxPreferences(bpy.types.AddonPreferences):
         column = layout.column()
         column.label(text="Folders", icon="FILE_FOLDER")
         column.use_property_split = True
-        usual = {
-            "effects_folder": resources.user_effects(),
-            "devices_folder": resources.user_devices(),
-            "body_models_folder": resources.user_body_models(),
-        }
-        for name, folder in usual.items():
+        for name, (_, folder_in_use) in _FOLDERS.items():
+            folder = folder_in_use()
             row = column.row()
             row.prop(self, name, placeholder=str(folder))
             button = row.row()
@@ -98,8 +88,15 @@ class HfxPreferences(bpy.types.AddonPreferences):
             ", ".join(devices) or "none yet; Import Node Map or Layout in Live Devices adds some"
         )
         layout.label(text=f"Your own devices: {names}", icon="OUTLINER_OB_FORCE_FIELD")
-
-        _draw_scripts(layout)
+        column = layout.column()
+        column.label(text="Approved Device Scripts", icon="FILE_SCRIPT")
+        fault, scripts = approval.fault_of_list(), approval.approved()
+        if fault or not scripts:
+            column.label(text=fault or "none", icon="ERROR" if fault else "NONE")
+        for fingerprint, path in sorted(scripts.items(), key=lambda item: item[1]):
+            row = column.row()
+            row.label(text=f"{path}  ({fingerprint[:12]})")
+            row.operator("hfx.live_revoke", text="", icon="X").fingerprint = fingerprint
 
     def apply_colours(self) -> None:
         """Set the palette "My Colours" to the colours of the preferences."""
@@ -110,7 +107,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
 
     def apply_folders(self) -> None:
         """Set the environment variables of the search folders; "" restores the initial value."""
-        for name, variable in _VARIABLES.items():
+        for name, (variable, _) in _FOLDERS.items():
             # The value before the add-on is restored when a preference is cleared.
             _initial_values.setdefault(variable, os.environ.get(variable))
             folder = getattr(self, name)
@@ -119,22 +116,6 @@ class HfxPreferences(bpy.types.AddonPreferences):
                 os.environ.pop(variable, None)
             else:
                 os.environ[variable] = value
-
-
-def _draw_scripts(layout: bpy.types.UILayout) -> None:
-    """Draw the list of approved device scripts, with buttons for withdrawal."""
-    from ..devices.live import approval
-
-    column = layout.column()
-    column.label(text="Approved Device Scripts", icon="FILE_SCRIPT")
-    fault = approval.fault_of_list()
-    scripts = approval.approved()
-    if fault or not scripts:
-        column.label(text=fault or "none", icon="ERROR" if fault else "NONE")
-    for fingerprint, path in sorted(scripts.items(), key=lambda item: item[1]):
-        row = column.row()
-        row.label(text=f"{path}  ({fingerprint[:12]})")
-        row.operator("hfx.live_revoke", text="", icon="X").fingerprint = fingerprint
 
 
 def preferences() -> HfxPreferences | None:

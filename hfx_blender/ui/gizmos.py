@@ -191,7 +191,11 @@ class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
         if placed is None:
             return
         self.middle.matrix_basis = placed
-        least = _LEAST_RING_PIXELS * pixel_size(context, placed.translation)
+        # The homogeneous coordinate of a projected point is the depth; 1 in orthographic views.
+        view = context.region_data.perspective_matrix
+        depth = abs((view @ placed.translation.to_4d()).w)
+        pixel = 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)
+        least = _LEAST_RING_PIXELS * pixel
         radius = max(effect.hfx.radius, least)
         self.ring.matrix_basis = placed @ Matrix.Scale(radius, 4)
 
@@ -218,11 +222,3 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
         return None  # the panels report faults
     turn = Vector(normals[0].tolist()).to_track_quat("Z", "Y").to_matrix().to_4x4()
     return Matrix.Translation(points[0].tolist()) @ turn
-
-
-def pixel_size(context: bpy.types.Context, point: Vector) -> float:
-    """Width of a viewport's pixel at a point of the world, Blender's units."""
-    view = context.region_data.perspective_matrix
-    # The homogeneous coordinate of a projected point is the depth; 1 in orthographic views.
-    depth = abs((view @ point.to_4d()).w)
-    return 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)

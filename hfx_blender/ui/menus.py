@@ -129,12 +129,18 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
     return True
 
 
-def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the next step of the active effect: paint, transfer the area, add a clip, export."""
-    effect = active_effect(context)
-    if effect is None:
+def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Draw the next step once the scene has a body: the first steps, then those of the active
+    effect: paint, transfer the area, add a clip, export.
+    """
+    active, effect, layout = context.object, active_effect(context), self.layout
+    if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
+        layout.operator("hfx.paint_end", icon="CHECKMARK")
+    elif not effects.bodies_of(context.scene) or draw_first_step(context, layout):
         return
-    if effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
+    elif effect is None:
+        return
+    elif effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
         layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
     elif effects.has_other_area(effect):
         layout.operator("hfx.area_keep", icon="FORWARD")
@@ -142,14 +148,6 @@ def _draw_further(context: bpy.types.Context, layout: bpy.types.UILayout) -> Non
         layout.operator("hfx.add_clip", icon="NLA")
     else:
         layout.operator("hfx.export", icon="EXPORT")
-
-
-def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    active = context.object
-    if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
-        self.layout.operator("hfx.paint_end", icon="CHECKMARK")
-    elif effects.bodies_of(context.scene) and not draw_first_step(context, self.layout):
-        _draw_further(context, self.layout)
 
 
 _ENTRIES = {

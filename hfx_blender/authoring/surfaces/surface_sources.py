@@ -16,10 +16,9 @@ from ...engine.texture.relief.relief_estimate import EstimatedRelief
 from ...engine.texture.scan import from_points, seen_from_above
 from ...errors import InputError
 from ...files.hashes import is_elsewhere
+from ...files.suffixes import PICTURES
 from ...formats.pictures import point_cloud
 from . import image_values, surface_baking, surface_uv
-
-PICTURES = {".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg"}
 
 _LIKELY_M = (1e-3, 5.0)  # plausible length of a scan
 

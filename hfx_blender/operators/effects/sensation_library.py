@@ -7,12 +7,13 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
+from mathutils import Vector
 
+from ...authoring.effects import effect_file
 from ...errors import HfxError, InputError
 from ...files import resources, suffixes
 from ...text import printable
@@ -27,12 +28,7 @@ from ..shared import (
     to_object_mode,
 )
 
-if TYPE_CHECKING:
-    from mathutils import Vector
-
-    from ...authoring.effects.effect_file import Sensation
-
-# Modules of sensations are imported within functions, to keep Blender's start short.
+# effect_exchange imports numpy: within functions, to keep Blender's start short.
 
 
 def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
@@ -40,7 +36,7 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
     return body.matrix_world.translation if body is not None else context.scene.cursor.location
 
 
-def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
+def _place(context: bpy.types.Context, sensation: effect_file.Sensation) -> list[bpy.types.Object]:
     """Add a sensation's effects at the current frame, on the target body, and select them.
 
     Object Mode is entered first. Returns the effects.
@@ -61,7 +57,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
     return objects
 
 
-def _selected(context: bpy.types.Context, title: str) -> Sensation:
+def _selected(context: bpy.types.Context, title: str) -> effect_file.Sensation:
     """Sensation of the selected effects and of volumes emitted by selected objects, sorted by name.
 
     Its origin is the body of the first effect with a body, or else the target body.
@@ -81,7 +77,7 @@ def _selected(context: bpy.types.Context, title: str) -> Sensation:
 @lru_cache(maxsize=4)
 def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
     """Enum items of readable sensations; the times of change in ``files`` are keys of the cache."""
-    from ...authoring.effects import effect_exchange, effect_file
+    from ...authoring.effects import effect_exchange
 
     shipped, own = [], []
     for name, path, _ in files:
@@ -134,8 +130,6 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
     filter_glob: StringProperty(default=f"*{suffixes.EFFECT}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.effects import effect_file
-
         sensation = effect_file.load(Path(self.filepath))
         _place(context, sensation)
         return f"Added '{sensation.name}'"
@@ -165,8 +159,6 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
         return super().invoke(context, event)
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.effects import effect_file
-
         path = Path(self.filepath)
         sensation = _selected(context, self.name or path.stem.replace("_", " ").title())
         effect_file.save(sensation, path)
@@ -209,8 +201,6 @@ class HFX_OT_copy_effects(HfxOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         global copied_sensation
-        from ...authoring.effects import effect_file
-
         sensation = _selected(context, "Copied")
         copied_sensation = context.window_manager.clipboard = effect_file.text_of(sensation)
         return f"Copied {len(sensation.effects)} effects"
@@ -222,8 +212,6 @@ class HFX_OT_paste_effects(HfxOperator):
     bl_label = "Paste Effects"
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.effects import effect_file
-
         text = copied_sensation if bpy.app.background else context.window_manager.clipboard
         if not text.lstrip().startswith("{"):
             raise InputError("There are no effects to paste: copy some first.")

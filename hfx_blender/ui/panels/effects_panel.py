@@ -16,6 +16,7 @@ from ..menus import draw_first_step
 from ..sidebar import HfxPanel, draw_text
 from . import list_rows
 
+_LEAST_ROWS, _MOST_ROWS = 3, 10  # height of the list of effects
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
 SLOW = (
@@ -84,7 +85,10 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
         listed = swarms.listed_effects(context.scene)
         if listed:
-            list_rows.draw_effects(context, layout)
+            manager = context.window_manager
+            rows = min(max(sum(map(list_rows.is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
+            lists = ("HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row")
+            layout.template_list(*lists, rows=rows, maxrows=rows)
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
         elif context.window_manager.hfx_preview and listed:

@@ -31,8 +31,6 @@ from ...operators.shared import active_effect, select_only, to_object_mode
 from ...playback.preview.preview import preview
 from ..sidebar import filtered
 
-_LEAST_ROWS, _MOST_ROWS = 3, 10
-
 _open: set[str] = set()
 """Names of the open groups."""
 
@@ -88,7 +86,7 @@ def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
     return [effect for effect in listed if effects.group_of(effect) == row.group]
 
 
-def _is_shown(row: HfxEffectRow) -> bool:
+def is_shown(row: HfxEffectRow) -> bool:
     """Test for a row in the list without a search: not of an effect in a closed group."""
     return not (row.effect and row.group) or row.is_open
 
@@ -107,10 +105,6 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     return set_all
 
 
-def _is_open(row: HfxEffectRow) -> bool:
-    return row.group in _open
-
-
 def _set_open(row: HfxEffectRow, value: bool) -> None:
     (_open.add if value else _open.discard)(row.group)
 
@@ -123,7 +117,7 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     is_open: BoolProperty(
         name="Open",
         description="Show the effects of the group",
-        get=_is_open,
+        get=lambda row: row.group in _open,
         set=_set_open,
     )
     is_muted: BoolProperty(
@@ -183,7 +177,7 @@ class HFX_UL_effects(bpy.types.UIList):
         self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str
     ) -> tuple[list[int], list[int]]:
         rows = getattr(manager, name)
-        return filtered(self, ((f"{row.effect} {row.group}", _is_shown(row)) for row in rows))
+        return filtered(self, ((f"{row.effect} {row.group}", is_shown(row)) for row in rows))
 
 
 def _active_row(manager: bpy.types.WindowManager) -> int:
@@ -214,15 +208,6 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
         ]
         select_only(context, *shown)
         push_undo_soon()
-
-
-def draw_effects(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the list with a height for the shown rows, three to ten."""
-    manager = context.window_manager
-    rows = min(max(sum(map(_is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
-    layout.template_list(
-        "HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row", rows=rows, maxrows=rows
-    )
 
 
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:

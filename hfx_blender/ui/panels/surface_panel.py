@@ -9,7 +9,7 @@ import bpy
 import bpy.utils.previews
 
 from ...authoring.surfaces import surface_updates, surfaces
-from ...files.suffixes import GENERATED
+from ...files.suffixes import GENERATED, PICTURES
 from ...operators.shared import active_armature
 from ...operators.surfaces import generation_operators
 from ...operators.surfaces.surface_operators import active_surface
@@ -76,7 +76,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, settings.warning, "ERROR")
         for name in _SOURCE_FIELDS[settings.source]:
             layout.prop(settings, name)
-        if settings.source == "SCAN" and _is_picture(settings.scan_path):
+        if settings.source == "SCAN" and settings.scan_path.lower().endswith(PICTURES):
             layout.prop(settings, "scan_size_mm")
             layout.prop(settings, "height_mm")
         if settings.source != "MAP":
@@ -165,12 +165,6 @@ class HFX_PT_surface_calibration(SurfacePanel, bpy.types.Panel):
         row.prop(chosen, "speed", expand=True)
         layout.prop(chosen, "drive", slider=True)
         layout.operator("hfx.feel_fabric", icon="PLAY")
-
-
-def _is_picture(path: str) -> bool:
-    from ...authoring.surfaces.surface_sources import PICTURES
-
-    return any(path.lower().endswith(suffix) for suffix in PICTURES)
 
 
 _previews: Any = None

@@ -80,7 +80,8 @@ def test_parameters_make_the_map_stale_and_it_is_made_again(denim: Any) -> None:
 
 def test_steps_are_whole(denim: Any) -> None:
     denim.hfx.surface.use_steps = True
-    levels = surfaces.map_of(denim).amplitude_m_s2 / 9.80665 / 0.2
+    haptic_map = surfaces.map_of(denim)
+    levels = haptic_map.device.amplitude_m_s2(haptic_map.intensity) / 9.80665 / 0.2
     assert np.allclose(levels, np.rint(levels), atol=1e-3)
 
 
