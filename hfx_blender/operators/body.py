@@ -116,6 +116,7 @@ class _FittingOperator(StepwiseOperator):
         steps = bodies.adding_body(body, next(iter(meshes), None), meshes[1:], mapping_of)
         for warning in (yield from within(steps, 0.3, 1.0)):
             self.report({"WARNING"}, printable(f"{body.name}: {warning}"))
+        # The report names all candidates, so that a missing mesh of the avatar is noticed.
         taken = avatar_meshes.meshes_of(body)
         there = dict.fromkeys((*avatar_meshes.visible_meshes(context, body), *selected))
         others = [mesh for mesh in there if mesh not in taken]
@@ -245,6 +246,7 @@ class HFX_OT_fit_body(_FittingOperator):
 
         body = active_body(context)
         context.view_layer.update()
+        # Shown models have the shape of the old fit, and are made again after the fit.
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(body)]
         message = yield from self.fitting(context, body, bodies.choosing_skin_meshes)
         for model_id in was_shown:
@@ -300,7 +302,7 @@ class _BonesOperator(HfxOperator):
         raise NotImplementedError
 
     def fill(self, armature: bpy.types.Object, *, keep_corrections: bool) -> str:
-        """Detect the bones of all joints, except of rows edited by the user if they are kept;
+        """Detect the bones of all joints, with ``keep_corrections`` except of rows edited by the user;
         returns the report. An armature without known bones is a warning, and "" the report.
         """
         from ..avatars import bone_table

@@ -65,6 +65,7 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
     area = None if bpy.app.background else viewport(context)
     if area is None:
         return
+    # Blender frames selected objects only: the selection is replaced, then restored.
     before = list(context.selected_objects)
     for obj in before:
         obj.select_set(False)

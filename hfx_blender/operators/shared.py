@@ -253,6 +253,7 @@ def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
     obj = context.object
     if obj is None or obj.hfx.role == "EFFECT":
         return obj
+    # A particle system or instancer stands for its volume, which is usually hidden itself.
     emitted = swarms.volumes_of(obj)
     return emitted[0] if len(emitted) == 1 else None
 
@@ -293,5 +294,5 @@ def target_body(context: bpy.types.Context) -> bpy.types.Object | None:
         if body in bodies:
             return body
     if len(bodies) > 1:
-        raise InputError("Several haptic bodies: select the one that shall feel it.")
+        raise InputError("Several haptic bodies: select the body of the new effect.")
     return bodies[0] if bodies else None

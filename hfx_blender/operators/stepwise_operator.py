@@ -35,7 +35,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
     cancelled: ClassVar[str]
     """Report after Esc."""
 
-    # No annotations: Blender would register these as properties.
+    # No annotations, of which Blender would make properties.
     _is_invoked = False
     _steps = None
     _share = 0.0

@@ -98,6 +98,7 @@ class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         effect = active_effect(context)
+        # Not for an emitter of volumes: the gizmo would stand at the emitter, not at the volume.
         return (
             effect == context.object is not None
             and context.mode == "OBJECT"

@@ -48,6 +48,7 @@ def skin() -> SkinPaths:
     from ...engine.body.model import load_model
     from ...engine.body.skin_path import SkinPaths
 
+    # Search trees and graphs of the skin are built at the first path only.
     global _skin
     if _skin is None:
         model = load_model(SKIN_MODEL)
@@ -253,6 +254,7 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
     kind = str(effect.get(KIND, "traced"))
     return PathRecipe(
         name=name,
+        # Micrometres: far below the model's spacing, and files stay short.
         points_m=tuple((x, y, z) for x, y, z in np.round(knots, 6).tolist()),
         kind=kind if kind in KINDS else "traced",
         is_closed=bool(effect.get(CLOSED, 0)),
@@ -276,6 +278,7 @@ def motion_keys(
         keys = [key for strip in strips for key in clips.keys_in(strip, POSITION)]
     else:
         keys = clips.linear_keys(curve)
+    # Times count from the given frame, else from the first keyframe; earlier keyframes are at 0.
     start = keys[0][0] if first is None and keys else first or 0.0
     fps = fps_of(scene)
     stretch = 1.0

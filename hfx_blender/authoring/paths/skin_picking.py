@@ -51,6 +51,7 @@ class Anchors:
         """World positions and unit normals on a posed body, (n, 3) each, Blender units."""
         import numpy as np
 
+        # Neighbouring anchors share corners: each vertex is posed once.
         ids, numbers = np.unique(self.corners, return_inverse=True)
         numbers = numbers.reshape(-1, 3)
         vertices, normals = posed_vertices(body, depsgraph, ids)
@@ -90,6 +91,7 @@ def posed_vertices(
     offsets = np.arange(counts.sum()) - np.repeat(starts, counts)
     entries = np.repeat(weights.offsets[vertices], counts) + offsets
     shares = weights.values[entries].astype(np.float64)
+    # Linear blend skinning: the weighted sum of bone matrices moves a vertex.
     skin = np.add.reduceat(shares[:, None, None] * matrices[weights.bones[entries]], starts)
     skin = np.array(armature.matrix_world, np.float64) @ skin
     points = model.vertices[vertices].astype(np.float64)

@@ -49,11 +49,13 @@ def add(
         body,
         name or f"{device.name} Vector",
     )
+    # Curves are shares of the effect's full strength, so that 1 reaches the strongest actuator's
+    # limit; weaker actuators are limited to their own range.
     highest = max(actuator.type.strength.highest for actuator in actuators)
     setattr(effect.hfx, MODALITIES[modality].strength_parameter.prop, highest)
     if modality == "vibration" and len(actuators[0].type.controls) > 1:
         effect.hfx.frequency = actuators[0].type.controls[1].neutral
-    if modality == "temperature":
+    if modality == "temperature":  # thermal actuators touch the skin
         effect.hfx.temperature_reference = "CONTACT"
     return effect
 

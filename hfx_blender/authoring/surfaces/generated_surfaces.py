@@ -82,6 +82,7 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
     links.new(sockets["roughness"], shader.inputs["Roughness"])
     relief = nodes.new("ShaderNodeDisplacement")
     relief.location = (-200.0, -300.0)
+    # The height picture spans 0 to 1, from the lowest to the highest point.
     relief.inputs["Midlevel"].default_value = 0.0
     unit = metres_of(bpy.context.scene)
     depth = float(files.height.heights_m.max() - files.height.heights_m.min())
@@ -102,6 +103,7 @@ def _tile_coordinates(
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)
     size_mm = [1000.0 * length for length in files.height.size_m]
+    # Tiles per unit of the coordinates, so that a tile has its real size on the object.
     if obj.data.uv_layers:
         source = coordinates.outputs["UV"]
         unit_mm = [*surface_sources.tile_mm(obj), 1000.0]

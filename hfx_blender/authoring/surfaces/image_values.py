@@ -164,6 +164,7 @@ def set_preview(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) 
 
     Constant values are shown as their own grey value, clipped to 0 to 1.
     """
+    # Nearest values suffice for an icon, and cost the same for images of any size.
     grid = np.asarray(values, np.float32)
     rows = np.linspace(0, grid.shape[0] - 1, size).round().astype(int)
     columns = np.linspace(0, grid.shape[1] - 1, size).round().astype(int)

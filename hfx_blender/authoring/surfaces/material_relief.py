@@ -138,6 +138,7 @@ def colour_image_of(material: bpy.types.Material) -> bpy.types.Image | None:
         return None
     sockets = _colour_inputs(shader)[:1]
     images, visited = set(), set()
+    # Upstream through all nodes. An image ends its branch: its coordinates are no colour.
     while sockets:
         for link in sockets.pop().links:
             node = link.from_node
@@ -228,6 +229,7 @@ def nodes_of(
     for node in tree.nodes:
         yield node
         group = getattr(node, "node_tree", None)
+        # Blender refuses groups within themselves, but a damaged file may have some.
         if group is not None and group.name_full not in seen:
             yield from nodes_of(group, seen | {group.name_full})
 
@@ -268,6 +270,7 @@ def _tallest(
             if factor is None or factor.is_linked or not node.inputs["Height"].is_linked:
                 continue
             height_m = abs(factor.default_value) * unit
+            # The height of a Bump node is Strength times Distance.
             if node.type == "BUMP" and not node.inputs["Strength"].is_linked:
                 height_m *= node.inputs["Strength"].default_value
             if height_m >= _LIKELY_M:
@@ -277,6 +280,7 @@ def _tallest(
 
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
     """Output socket linked to an input, skipping reroutes; None if unlinked."""
+    # Reroutes pass a value on unchanged.
     while socket.is_linked:
         output = socket.links[0].from_socket
         if output.node.type != "REROUTE":
@@ -410,7 +414,7 @@ def _plain(value: object, depth: int) -> object:
         return value.name_full
     if isinstance(value, bpy.types.bpy_struct):
         return _struct(value, depth, frozenset()) if depth > 0 else None
-    if isinstance(value, set):
+    if isinstance(value, set):  # sets have no order, which the hash must not depend on
         return sorted(value)
     if isinstance(value, bpy.types.bpy_prop_collection) and depth <= 0:
         return None

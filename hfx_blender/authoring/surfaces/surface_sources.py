@@ -116,6 +116,7 @@ def _estimate_relief(obj: bpy.types.Object) -> SurfaceRelief:
         raise InputError(f"Image '{settings.image.name}' is no estimate: make it again.")
     size_m = tile[0] / 1000.0, tile[1] / 1000.0
     field = from_image(pixels[..., 0], settings.height_mm / 1000.0, size_m)
+    # Undoes the normalisation of estimate_channels, with the present size and height.
     steepness = abs(settings.height_mm) / float(np.sqrt(tile[0] * tile[1]))
     slope = steepness * np.abs(pixels[..., 2])
     return SurfaceRelief(field, pixels[..., 1].clip(0.0, 1.0), slope=slope)

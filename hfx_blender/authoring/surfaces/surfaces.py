@@ -88,6 +88,7 @@ def remove_surface(obj: bpy.types.Object) -> None:
     """Reset role, kind, id and surface settings; remove relief and map images without users."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
+    # Unset properties return to their defaults and take no room in the .blend.
     for name in settings.bl_rna.properties.keys():
         if name not in ("rna_type", "name"):
             settings.property_unset(name)
@@ -162,7 +163,7 @@ def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     settings.made_size_mm = [1000.0 * length for length in field.size_m]
     settings.made_tiles = field.tiles
     settings.made_of = _relief_key(obj)
-    settings.layers_of = ""
+    settings.layers_of = ""  # the layers belong to the relief before
     settings.note = "; ".join(relief.notes)
 
 
@@ -176,6 +177,7 @@ def _update_layers(obj: bpy.types.Object) -> None:
     if settings.layers_of == _layer_key(obj):
         return
     haptic_map = _map_of(obj, field_of(obj))
+    # The layers of an imported map are stored already, and are exact only while untouched.
     if settings.source != "MAP":
         _store_layers(obj, haptic_map)
     image_values.set_preview(settings.intensity_image, haptic_map.intensity)
@@ -318,6 +320,7 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
             f"The surface of '{obj.name}' is an imported map, which has no heights; only "
             "micro-collisions can render it."
         )
+    # The property is per millimetre; 0 stands for the calibrated value.
     drive = settings.drive * 1000.0 or surface_calibration.drive_per_m()
     return SurfaceTexture(
         field,
@@ -360,6 +363,7 @@ def _relief_key(obj: bpy.types.Object) -> str:
     settings = obj.hfx.surface
     names = _RELIEF_SETTINGS[settings.source]
     key = [settings.source, *(_plain(getattr(settings, name)) for name in names)]
+    # Names stand for datablocks: their pixels and nodes are compared by other means.
     if settings.source == "IMAGE":
         images = (settings.image, settings.roughness_image)
         key += [None if i is None else [i.name_full, i.filepath, *i.size] for i in images]
@@ -373,6 +377,7 @@ def _layer_key(obj: bpy.types.Object) -> str:
     """JSON text of relief key and layer settings, with the amplitude if in steps."""
     settings = obj.hfx.surface
     values = [_plain(getattr(settings, name)) for name in _LAYER_SETTINGS]
+    # Steps are absolute accelerations, so that rounding depends on the full strength.
     if settings.use_steps:
         values.append(obj.hfx.amplitude)
     return json.dumps([settings.made_of, *values])

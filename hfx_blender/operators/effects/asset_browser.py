@@ -70,7 +70,7 @@ def _step_further(step: str) -> None:
 _undo_further, _redo_further = partial(_step_further, "undo"), partial(_step_further, "redo")
 
 
-# Blender pushes an undo step of the drop itself, with the bare asset: both directions skip it.
+# Blender pushes an undo step of the drop itself, with the bare asset. Undo and redo skip this step.
 @persistent
 def _on_undo(*_: object) -> None:
     if effect_assets.dropped_objects(bpy.context.scene):

@@ -48,6 +48,7 @@ def _seconds(time: str, default: float, least: float) -> FloatProperty:
 
 def _shown(time: str, **limits: float) -> FloatProperty:
     """Property, in the scene's time unit, of the operator's start frame or a length in seconds."""
+    # Stored values do not depend on the scene's unit, so that scripts and redo mean the same time.
 
     def shown(operator: bpy.types.Operator) -> float:
         scene, value = bpy.context.scene, float(getattr(operator, time))
@@ -185,7 +186,7 @@ class HFX_OT_extend_scene(HfxOperator):
         is_done = clips.extend_scene(scene, listed)
         if not is_done and before == (scene.frame_start, scene.frame_end):
             raise InputError("A scene begins at frame 0 or later. Move the clip.")
-        return f"The scene has the frames {scene.frame_start} to {scene.frame_end}"
+        return f"Frame range of the scene: {scene.frame_start} to {scene.frame_end}"
 
 
 class HFX_OT_remove_clip(_OfEffect):

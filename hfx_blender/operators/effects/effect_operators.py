@@ -156,7 +156,7 @@ class HFX_OT_add_painted(OnBodyOperator):
         body = target_body(context)
         effect = effects.add_painted(context.scene, self.modality, body, self.name or None)
         select_only(context, effect)
-        if self.paint:
+        if self.paint:  # from the button of the next step, which leads straight into painting
             bpy.ops.hfx.paint_begin()
             return "Paint, then press Finish Painting"
         return f"'{effect.name}' has no painted area yet"
@@ -318,4 +318,4 @@ class HFX_OT_bake_response(_OnVolume):
 
     def work(self, context: bpy.types.Context) -> str:
         count = response_baking.bake(context.scene, active_volume(context), self.target)
-        return f"{count} keys"
+        return f"Inserted {count} keyframes"

@@ -60,6 +60,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
         canvas = painting.begin(context, effect)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
+        # Only the canvas stays visible: the avatar's own meshes would cover it.
         paint_view.hide_others(context, canvas)
         select_only(context, canvas)
         if not bpy.app.background:
@@ -84,6 +85,7 @@ class HFX_OT_paint_end(HfxOperator):
         layers = paint_view.layers_of(canvas)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
+        # `end` removes the canvas, which held the view layers and hidden objects read above.
         count = painting.end(effect)
         paint_view.show(layers, hidden)
         paint_view.leave()

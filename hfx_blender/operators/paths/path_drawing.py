@@ -126,6 +126,7 @@ class HFX_OT_draw_path(HfxOperator):
         self._is_held = False
         self._began_s = 0.0
         self._timer = None
+        # A hand at rest sends no mouse events; the timer records its rest.
         if self.mode == "RECORD":
             self._timer = context.window_manager.event_timer_add(1 / 60, window=context.window)
         context.workspace.status_text_set(_HINTS.get(self.mode, _HINTS["STRAIGHT"]))
@@ -193,6 +194,7 @@ class HFX_OT_draw_path(HfxOperator):
             hit = np.array(self.stroke[-1].place)
         if hit is None:
             return
+        # Dense points would slow down the path search, and add nothing.
         if self.mode == "FREEHAND" and len(self.stroke):
             if np.linalg.norm(hit - np.array(self.stroke[-1].place)) < _CLOSEST_M:
                 return

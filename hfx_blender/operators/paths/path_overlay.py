@@ -58,6 +58,7 @@ def lines_of(
         return None
     evaluated = effect.evaluated_get(depsgraph).hfx
     own = paths.own_path(effect)
+    # Long recordings are thinned for display; the end of the path is always drawn.
     shown = own[:: max(len(own) // _MOST_POINTS, 1)]
     lifted = _on_body(body, depsgraph, np.concatenate([shown, own[-1:]]), unit_m)
     now = places_on(path, np.array([evaluated.path_position]))

@@ -117,7 +117,7 @@ class _HeldSpotOperator(PathOperator):
 
     def _tell(self, context: bpy.types.Context) -> None:
         heading, more = self._words(context)
-        confirm = "Let go" if self.release_confirm else "Click or Enter"
+        confirm = "Release" if self.release_confirm else "Click or Enter"
         keys = f"{confirm}: confirm     Esc or right click: cancel     Shift: precise{more}"
         context.area.header_text_set(heading)
         context.workspace.status_text_set(keys)
@@ -231,6 +231,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         if hit is not None:
             return hit
         here = _on_body(context, active_spot(context), np.array(self.place, np.float64))
+        # Outside of the outline, the nearest skin to the pointer in the plane of the last position.
         beside = origin + ray * max((here - origin).dot(ray), 0.0)
         return self._picker.nearest(beside, float("inf"))
 
@@ -316,6 +317,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
         spot_placing.check_keyable(effect, "hfx.radius", "radius")
         self._before = effect.hfx.radius
         least = _LEAST_RADIUS_M / metres_of(context.scene)
+        # A radius of 0 could not be scaled by the mouse.
         self._unit = max(self._before, least)
         middle = self._window_place(context, spot_placing.place_of(effect))
         self._middle = self._at if middle is None else middle
@@ -350,7 +352,7 @@ class HFX_OT_key_spot(PathOperator):
 
         effect = active_spot(context)
         spot_placing.key_here(context.scene, effect)
-        return f"'{effect.name}': its place is keyed at frame {context.scene.frame_current}"
+        return f"Inserted a keyframe of '{effect.name}' at frame {context.scene.frame_current}"
 
 
 def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:

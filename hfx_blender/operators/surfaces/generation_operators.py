@@ -62,7 +62,7 @@ def _job(context: bpy.types.Context) -> dict[str, Any]:
     if not settings.picture:
         raise InputError("Choose a picture of a material.")
     path = bpy.path.abspath(settings.picture)
-    # The process has no Blender: it gets pixels decoded here, for all of Blender's formats.
+    # The process has no Blender: pixels are decoded here, in all of Blender's formats.
     image = image_values.load(path)
     try:
         pixels = os.path.join(folder, "pixels.npy")
@@ -121,18 +121,18 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
         try:
             running = GenerationProcess(_job(context))
         except OSError as error:
-            raise HfxError(f"No process can be started ({error}).") from error
+            raise HfxError(f"The generation process cannot be started ({error}).") from error
         active = context.object
         self._target = active.name if active is not None and active.type == "MESH" else ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        redraw("VIEW_3D")
+        redraw("VIEW_3D")  # the panel's progress bar
         if running is not None and running.is_running:
             return {"PASS_THROUGH"}
         self.cancel(context)
-        if running is None:
+        if running is None:  # by the operator Cancel
             self.report({"WARNING"}, "Cancelled: no material was made")
             return {"CANCELLED"}
         return self.reported(lambda: self._end(context))
@@ -152,7 +152,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
         _forget(str(results[0].parent) if results else "")
         target = bpy.data.objects.get(self._target)
         if target is None or target.mode != "OBJECT":
-            return f"{len(results)} made; choose one for an object"
+            return f"Made {len(results)} materials; choose one for an object"
         return _given(target, results[0])
 
 

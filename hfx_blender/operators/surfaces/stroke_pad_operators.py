@@ -37,7 +37,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     requires = (ON_SURFACE,)
 
     def work(self, context: bpy.types.Context) -> str:
-        raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
+        raise InputError("The stroke pad needs a window and a mouse.")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         from ...playback.stroke_pad import StrokePad, StrokeSound
@@ -95,8 +95,8 @@ class HFX_OT_stroke_pad(HfxOperator):
             self._keep(pad.release(now))
         elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
             self._passed.append(self._place.surface_point(pad, x, y))
-            # Waiting events have no times of their own, so that speeds between them are unknown:
-            # their points are one step of the stroke, taken at the last event.
+            # Waiting events have no times, so that speeds between points of such events are unknown:
+            # the points are a single step of the stroke, at the time of the last event.
             if event.type == "INBETWEEN_MOUSEMOVE":
                 return {"RUNNING_MODAL"}
             pad.move_through(self._passed, now)
@@ -106,7 +106,7 @@ class HFX_OT_stroke_pad(HfxOperator):
             if not pad.is_stroking:
                 return {"PASS_THROUGH"}
             if is_late:
-                # Mouse events wait while Blender draws: without this drawing they catch up.
+                # Mouse events wait while Blender draws: this drawing is skipped to catch up.
                 return {"RUNNING_MODAL"}
             pad.rest(now)
         elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):

@@ -232,7 +232,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     )
     tiles: BoolProperty(name="Tiles", description="The picture repeats seamlessly", default=True)
 
-    # No annotations: Blender would register these as properties.
+    # No annotations, of which Blender would make properties.
     _is_invoked = False
     estimation = None
     _owner = ""
@@ -286,10 +286,11 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
-            self.report({"WARNING"}, "Cancelled: the surface is as it was")
+            self.report({"WARNING"}, "Cancelled: the surface was not changed")
             return {"CANCELLED"}
         if event.type != "TIMER" or self.estimation.is_running:
             return {"PASS_THROUGH"}
+        # Taken out first: `cancel` would stop the process and discard its result.
         estimation, self.estimation = self.estimation, None
         self.cancel(context)
 
@@ -299,7 +300,9 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
             obj = context.scene.objects.get(self._owner)
             if obj is None:  # deleted or renamed in the meantime
                 estimation.stop()
-                raise InputError(f"'{self._owner}' is gone: its relief was not made.")
+                raise InputError(
+                    f"'{self._owner}' was deleted or renamed: its relief was not made."
+                )
             return generated_surfaces.apply_estimate(obj, estimation)
 
         return self.reported(apply)

@@ -48,6 +48,7 @@ def label_of(bone: str) -> str:
 
     stem, side = _split(bone)
     words = {**_WORDS, **_SPINE, **_NECK}.get(stem)
+    # Metacarpals are numbered from the index finger, fingers from the thumb.
     digit = _DIGIT.fullmatch(stem)
     if digit is not None:
         kind, number, joint = digit[1], int(digit[2]), digit[3]
@@ -180,7 +181,7 @@ def how_followed(body: bpy.types.Object) -> str:
     from ...avatars import body_binding
 
     if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
-        return "What modifiers and shape keys do to the avatar is measured when it is played"
+        return "The effect of modifiers and shape keys on the avatar is measured during playback"
     try:
         reason = body_binding.surface_reason(body)
     except InputError as error:

@@ -51,7 +51,12 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         effect = active_effect(context)
         hfx = effect.hfx
         if effects.is_locked(effect):
-            draw_text(context, layout, "Of a linked file: its settings are locked", "LOCKED")
+            draw_text(
+                context,
+                layout,
+                "The effect belongs to a linked file: its settings are locked",
+                "LOCKED",
+            )
             layout.operator("hfx.make_editable", icon="UNLOCKED")
         layout.prop(effect, "name")
         layout.prop(hfx, "modality")

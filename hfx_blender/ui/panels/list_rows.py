@@ -188,6 +188,7 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
     shown = active.get("hfx_painted_effect") or active_effect(bpy.context) or active
     group = effects.group_of(shown)
     for index, row in enumerate(manager.hfx_rows):
+        # In a closed group, the row of the group is highlighted instead of the effect's.
         if row.effect == shown.name or (not row.effect and row.group == group and group):
             if row.effect or group not in _open:
                 return index
@@ -213,6 +214,7 @@ def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     """NLA strip of the active effect at the row's position; None beyond the last strip."""
     effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
+    # Blender passes the row alone. The position of the row is that of the strip.
     index = next(k for k, candidate in enumerate(rows) if candidate == row)
     strips = [] if effect is None else clips.strips_of(effect)
     return strips[index][1] if index < len(strips) else None

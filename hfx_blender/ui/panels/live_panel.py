@@ -145,6 +145,7 @@ def _draw_device(
     device = live.device(item.name)
     if device is None or not state.is_armed:
         return
+    # Long names would be cut off in two columns.
     is_long = any(len(actuator.id) > _LONG for actuator in device.actuators)
     grid = box.grid_flow(columns=1 if is_long else 2, align=True, even_columns=True)
     for k, actuator in enumerate(device.actuators[:_MOST_ACTUATORS]):

@@ -180,6 +180,7 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
+        # A running generation stays in sight with any selection, and can be cancelled.
         if context.mode != "OBJECT" or generation_operators.running is not None or obj is None:
             return context.mode == "OBJECT"
         is_free = obj.hfx.role == "NONE" and active_armature(context) is None
