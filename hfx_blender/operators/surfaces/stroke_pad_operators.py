@@ -95,8 +95,8 @@ class HFX_OT_stroke_pad(HfxOperator):
             self._keep(pad.release(now))
         elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
             self._passed.append(self._place.surface_point(pad, x, y))
-            # Waiting events have no times, so that speeds between points of such events are unknown:
-            # the points are a single step of the stroke, at the time of the last event.
+            # Waiting events have no times, so that speeds between their points are unknown: the
+            # points are a single step of the stroke, at the time of the last event.
             if event.type == "INBETWEEN_MOUSEMOVE":
                 return {"RUNNING_MODAL"}
             pad.move_through(self._passed, now)
