@@ -92,13 +92,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     from ..blender import linked_files
     from ..export.scene_sound import write_sound
-    from ..formats.sound.sound_wav import SUFFIX
+    from ..formats.sound.wav import SOUND_SUFFIX
 
     settings = settings_of(options)
     refuse_no_file(options.scene)
     blender_session.open_blend(options.scene)
     make_folder(options.output)
-    path = options.output / (options.scene.stem + SUFFIX)
+    path = options.output / (options.scene.stem + SOUND_SUFFIX)
     with inputs_kept(linked_files.files_read()):
         count = write_sound(
             bpy.context.scene, path, settings, progress=console.progress(options.scene.name)

@@ -66,7 +66,7 @@ def _finite_rows(
     """Own rows at which one effect is on with finite values, ascending; warns with the number of
     others."""
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
-    # Rows of history and future are counted by the blocks that own them.
+    # Rows of history and future are counted by the blocks with these as own rows.
     lost = int(np.count_nonzero(~finite[block.own]))
     if lost:
         text = f"effect '{effect.name}': a value is not a finite number; it is silent there"

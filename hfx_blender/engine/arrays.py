@@ -80,10 +80,8 @@ def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]
 def write_npz(
     file: BinaryIO, arrays: Mapping[str, npt.NDArray[Any]], *, is_compressed: bool = False
 ) -> None:
-    """Write arrays as ``numpy.savez``, closing the archive if a write fails.
-
-    Raises OSError: the file cannot be written.
-    """
+    """Write arrays as ``numpy.savez``, closing the archive if a write fails. Raises OSError: the
+    file cannot be written."""
     method = zipfile.ZIP_DEFLATED if is_compressed else zipfile.ZIP_STORED
     with zipfile.ZipFile(file, "w", method) as archive:
         for name, array in arrays.items():
@@ -116,10 +114,8 @@ def stacked_product(stacked: F64, factors: F64) -> F64:
 
 
 def inverse_3x3(matrices: F64) -> F64:
-    """Inverses of well-conditioned matrices (T, 3, 3) by cofactors.
-
-    LAPACK would start threads for each matrix.
-    """
+    """Inverses of well-conditioned matrices (T, 3, 3) by cofactors. LAPACK would start threads for
+    each matrix."""
     next_rows, last_rows = matrices[:, [1, 2, 0]], matrices[:, [2, 0, 1]]
     crosses = (
         next_rows[:, :, [1, 2, 0]] * last_rows[:, :, [2, 0, 1]]

@@ -86,10 +86,8 @@ def colour_name(sample: Sample, is_contact: bool) -> str:
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
-    """Colour and opacity (A, 4) in 0..1 from strengths (A,) by palette key; straight alpha.
-
-    Opacity is the largest strength, 0 without sensation.
-    """
+    """Colour and opacity (A, 4) in 0..1 from strengths (A,) by palette key; straight alpha. Opacity
+    is the largest strength, 0 without sensation."""
     strengths_by_name = np.stack(list(shares.values()))
     opacity = strengths_by_name.max(axis=0)
     # einsum, because a matrix product would start BLAS threads.

@@ -37,7 +37,7 @@ class Counters:
 
     def copy(self) -> Counters:
         """Snapshot for :meth:`since` and :meth:`go_back`; lists and warnings are copied, so later
-        changes here do not reach it."""
+        changes leave the snapshot as it is."""
         return replace(
             self,
             models_loaded=[*self.models_loaded],
@@ -130,6 +130,7 @@ class ReadingCounters:
         both."""
         for name in _READING_NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
+        # Each part of a scene sees all instances, so their numbers do not add.
         self.instances = max(self.instances, more.instances)
         for name, blocks in more.far.items():
             self.far.setdefault(name, {}).update(blocks)

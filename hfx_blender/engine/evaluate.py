@@ -42,7 +42,7 @@ _SLOW: Final = (
 
 
 class Engine:
-    """Evaluates one scene in blocks of animation.
+    """Evaluates a scene in blocks of animation.
 
     Models, skins and poses are loaded and computed only for active effects. ``record`` names
     optional fields of samples, of ``ON_DEMAND`` and ``ON_DEMAND_HERE``; ValueError for another.
@@ -120,9 +120,7 @@ class Engine:
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
         """Begin to :meth:`evaluate` a block; returns a function to finish it, to be called once.
-
-        Worker threads compute in between. Blocks must be begun and finished in order.
-        """
+        Worker threads compute in between. Blocks must be begun and finished in order."""
         block = with_directions(self.scene.effects, block, self.counters)
         effects = list(zip(self.scene.effects, block.effects, strict=True))
         rows_of = active_rows(self.scene.effects, block, self.counters)
@@ -132,9 +130,11 @@ class Engine:
         count = int(np.count_nonzero(is_active))
         self.counters.times_evaluated += count
         self.counters.times_skipped += len(block.own_indices) - count
+        # Warnings count rows of this block once, not once for each effect.
         for body, pose in zip(self.scene.bodies, block.poses, strict=True):
             warn_of_point(is_active, pose, body, self.counters)
         reach = BlockBroadPhase(block, self.scene.bodies, self._skins)
+        # All effects are begun before any is finished, so that the threads have work.
         begun = [
             self._begin(ActiveEffect(effect, animated, rows, block), reach)
             for (effect, animated), rows in zip(effects, rows_of, strict=True)
@@ -151,8 +151,8 @@ class Engine:
     def _begin(
         self, active: ActiveEffect, reach: BlockBroadPhase
     ) -> Callable[[], list[SampleRun | None]]:
-        """Begin one effect at its active rows; returns a function to finish it. The function
-        returns a list of runs, of each body or of the only one, None without samples. Contact
+        """Begin an effect at the active rows; returns a function to finish it. The function
+        returns a list of runs, of each body or of a single body, None without samples. Contact
         responses act on finished runs."""
         effect, bodies = active.effect, self.scene.bodies
         area = effect.area
@@ -161,6 +161,7 @@ class Engine:
             begun = [self._allocentric.volume(active, area, body, reach) for body in bodies]
 
             def finish() -> list[SampleRun | None]:
+                # A response follows contacts over time: also without a contact in this block.
                 contact_runs = [finish_body() for finish_body in begun]
                 if not area.response:
                     return contact_runs

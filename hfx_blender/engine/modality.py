@@ -83,6 +83,7 @@ class Modality:
         """Smallest and largest value of each parameter, (2, P)."""
         import numpy as np  # imported late for Blender's start
 
+        # Row 0 clips from below, row 1 from above.
         return np.array(
             [[p.minimum for p in self.parameters], [p.maximum for p in self.parameters]]
         )

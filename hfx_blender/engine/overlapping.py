@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Overlap of work in a thread with the production of its input.
 
-Blender releases the interpreter while it steps a scene, as does compiled code. Items and results
+Blender releases the interpreter while stepping a scene, as does compiled code. Items and results
 are the same, in the same order, as without the thread.
 """
 
@@ -45,7 +45,7 @@ class _Worker(Generic[Made, Done]):
         self._thread.start()
 
     def _run(self) -> None:
-        """Body of the thread: queue all results of the work, keep its error, and set the end."""
+        """Body of the thread: queue all results of the work, keep an error, and set the end."""
         try:
             for result in self._work(self._items()):
                 self._done.put(result)
@@ -74,6 +74,7 @@ class _Worker(Generic[Made, Done]):
 
     def put(self, item: tuple[Made] | None) -> None:
         """Queue an item (None: end), waiting for room; raises an error that the thread has met."""
+        # Without the time limit, a thread that ended by an error would block the caller for ever.
         while True:
             self._raise_error()
             try:
@@ -98,12 +99,13 @@ class _Worker(Generic[Made, Done]):
 
     def stop(self) -> None:
         """Make the thread end before its next item, and wait for its end."""
+        # The event first: a join interrupted by Ctrl-C would leave the thread running.
         self._is_stopped = True
         self._has_ended.wait()
         self._thread.join()
 
     def _raise_error(self) -> None:
-        """Raise the thread's error, if any, and forget it."""
+        """Raise the thread's error, if any, once."""
         error, self._error = self._error, None
         try:
             if error is not None:
@@ -129,7 +131,7 @@ def overlapped(
             for item in source:
                 worker.put((item,))
                 yield worker.results_since()
-            # Results keep coming after the last item; the consumer gets them without delay.
+            # Results keep coming after the last item; the consumer gets each list without delay.
             worker.put(None)
             while not worker.wait_for_end():
                 yield worker.results_since()

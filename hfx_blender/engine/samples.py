@@ -52,6 +52,7 @@ class Drive:
         device."""
         gains = np.zeros((len(self.values), len(actuators)))
         if self.device_id == device_id:
+            # An effect may drive actuators in another order than the device's, or missing ones.
             columns = {actuator: k for k, actuator in enumerate(self.actuators)}
             for a, actuator in enumerate(actuators):
                 if actuator in columns:
@@ -61,7 +62,7 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Sample of one effect on one body at one time."""
+    """Sample of an effect on a body at a time."""
 
     time_s: float
     stream: Stream
@@ -81,7 +82,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class SampleRun:
-    """Samples of one stream over a block of times, in columns.
+    """Samples of a stream over a block of times, in columns.
 
     Vertex sets are shared: set ``j`` has the vertices ``slice(offsets[j], offsets[j + 1])``, sample
     ``k`` has set ``sets[k]`` (None: set ``k``). Times without sensation have no sample.
@@ -182,6 +183,7 @@ def joined_runs(
     Streams without samples are omitted, as are runs of other streams. Raises ValueError if runs of
     a stream have different optional columns.
     """
+    # Blocks come in order of time, so the runs of a stream do, too.
     runs_by_stream: dict[Stream, list[SampleRun]] = {}
     for block in blocks:
         for run in block:

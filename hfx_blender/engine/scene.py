@@ -46,6 +46,7 @@ class TimeBase:
     @property
     def sample_count(self) -> int:
         """Number of samples in the range, rounded up; the last frame lasts a whole frame."""
+        # Exact arithmetic; floor division of the negative rounds up.
         duration = Fraction(self.frame_last - self.frame_first + 1) / self.fps
         return -int(-duration * self.rate_hz // 1)
 
@@ -59,6 +60,7 @@ class TimeBase:
 
     def times_s(self, indices: I64) -> F64:
         """Times of samples in seconds since ``scene_start``."""
+        # A division for each sample instead of sums, so that errors do not add up.
         start_s, rate_hz = self._in_floats
         return start_s + np.asarray(indices, np.float64) / rate_hz
 
@@ -241,7 +243,7 @@ Motion = Callable[[F64], F64]
 
 @dataclass(frozen=True, eq=False)
 class EffectBlock:
-    """Animated values of one effect over a block.
+    """Animated values of an effect over a block.
 
     Other values are undefined at rows with level 0.
     """
@@ -267,7 +269,7 @@ class EffectBlock:
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """Animated pose of one body over a block; undefined at rows with ``valid`` False."""
+    """Animated pose of a body over a block; undefined at rows with ``valid`` False."""
 
     valid: Bool  # (T,)
     to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world

@@ -62,6 +62,7 @@ def parse(text: str) -> Tolerance:
     name = text.strip().lower()
     if name in PRESETS:
         return PRESETS[name]
+    # Each unit once; "1e999" is a number for Python, but infinite.
     values: dict[str, float] = {}
     for part in name.split(","):
         match = _PART.fullmatch(part.strip())

@@ -25,7 +25,7 @@ from ..engine.spatial_sound.spatial_mix import Reverberators, SoundSource, Spati
 from ..engine.track import TrackReader
 from ..errors import InputError
 from ..files.limits import MEMORY
-from ..formats.sound import sound_wav
+from ..formats.sound import wav
 from ..reading.scene_reader import SceneReader
 
 Progress = Callable[[float], None]
@@ -132,20 +132,20 @@ class SoundRecorder:
         return sources
 
     def write(self, path: Path) -> float:
-        """Write the sound; see :func:`sound_wav.write` for the returned value."""
+        """Write the sound; see :func:`.wav.write_sound` for the returned value."""
         settings, time = self._settings, self._scene.time
         sources = self.sources()
         panner = Panner(settings.layout, settings.hearing, settings.scheme)
-        count = sound_wav.sample_count(time.sample_count, time.rate_hz)
+        count = wav.sample_count(time.sample_count, time.rate_hz)
 
         def blocks() -> Iterator[F64]:
             reverberators = Reverberators(
-                len(settings.layout), sound_wav.RATE_HZ, settings.reverberation_s
+                len(settings.layout), wav.RATE_HZ, settings.reverberation_s
             )
-            mix = SpatialMix(sources, panner, reverberators, time.rate_hz, sound_wav.RATE_HZ)
+            mix = SpatialMix(sources, panner, reverberators, time.rate_hz, wav.RATE_HZ)
             return mix.blocks(count)
 
-        return sound_wav.write(
+        return wav.write_sound(
             blocks,
             settings.layout,
             path,
@@ -179,8 +179,8 @@ def write_sound(
     reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)
     time = reader.description.time
-    samples = sound_wav.sample_count(time.sample_count, time.rate_hz)
-    sound_wav.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
+    samples = wav.sample_count(time.sample_count, time.rate_hz)
+    wav.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
     recorder = SoundRecorder(reader.description, settings)
     count = max(len(reader.sample_indices), 1)
     done = 0

@@ -83,6 +83,7 @@ def name_of(words: str, mark: str) -> str:
     """
     parts = [token for token in tokens(words) if token.isalnum() and token.isascii()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-")
+    # Different words must not overwrite each other's files.
     if name != re.sub(r"[\s,_-]+", "-", words.lower()).strip("-"):
         digest = hashlib.sha256(words.encode("utf-8", "surrogatepass")).hexdigest()
         name = f"{name or 'texture'}-{digest[:8]}"
@@ -98,6 +99,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
     """
     heights = surface.height.heights_m
     low, high = float(heights.min()), float(heights.max())
+    # The full range of codes for the range of heights, which the record names.
     share = (heights - low) / (high - low) if high > low else np.zeros_like(heights)
     # All files are written to a hidden folder first, and moved together.
     with staging.staging(folder, surface.name) as stage:
@@ -137,16 +139,15 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
 
 
 def read(path: Path) -> GeneratedFiles:
-    """Read a generated surface by the path of the record.
-
-    Raises InputError: a file is missing, damaged, or differs from the hash in the record.
-    """
+    """Read a generated surface by the path of the record. Raises InputError: a file is missing,
+    damaged, or differs from the hash in the record."""
     document = read_json(path, _MOST_BYTES)
     refuse_another(document.value, document.file, FORMAT)
     record = document.hold(_RECORD)
     name, files = record.get("name"), record.get("files")
     has_slope = record.get("full_slope") is not None
     pictures = ("colour", "height", "roughness", *(("slope",) if has_slope else ()))
+    # All files are checked before any is decoded: a surface is complete, or refused.
     for part in pictures:
         picture = path.with_name(f"{name}.{part}.png")
         if picture.name not in files:

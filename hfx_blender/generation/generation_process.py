@@ -61,10 +61,8 @@ class GenerationProcess:
 
 
 def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
-    """Generate the surfaces of a job; yield each with the share of the job then completed.
-
-    Raises HfxError: the job cannot be done.
-    """
+    """Generate the surfaces of a job; yield each with the share of the job then completed. Raises
+    HfxError: the job cannot be done."""
     steps = NoticeableSteps() if job["use_steps"] else None
     count = int(job["variations"])
     for number in range(count):

@@ -90,9 +90,8 @@ class Interpretation:
 
     def add(self, quality: Traits, degree: float) -> None:
         """Apply a quality to a power ``degree``, clipped to +-6; negative: the opposite quality.
-
-        Each repetition of equal factors has half the degree of the repetition before.
-        """
+        Each repetition of equal factors has half the degree of the repetition before."""
+        # Synonyms ("coarse big") have equal factors, and are a repetition, too.
         times = self._counts.get(quality, 0)
         self._counts[quality] = times + 1
         # "very very very" must not grow without bound.

@@ -55,6 +55,7 @@ def generate(
         # A stated depth replaces the material's own.
         factor = meaning.depth_m / float(np.ptp(field.heights_m))
         field = type(field)(field.heights_m * factor, field.texel_m, field.tiles)
+    # The colour of the words, or the usual colour of the material.
     colour = meaning.colour or strongest.meaning.colour
     picture = albedo(
         shape.kind, field, COLOURS[colour], meaning.light, seed, steering.direction_deg

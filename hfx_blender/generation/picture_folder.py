@@ -77,6 +77,7 @@ def surface_of(
         roughness = np.asarray(relief.roughness, np.float64)
         return PictureSurface(relief.field, roughness, way, _NOTES[way], relief.slope)
     field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
+    # Brightness says nothing about roughness.
     roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
     return PictureSurface(field, roughness, way, _NOTES[way])
 
@@ -99,10 +100,8 @@ class WatchedFolder:
             raise InputError(f"{self.folder}: there is no such folder.")
 
     def settled(self) -> list[Path]:
-        """Poll the folder; return new pictures with equal size and time at two polls, sorted.
-
-        Each picture is returned once, and again after a change.
-        """
+        """Poll the folder; return new pictures with equal size and time at two polls, sorted. Each
+        picture is returned once, and again after a change."""
         states: dict[Path, tuple[int, int]] = {}
         self.passed_over = []
         for path in sorted(self.folder.iterdir())[:_MOST_FILES]:
@@ -124,6 +123,7 @@ class WatchedFolder:
             for path, state in states.items()
             if self._seen.get(path) == state and self._done.get(path) != state
         ]
+        # Removed pictures are forgotten with the old states; a new one of the name counts again.
         self._seen = states
         self._done.update({path: states[path] for path in ready})
         return ready

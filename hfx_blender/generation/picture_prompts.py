@@ -45,6 +45,7 @@ def prompt_of(texts: Mapping[str, str]) -> PicturePrompt:
     """Prompt in the text chunks of a PNG, by their keys; empty for missing or unreadable texts."""
     if "parameters" in texts:
         return of_parameters(texts["parameters"])
+    # The executed graph is exact; the drawn one has unnamed values and is only a substitute.
     for key, read in (("prompt", _of_graph), ("workflow", _of_workflow)):
         try:
             document = json.loads(texts.get(key, ""))
@@ -149,6 +150,7 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
     """Whole number in an input seed, noise_seed, noise or value, or behind its links; or None."""
     for name in (*_SEEDS, "noise", "value"):
         value = inputs.get(name)
+        # True is an int for Python.
         if isinstance(value, int) and not isinstance(value, bool):
             return value
         node = _followed(nodes, value)

@@ -47,9 +47,7 @@ def steered(
     material: ProceduralMaterial, steering: Steering, texels: int, seed: int
 ) -> tuple[HeightField, F64]:
     """Heights, and roughness 0..1 (N, N), of a steered material; N = ``texels``. The result tiles.
-
-    Raises InputError: fewer than 16 texels.
-    """
+    Raises InputError: fewer than 16 texels."""
     steering = steering.clipped()
     field, roughness = material.make(texels, seed)
     if steering.draft is not None:

@@ -209,6 +209,7 @@ def tokens(text: str) -> list[str]:
     """Split a text into words, numbers, punctuation and line breaks, in lower case, without accents
     and possessive endings; other signs are dropped.
     """
+    # Decomposed, so that accents are characters of their own, and can be left out.
     plain = unicodedata.normalize("NFKD", text.lower())
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     plain = _POSSESSIVE.sub("", plain.replace("\N{GREEK SMALL LETTER MU}m", "um"))
@@ -234,12 +235,11 @@ def base_form(word: str, known: Container[str]) -> str | None:
 
 
 def nearest_form(word: str, known: Iterable[str]) -> str | None:
-    """Known word nearest to a misspelt word; None if none is near, or below 5 letters.
-
-    Below 7 letters only swapped neighbours and wrongly doubled letters are corrected.
-    """
+    """Known word nearest to a misspelt word; None if none is near, or below 5 letters. Below 7
+    letters only swapped neighbours and wrongly doubled letters are corrected."""
     if len(word) < _LEAST_FUZZY:
         return None
+    # A wrong first letter is rare, and would make most short words similar.
     similar = [x for x in known if abs(len(x) - len(word)) <= 1 and x[0] == word[0]]
     swapped = {word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)}
     nearest = [x for x in similar if x in swapped or _undoubled(x) == _undoubled(word)]

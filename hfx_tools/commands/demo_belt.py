@@ -23,7 +23,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
     from hfx_blender.export.scene_sound import SoundSettings, write_sound
-    from hfx_blender.formats.sound.sound_wav import SUFFIX
+    from hfx_blender.formats.sound.wav import SOUND_SUFFIX
 
     from ..demo import belt
     from ..demo.demo_charts import draw_belt
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     settings = ExportSettings(("track", "csv", "wav"), (device,))
     report = export_scene(scene, folder, STEM, settings, console.progress("Exporting"))
     layout = LAYOUTS[belt.LOUDSPEAKERS]
-    sound_file = folder / (STEM + SUFFIX)
+    sound_file = folder / (STEM + SOUND_SUFFIX)
     heard = write_sound(
         scene,
         sound_file,
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 f"  {STEM}.blend      the scene; hfx export and hfx sound make the rest again",
                 f"  {STEM}.hfxtrack   haptic samples, a stream for each particle",
                 f"  {STEM}.{belt.DEVICE}.wav, .csv   output of the belt's eight motors",
-                f"  {STEM}{SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
+                f"  {STEM}{SOUND_SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
                 "  belt.svg        motors and loudspeakers over time",
             )
         ),

@@ -25,10 +25,8 @@ vertices; a farther place belongs to another body."""
 def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
 ) -> list[I32]:
-    """Vertex ids reached by each actuator, ascending, on the side configured (not mirrored).
-
-    Raises InputError, with device and actuator, for a place that does not fit this model.
-    """
+    """Vertex ids reached by each actuator, ascending, on the side configured (not mirrored). Raises
+    InputError, with device and actuator, for a place that does not fit this model."""
     rows = []
     for actuator in actuators:
         try:
@@ -82,9 +80,7 @@ def _skin_of(parts: tuple[str, ...], side: str | None, model: PerceptualModel) -
 
 def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
     """Vertices within the radius of a place, the nearest always; with all of the stroking parts.
-
-    Raises InputError without a vertex on the parts, or with none within 0.2 m of the radius.
-    """
+    Raises InputError without a vertex on the parts, or with none within 0.2 m of the radius."""
     candidates, places = _skin_of(place.parts, place.side, model)  # vertices, and x, y, z of them
     where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
     if not len(candidates):
@@ -107,10 +103,8 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
 
 
 def _named(place: VertexPlace, model: PerceptualModel) -> I32:
-    """Vertices listed for this model, in their order; empty if the place lists none.
-
-    Raises InputError for another content hash, or an id beyond the model.
-    """
+    """Vertices listed for this model, in their order; empty if the place lists none. Raises
+    InputError for another content hash, or an id beyond the model."""
     for named in place.sets:
         if named.model_id != model.id:
             continue

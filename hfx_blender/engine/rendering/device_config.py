@@ -78,6 +78,7 @@ class ActuatorType:
 
     def unit(self, control: ActuatorControl) -> str:
         """Unit of a control's parameter, such as "m/s^2"."""
+        # The names were checked when the configuration was read, so one always fits.
         parameters = MODALITIES[self.modality].parameters
         return next(known.unit for known in parameters if known.name == control.name)
 
@@ -277,6 +278,7 @@ class BhapticsEncoder:
 
     def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
         """Dots as configured or, if mirrored, of the opposite position (L for R)."""
+        # The Player knows gloves, sleeves and shoes by side, not one device on either side.
         if not is_mirrored:
             return self.dots
         return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
@@ -329,6 +331,7 @@ class DeviceConfig:
     @cached_property
     def actuator_columns(self) -> tuple[slice, ...]:
         """Slice of the raster columns of each actuator, strength first."""
+        # Actuators have different numbers of controls, so columns are counted up.
         stops = accumulate(len(actuator.type.controls) for actuator in self.actuators)
         return tuple(slice(first, stop) for first, stop in pairwise((0, *stops)))
 

@@ -93,10 +93,8 @@ class ActuatorGroup:
         return gains
 
     def notes(self) -> Iterator[str]:
-        """Yield sentences about actuators without a vertex, and a scheme replaced by coverage.
-
-        Only for models rendered so far, sorted by id.
-        """
+        """Yield sentences about actuators without a vertex, and a scheme replaced by coverage. Only
+        for models rendered so far, sorted by id."""
         ids = [actuator.id for actuator in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
@@ -129,6 +127,7 @@ class ActuatorGroup:
             return np.zeros(len(run), np.bool_)
         if not any(a.type.thresholds for a in self._actuators):
             return np.zeros(len(run), np.bool_)
+        # In the unit of the effect: the caller has multiplied the gains by the device's gain.
         amplitudes = gains * (run.levels * run.parameters[:, 0])[:, None]
         hz = run.parameters[:, 1]
         thresholds = np.stack(
@@ -145,9 +144,7 @@ class ActuatorGroup:
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
         """Mask (n,) of samples with a frequency out of range of an actuator with ``fires`` (n, A).
-
-        All False unless effect and actuators vibrate.
-        """
+        All False unless effect and actuators vibrate."""
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
         controls = [a.type.controls[1] for a in self._actuators]
@@ -165,15 +162,14 @@ class MissingActuators:
         self._missing: dict[str, dict[str, None]] = {}  # ids by effect, as an ordered set
 
     def add(self, run: SampleRun) -> None:
-        """Collect driven actuators (value above 0) missing in the effect's modalities.
-
-        Runs without a drive, or for another device, are ignored.
-        """
+        """Collect driven actuators (value above 0) missing in the effect's modalities. Runs without
+        a drive, or for another device, are ignored."""
         drive = run.drive
         if drive is None or drive.device_id != self._device.id:
             return
         shown = rendered_modalities(self._device, run.stream.modality)
         present = {a.id for a in self._device.actuators if a.type.modality in shown}
+        # Actuators that an effect names but never drives are not missed.
         is_on = (drive.values > 0.0).any(axis=0).tolist()
         missing = self._missing.setdefault(run.stream.effect_id, {})
         for name, is_driven in zip(drive.actuators, is_on, strict=True):

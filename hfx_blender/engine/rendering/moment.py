@@ -68,10 +68,8 @@ class MomentRenderer:
             self._late[latency_ms] = columns, np.array(sounding) == latency_ms
 
     def prepare(self) -> None:
-        """Compute reached vertices and panning of spots of all effects before any contact.
-
-        Raises InputError for a place of the device that does not fit a model.
-        """
+        """Compute reached vertices and panning of spots of all effects before any contact. Raises
+        InputError for a place of the device that does not fit a model."""
         for group in self._renderer.groups:
             for effect in self._effects:
                 if group.renders(effect.modality):
@@ -95,10 +93,8 @@ class MomentRenderer:
         return self._renderer.first_row()
 
     def tones(self) -> list[Partial]:
-        """Sines of the last rendered moment, one for each effect, at the W waveform actuators.
-
-        A single row each, together within the device's limits.
-        """
+        """Sines of the last rendered moment, one for each effect, at the W waveform actuators. A
+        single row each, together within the device's limits."""
         return list(self._renderer.partials())
 
     def ahead(

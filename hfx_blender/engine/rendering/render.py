@@ -63,10 +63,8 @@ def renderers_of(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """(Device, renderer) for each body, then each device; ``body_ids`` None: all bodies.
-
-    An id of None is the only body. Raises InputError for an unknown body, or for None with several.
-    """
+    """(Device, renderer) for each body, then each device; ``body_ids`` None: all bodies. An id of
+    None is the only body. Raises InputError for an unknown body, or for None with several."""
     ids = [body.id for body in header.bodies] if body_ids is None else body_ids
     return [
         (device, Renderer(header, device, body_id=body_id)) for body_id in ids for device in devices
@@ -76,6 +74,7 @@ def renderers_of(
 def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[str, str]:
     """Sentences by device id about places off a body model of the scene's skin effects."""
     on_skin = (e for e in scene.effects if not isinstance(e.area, ActuatorArea))
+    # Each pair of modality and model once: several effects share these.
     streams = dict.fromkeys((effect.modality, effect.model_id) for effect in on_skin)
     reasons: dict[str, str] = {}
     for device in devices:

@@ -143,6 +143,7 @@ class Renderer:
             if not shares:
                 continue
             is_cut = self._write(group, rows, self._mixed(group, shares, rows))
+            # A sample counts as rendered if any actuator of any group responds.
             for share in shares:
                 fires, outcome = share.gains > 0.0, share.outcome
                 outcome.is_rendered |= fires.any(axis=1)
@@ -154,10 +155,8 @@ class Renderer:
             self._outcomes[run.stream].append(outcome)
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences about missing vertices or actuators, replaced schemes, late beginnings.
-
-        To be called after all blocks, before :meth:`raster`.
-        """
+        """Sentences about missing vertices or actuators, replaced schemes, late beginnings. To be
+        called after all blocks, before :meth:`raster`."""
         name = f"device '{self._device.id}'"
         notes = [note for group in self.groups for note in group.notes()]
         notes += self._missing.notes(self._header)
@@ -179,6 +178,7 @@ class Renderer:
     def _model(self, model_id: str) -> PerceptualModel:
         """Load a model; InputError unless equal to the model of the recording."""
         model = self._models(model_id)
+        # Vertex ids of another version of a model are other places on the body.
         recorded = next(m for m in self._header.models if m.id == model_id)
         if recorded.content_hash != model.content_hash:
             raise InputError(
@@ -206,6 +206,7 @@ class Renderer:
             if not matching:
                 continue
             contributions = [self._contribution(share, len(rows)) for share in matching]
+            # Within a modality first: its effects combine by its own rule.
             mixed = mix(modality, contributions)
             if modality != group.modality:
                 mixed = substituted(mixed, self._device.substitutions[modality])
@@ -246,10 +247,8 @@ class Renderer:
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
     def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Write neutral plus gain times strengths; returns the mask (R, A) out of limits.
-
-        Silence keeps the neutral frequency.
-        """
+        """Write neutral plus gain times strengths; returns the mask (R, A) out of limits. Silence
+        keeps the neutral frequency."""
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -267,10 +266,8 @@ class Renderer:
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
     def gains(self, run: SampleRun) -> F64:
-        """Gains (n, A) of all actuators of the device for a run's samples, in 0..1.
-
-        Raises InputError for a place off a model of a modality that the device renders.
-        """
+        """Gains (n, A) of all actuators of the device for a run's samples, in 0..1. Raises
+        InputError for a place off a model of a modality that the device renders."""
         gains = np.zeros((len(run), len(self._device.actuators)))
         for group in self.groups:
             try:
@@ -295,6 +292,7 @@ class Renderer:
         rendered if any actuator plays there, else as not rendered.
         """
         time = self._header.time
+        # Latency before holding: an update interval begins at the sending of a value.
         for part, kind in self._parts():
             self._values[:, part] = self._held(self._early(part, kind), part, kind)
         streams = tuple(_felt(stream, outcomes) for stream, outcomes in self._outcomes.items())
@@ -361,11 +359,10 @@ class Renderer:
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
         """Masks (T,) of rows changed by a script from ``without``, and of rows with any strength.
-
-        Both also at the rows later by each actuator's latency, when it responds.
-        """
+        Both also at the rows later by each actuator's latency, when it responds."""
         is_changed, is_on = np.zeros((2, len(without)), np.bool_)
         for part, kind in self._parts():
+            # Samples are counted when they are felt, a latency after the row that was sent.
             changed = (self._values[:, part] != without[:, part]).any(axis=1)
             on = self._values[:, part.start] != self._neutral[part.start]
             for rows in {0, min(self._late_rows(kind), len(without))}:

@@ -35,10 +35,8 @@ class PlaySpace:
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> PlaySpace:
-        """Play space of a track's settings; the world itself without an entry.
-
-        Raises InputError for a malformed entry, or an unusable pose.
-        """
+        """Play space of a track's settings; the world itself without an entry. Raises InputError
+        for a malformed entry, or an unusable pose."""
         content = settings.get(SETTING)
         if content is None:
             return cls(np.zeros(1, np.int64), np.eye(4)[None])
@@ -58,6 +56,7 @@ class PlaySpace:
     @staticmethod
     def as_setting(matrices: F64) -> list[list[Any]]:
         """Encode poses at all samples (T, 4, 4) as a setting; successive equal poses once."""
+        # A play space moves only when the user teleports, so few poses remain.
         changes = np.ones(len(matrices), np.bool_)
         changes[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
         return [[int(k), matrices[k, :3].ravel().tolist()] for k in np.flatnonzero(changes)]
@@ -93,10 +92,8 @@ def needs_positions(devices: Sequence[DeviceConfig]) -> bool:
 
 
 def reaches(place: RoomPlace, points: F64) -> Bool:
-    """Test points (n, 3) of the play space for being in range and cone of a place, (n,) bool.
-
-    NaN is out of reach; a place without a position reaches all points.
-    """
+    """Test points (n, 3) of the play space for being in range and cone of a place, (n,) bool. NaN
+    is out of reach; a place without a position reaches all points."""
     if place.at_m is None:
         return np.ones(len(points), np.bool_)
     way = points - np.array(place.at_m)

@@ -41,10 +41,8 @@ _NO_DIRECTION: Final = 1e-6
 def cells_of(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> ActuatorCells:
-    """Vertices of a model reached by each actuator, mirrored as the device, with factors.
-
-    Raises InputError for a place that does not fit this model, or a missing package of the scheme.
-    """
+    """Vertices of a model reached by each actuator, mirrored as the device, with factors. Raises
+    InputError for a place that does not fit this model, or a missing package of the scheme."""
     rows = rows_of(device, actuators, model)
     factors = None
     panned = panned_layout(device, actuators, model)
@@ -132,10 +130,8 @@ def _panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Reason why a scheme cannot pan, to follow "actuators", or empty.
-
-    Reasons: a place in the room, no vertex on the model. Raises InputError as :func:`rows_of`.
-    """
+    """Reason why a scheme cannot pan, to follow "actuators", or empty. Reasons: a place in the
+    room, no vertex on the model. Raises InputError as :func:`rows_of`."""
     if any(isinstance(actuator.place, RoomPlace) for actuator in actuators):
         return "stand in the room"
     if not all(len(row) for row in rows_of(device, actuators, model)):
@@ -152,10 +148,8 @@ def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
 
 
 def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
-    """Ascending vertices on the parts and sides of body places; of other places, of ``rows``.
-
-    A body place without a side stands for its parts on both sides.
-    """
+    """Ascending vertices on the parts and sides of body places; of other places, of ``rows``. A
+    body place without a side stands for its parts on both sides."""
     allowed = np.zeros(len(model), np.bool_)
     for actuator, row in zip(actuators, rows, strict=True):
         configured = actuator.place
@@ -172,10 +166,8 @@ def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: Perceptua
 
 
 def _spacing_m(centres: F64) -> float:
-    """Largest distance of nearest neighbours, m; 0.05 if all actuators are at one place.
-
-    Actuators at one place are no neighbours of each other.
-    """
+    """Largest distance of nearest neighbours, m; 0.05 if all actuators are at one place. Actuators
+    at one place are no neighbours of each other."""
     between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     between[between == 0.0] = np.inf
     nearest = between.min(axis=1)
@@ -237,9 +229,7 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
     """Gains of VBAP about the middle of the actuators, in space, or in the plane of a flat layout.
-
-    With an actuator in the middle the viewpoint moves behind the layout.
-    """
+    With an actuator in the middle the viewpoint moves behind the layout."""
     if not np.any(centres != centres[0]):  # a single place has no directions
         alone = PlanarPanning(np.zeros((len(centres), 2)), "power")
         return lambda points: alone.gains(points[:, :2])

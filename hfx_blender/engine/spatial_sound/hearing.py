@@ -52,9 +52,7 @@ class Hearing:
 
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
         """Gains (n,) of the dry and the wet part at distances (n,); 0 beyond the audible radius.
-
-        Their squares sum to 1 up to the fade-out over the last tenth of the radius.
-        """
+        Their squares sum to 1 up to the fade-out over the last tenth of the radius."""
         angle = 0.25 * np.pi * np.minimum(distances_m / self.reference_m, 2.0)
         audible = (self.audible_m - distances_m) / (_FADE * self.audible_m)
         audible = np.clip(np.nan_to_num(audible), 0.0, 1.0)
@@ -62,10 +60,8 @@ class Hearing:
 
 
 def absorption_db_m(frequencies_hz: F64) -> F64:
-    """Absorption of pure tones (n,) in air, dB/m, at 20 degC, 50 % humidity and 101.325 kPa.
-
-    ISO 9613-1, equations 3 to 5 and B.3.
-    """
+    """Absorption of pure tones (n,) in air, dB/m, at 20 degC, 50 % humidity and 101.325 kPa. ISO
+    9613-1, equations 3 to 5 and B.3."""
     temperature = 293.15  # kelvins
     # Relaxation of oxygen and nitrogen depends on the share of water vapour.
     vapour = _HUMIDITY * 10.0 ** (4.6151 - 6.8346 * (273.16 / temperature) ** 1.261)  # per cent
@@ -105,10 +101,8 @@ class ListenerFrame:
         self._middle = placed.vertices[torso].astype(np.float64).mean(axis=0)
 
     def frames(self, pose: PoseBlock, rows: I64) -> F64:
-        """World to listener space at rows of a pose, (n, 4, 4), m; never scaled or sheared.
-
-        The origin is the mean of the torso's vertices on the bone.
-        """
+        """World to listener space at rows of a pose, (n, 4, 4), m; never scaled or sheared. The
+        origin is the mean of the torso's vertices on the bone."""
         assert pose.bones is not None
         posed = np.zeros((len(rows), 4, 4))
         posed[:, :3] = pose.bones[rows, self._bone]

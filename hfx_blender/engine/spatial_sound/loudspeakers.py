@@ -76,6 +76,7 @@ def parse(text: str) -> LoudspeakerLayout:
     if text in LAYOUTS:
         return LAYOUTS[text]
     allowed = f"{', '.join(LAYOUTS)}, or angles such as 30,-30,110:20,-110:20"
+    # The number before the angles, as a long text would take long to read.
     parts = text.split(",")
     if len(parts) > MAX_LOUDSPEAKERS:
         raise UsageError(f"{len(parts)} loudspeakers: expected 2 to {MAX_LOUDSPEAKERS} of them")
@@ -138,6 +139,7 @@ class Panner:
         Places (n, 3) are in listener space; a place that is not finite is silent. Near the head
         (within ``spread_m``) the sound spreads over all loudspeakers.
         """
+        # A lost place is infinitely far away, and thus silent.
         known = np.isfinite(places_m).all(axis=1)
         places = np.where(known[:, None], places_m, 0.0)
         distances = np.where(known, np.linalg.norm(places, axis=1), np.inf)

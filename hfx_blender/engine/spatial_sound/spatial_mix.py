@@ -191,9 +191,7 @@ class Reverberators:
 
     def process(self, signal: F64) -> F64:
         """Reverberate the next ``block`` samples of a mono signal, (block, C); keeps the tail.
-
-        Raises ValueError for a signal of another length.
-        """
+        Raises ValueError for a signal of another length."""
         if signal.shape != (self.block,):
             raise ValueError(f"signal: expected ({self.block},), got {signal.shape}")
         whole = np.zeros((len(self._tail), self._size))

@@ -126,15 +126,14 @@ class ContactFollower:
 
     def _chosen(self, places: NearestPlaces, time: I64, ids: I64) -> NearestPlaces:
         """Keep at most ``max_contacts`` at each time, preferred points first, then the nearest.
-
-        Counts the times cut in ``crowded``.
-        """
+        Counts the times cut in ``crowded``."""
         if len(places.point) <= self._max_contacts:
             return places
         counts = np.bincount(time[places.point])
         if counts.max() <= self._max_contacts:
             return places
         self.crowded += int(np.count_nonzero(counts > self._max_contacts))
+        # Preferred points sort first, as False is less than True.
         later = np.zeros(len(places.point), np.bool_)
         if self._first is not None:
             later = ~self._first[ids[places.point]]
@@ -146,10 +145,8 @@ class ContactFollower:
     def _nearest(
         self, matrices: F64, vertices: F64, time: I64, points: F64
     ) -> tuple[NearestPlaces, F64]:
-        """Places of the points within reach; mesh vertices (T or 1, V, 3) in the same space.
-
-        For a rigid mesh one row of vertices, in the space of the first placement.
-        """
+        """Places of the points within reach; mesh vertices (T or 1, V, 3) in the same space. For a
+        rigid mesh one row of vertices, in the space of the first placement."""
         turns = self._turns(matrices, vertices)
         if turns is not None:
             assert self._still is not None
@@ -178,6 +175,7 @@ class ContactFollower:
             linear = linear[:1]
         if self._known_turn is not None and np.array_equal(linear, self._known_turn[0]):
             return self._known_turn[1]
+        # From the first placement to this one: a rotation, without scale or shear in between.
         turns = linear @ still.inverse
         # A rotation times its transpose is the identity.
         error = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
@@ -188,10 +186,8 @@ class ContactFollower:
         return turns
 
     def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> NearestPlaces:
-        """Nearest places of the points at time ``k`` on a mesh with vertices ``world`` (V, 3).
-
-        Only triangles near the points are searched.
-        """
+        """Nearest places of the points at time ``k`` on a mesh with vertices ``world`` (V, 3). Only
+        triangles near the points are searched."""
         at_time = np.flatnonzero(time == k)
         triangles = self._mesh.triangles
         low = points[at_time].min(axis=0) - self._reach_m
@@ -326,10 +322,8 @@ def _joined(parts: list[NearestPlaces]) -> NearestPlaces:
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:
-    """Linear maps (n, 2, 3) from space to surface coordinates, for each triangle.
-
-    Corners are (n, 3, 3), their coordinates (n, 3, 2). 0 for a triangle without area.
-    """
+    """Linear maps (n, 2, 3) from space to surface coordinates, for each triangle. Corners are (n,
+    3, 3), their coordinates (n, 3, 2). 0 for a triangle without area."""
     edges = corners[:, 1:] - corners[:, :1]
     # Gram matrix of two edges; its inverse gives the dual basis in the triangle's plane.
     gram = edges @ edges.transpose(0, 2, 1)

@@ -72,10 +72,8 @@ class ContactRenderer:
         return drive, frequency
 
     def _collide(self, paths: ContactPaths, moving: I64, drive: F64, frequency: F64) -> None:
-        """Set drive and frequency of contacts ``moving``, in place, by the strongest texel.
-
-        The strongest texel on the path counts; at a seam, on both pieces.
-        """
+        """Set drive and frequency of contacts ``moving``, in place, by the strongest texel. The
+        strongest texel on the path counts; at a seam, on both pieces."""
         map_ = self._texture.map
         assert map_ is not None
         starts, ends = paths.ends_m[0].take(moving, axis=1), paths.ends_m[3].take(moving, axis=1)
@@ -98,10 +96,8 @@ class ContactRenderer:
         frequency[moving] = self._texture.device.frequency_of(map_.sharpness.ravel().take(texel))
 
     def _heights(self, field: HeightField, paths: ContactPaths, moving: I64) -> F64:
-        """Windows of heights (m, window) up to now of the contacts ``moving``.
-
-        Stores the heights of all contacts of the last time for the next call.
-        """
+        """Windows of heights (m, window) up to now of the contacts ``moving``. Stores the heights
+        of all contacts of the last time for the next call."""
         carried, blocks, steps = paths.carried, self._blocks, self._steps
         stored = self._history[:carried].reshape(-1, steps)
         new = self._new_heights(field, paths)
@@ -137,9 +133,7 @@ class ContactRenderer:
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
         """Rows ``which`` (n,) of heights, each after its chain of rows before, (n, blocks, steps).
-
-        ``back`` is the row before each row.
-        """
+        ``back`` is the row before each row."""
         rows = np.zeros((len(which), self._blocks), np.int64)
         for block in range(self._blocks - 1, -1, -1):
             rows[:, block] = which
@@ -147,10 +141,8 @@ class ContactRenderer:
         return heights.take(rows, axis=0)
 
     def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
-        """Heights (n, steps) on the paths that are not carried, so that no texel is skipped.
-
-        Each is the mean of at most 32 heights.
-        """
+        """Heights (n, steps) on the paths that are not carried, so that no texel is skipped. Each
+        is the mean of at most 32 heights."""
         steps = self._steps
         # Begin and end of both pieces in rows and columns, (4, 2, n).
         places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel

@@ -46,6 +46,7 @@ class DeviceRange:
     def amplitude_m_s2(self, intensity: npt.ArrayLike) -> F64:
         """Peak acceleration, m/s^2, of intensities clipped to 0..1; exactly 0 for intensity 0."""
         low, high = self.amplitude_g
+        # Silence stays silent, though the range of a device may begin above 0.
         share = np.clip(np.asarray(intensity, np.float64), 0.0, 1.0)
         return np.where(share > 0.0, (low + share * (high - low)) * STANDARD_GRAVITY, 0.0)
 
@@ -74,10 +75,8 @@ class NoticeableSteps:
 
 
 def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
-    """Shares 0..1 of the range ``limits``, rounded to whole steps from its lower limit.
-
-    Steps beyond the range are not used; unchanged for a range without width.
-    """
+    """Shares 0..1 of the range ``limits``, rounded to whole steps from its lower limit. Steps
+    beyond the range are not used; unchanged for a range without width."""
     low, high = limits
     if high == low:
         return share
@@ -114,6 +113,7 @@ class HapticMap:
                 f"{self.sharpness.shape}."
             )
         for name in ("intensity", "sharpness"):
+            # Negated below, so that NaN is refused, too.
             values = np.asarray(getattr(self, name), np.float32)
             low, high = float(values.min()), float(values.max())  # NaN if any texel is
             if not (low >= 0.0 and high <= 1.0):

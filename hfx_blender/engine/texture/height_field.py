@@ -61,9 +61,7 @@ class HeightField:
     @cached_property
     def _pairs(self) -> npt.NDArray[np.complex128]:
         """Flat array of heights (real) and right neighbours (imaginary), padded above and right.
-
-        One memory access then reads two corners of a cell, without wrapping.
-        """
+        One memory access then reads two corners of a cell, without wrapping."""
         mode: Literal["wrap", "edge"] = "wrap" if self.tiles else "edge"
         more = np.pad(self.heights_m, ((0, 1), (0, 2)), mode)
         # A view of overlapping pairs: complex numbers at the distance of real numbers.
@@ -71,9 +69,7 @@ class HeightField:
 
     def at_places(self, places: F64, order: Order = "linear") -> F64:
         """Heights (...), m, at rows and columns (2, ...), 0 at the centre of the first texel.
-
-        Faster than :meth:`sample`; may overwrite ``places``.
-        """
+        Faster than :meth:`sample`; may overwrite ``places``."""
         if order == "cubic":
             return cubic(self.heights_m, places, self.tiles)
         rows, columns = self.heights_m.shape
@@ -98,10 +94,8 @@ class HeightField:
         return height
 
     def sample(self, points_m: F64, order: Order = "linear") -> F64:
-        """Heights (...) in metres at points (..., 2), surface coordinates.
-
-        ``cubic`` is Catmull-Rom: smooth, and exact at texels.
-        """
+        """Heights (...) in metres at points (..., 2), surface coordinates. ``cubic`` is
+        Catmull-Rom: smooth, and exact at texels."""
         return sample_grid(self.heights_m, points_m, self.texel_m, self.tiles, order)
 
 
@@ -138,10 +132,8 @@ def sample_grid(
     tiles: bool,
     order: Order = "linear",
 ) -> F64:
-    """Values (...) of a grid (H, W) of texels at points (..., 2), x then y, m.
-
-    ``order``: bilinear or Catmull-Rom; ``tiles``: wrapped, else the edge continues.
-    """
+    """Values (...) of a grid (H, W) of texels at points (..., 2), x then y, m. ``order``: bilinear
+    or Catmull-Rom; ``tiles``: wrapped, else the edge continues."""
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 2)
     interpolated = bilinear if order == "linear" else cubic
@@ -176,9 +168,7 @@ def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
 
 def bilinear(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
     """Bilinear values of a grid (H, W) at rows and columns (2, ...), 0 at the first texel's centre.
-
-    Overwrites ``places``.
-    """
+    Overwrites ``places``."""
     rows, columns = grid.shape
     low = np.floor(places)
     places -= low

@@ -129,9 +129,7 @@ def _transfers(
     waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Transfer functions (n,) along one axis: Gaussian times Sobel smoothing, or derivative.
-
-    ``waves`` (n,) are numbers of periods over ``count`` texels.
-    """
+    ``waves`` (n,) are numbers of periods over ``count`` texels."""
     from scipy import fft
 
     angle = 2.0 * np.pi * waves / count
@@ -148,9 +146,7 @@ def _transfers(
 
 def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: float) -> F32:
     """Sharpness (H, W): 1 minus a roughness picture of any size, or ``default``, clipped to 0..1.
-
-    Raises InputError for a picture that is empty or not finite.
-    """
+    Raises InputError for a picture that is empty or not finite."""
     shape = field.heights_m.shape
     if roughness is None:
         return np.full(shape, 1.0 - np.clip(default, 0.0, 1.0), np.float32)

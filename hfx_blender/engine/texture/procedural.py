@@ -66,12 +66,11 @@ class ProceduralMaterial:
     period_m: float  # approximate distance of features
 
     def make(self, texels: int = 512, seed: int = 0) -> tuple[HeightField, F64]:
-        """Height field, lowest height 0, and roughness (texels, texels), 0..1, of one square.
-
-        Both depend on ``seed`` and name only. Raises InputError for fewer than 16 texels.
-        """
+        """Height field, lowest height 0, and roughness (texels, texels), 0..1, of one square. Both
+        depend on ``seed`` and name only. Raises InputError for fewer than 16 texels."""
         if texels < 16:
             raise InputError(f"Material '{self.name}': {texels} texels; expected 16 or more.")
+        # The name is part of the seed, so that materials of one seed have different patterns.
         rng = np.random.default_rng([seed, *self.name.encode()])
         heights = self.heights(rng, texels, self.size_m)
         texel = self.size_m / texels
@@ -97,14 +96,13 @@ def noise(
     fall: float = 1.0,
 ) -> F64:
     """Tiling noise (N, N) of RMS 1 from waves in a band, ``stretch`` times as long along x.
-
-    Amplitudes are proportional to the wavelength to the power of ``fall``. 0 for an empty band.
-    """
+    Amplitudes are proportional to the wavelength to the power of ``fall``. 0 for an empty band."""
     frequency = np.fft.fftfreq(texels, size_m / texels)
     radius = np.hypot(frequency[None, :] * stretch, frequency[:, None])
     band = (radius >= 1.0 / longest_m) & (radius <= 1.0 / shortest_m)
     # In two dimensions short waves are more numerous: half a power more to fall.
     strength = np.where(band, np.where(radius > 0.0, radius, 1.0) ** -(fall + 0.5), 0.0)
+    # White noise, filtered: the Fourier transform is periodic, so the square tiles.
     spectrum = np.fft.fft2(rng.standard_normal((texels, texels))) * strength
     values = np.fft.ifft2(spectrum).real
     scale = values.std()
@@ -114,10 +112,8 @@ def noise(
 def _stones(
     rng: np.random.Generator, texels: int, size_m: float, diameter_m: float, flatness: float
 ) -> F64:
-    """Adjacent stones on a jittered grid, heights (N, N): the highest stone counts at each point.
-
-    A low ``flatness`` exponent gives flat tops.
-    """
+    """Adjacent stones on a jittered grid, heights (N, N): the highest stone counts at each point. A
+    low ``flatness`` exponent gives flat tops."""
     spacing = 0.72 * diameter_m  # stones overlap
     per_side = max(round(size_m / spacing), 2)
     grid = (np.stack(np.meshgrid(*[np.arange(per_side)] * 2), -1).reshape(-1, 2) + 0.5) / per_side
@@ -262,10 +258,8 @@ def _bulge(count: F64) -> F64:
 
 
 def _thread(draft: F64, own: F64, crossing: F64) -> F64:
-    """Height of a thread along itself: 1 on top, 0 below, smooth between crossings.
-
-    ``own`` and ``crossing`` count threads of its own kind and of the crossing kind.
-    """
+    """Height of a thread along itself: 1 on top, 0 below, smooth between crossings. ``own`` and
+    ``crossing`` count threads of its own kind and of the crossing kind."""
     crossed, threads = draft.shape
     thread = np.floor(own).astype(np.int64) % threads
     position = crossing - 0.5

@@ -74,15 +74,14 @@ class Stroke:
     def speed_at(self, times_s: F64) -> F64:
         """Speeds at any times, m/s; 0 outside the stroke."""
         times = np.asarray(times_s, np.float64)
+        # Segment of each time; the last position belongs to the last segment.
         which = np.searchsorted(self.times_s, times, "right") - 1
         inside = (which >= 0) & (times <= self.times_s[-1])
         return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
 
     def resampled(self, rate_hz: float) -> Stroke:
         """Stroke sampled at a rate from its start on, as by a touch screen, with its last position.
-
-        Raises InputError for a rate that is not positive.
-        """
+        Raises InputError for a rate that is not positive."""
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
         count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
@@ -100,10 +99,8 @@ def line(
     speed_m_s: float,
     rate_hz: float = 120.0,
 ) -> Stroke:
-    """Straight stroke at constant speed from time 0, sampled at ``rate_hz``.
-
-    Raises InputError for a length, speed or rate not above zero.
-    """
+    """Straight stroke at constant speed from time 0, sampled at ``rate_hz``. Raises InputError for
+    a length, speed or rate not above zero."""
     way = length_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
     return along(np.array([start_m, np.asarray(start_m) + way]), speed_m_s, rate_hz)
 
@@ -122,6 +119,7 @@ def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if steps.sum() <= 0.0:
         raise InputError("Path: all of its positions are the same; expected a way to go.")
+    # Equal positions would have equal times, which a stroke refuses.
     keep = np.concatenate([[True], steps > 0.0])
     times = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])]) / speed_m_s
     return Stroke(times, path[keep]).resampled(rate_hz)

@@ -32,9 +32,7 @@ _MOST_UNLIKE: Final = 40
 
 def receptor_weights(frequencies_hz: npt.ArrayLike) -> F64:
     """Weights of equation 4 at frequencies in Hz: 1/6 below 10, 1/2 below 40, 1 below 800, else 0.
-
-    Thresholds of slow and rapid receptors; signs do not count.
-    """
+    Thresholds of slow and rapid receptors; signs do not count."""
     f = np.abs(np.asarray(frequencies_hz, np.float64))
     return np.select([f < 10.0, f < 40.0, f < 800.0], [1.0 / 6.0, 0.5, 1.0], 0.0)
 
@@ -120,10 +118,8 @@ def drive_levels(
 
 
 def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
-    """Smallest whole factor of 2 kHz, 1 to 64, without a step of more than a texel.
-
-    The window lasts ``window_s`` from ``begin_s`` on.
-    """
+    """Smallest whole factor of 2 kHz, 1 to 64, without a step of more than a texel. The window
+    lasts ``window_s`` from ``begin_s`` on."""
     first = max(int(np.searchsorted(stroke.times_s, begin_s, "right")) - 1, 0)
     last = int(np.searchsorted(stroke.times_s, begin_s + window_s, "left"))
     steps = np.abs(np.diff(stroke.points_m[first : last + 1], axis=0))

@@ -63,11 +63,8 @@ class Section:
     drive: F32 | None = None  # (n, A); None unless actuators
 
     def parts(self, size: int) -> Iterator[tuple[int, Section]]:
-        """Yield (number, section) for each group of ``size`` steps with samples, ascending.
-
-        Steps are relative to the group's first step. The first sample of a part always has
-        a new set.
-        """
+        """Yield (number, section) for each group of ``size`` steps with samples, ascending. Steps
+        are relative to the group's first step. The first sample of a part always has a new set."""
         # Rows, then sets, then (set, vertex) entries of each part.
         set_of = np.cumsum(self.is_new) - 1
         offsets = np.concatenate(([0], np.cumsum(self.sizes)))
@@ -104,8 +101,8 @@ class Section:
 
 
 def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
-    """Weights in (0, 1] as uint8 of the nearest multiple of 1/255, at least 1, so that a contact
-    never becomes 0."""
+    """Weights in (0, 1] as uint8: the nearest multiple of 1/255, at least 1."""
+    # At least 1, so that a weak contact stays a contact. float64: 255 times a float32 is rounded.
     steps: F64 = np.multiply(weights, 255.0, dtype=np.float64)
     np.maximum(np.rint(steps, out=steps), 1.0, out=steps)
     return steps.astype(np.uint8)
@@ -119,6 +116,7 @@ def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
 
 def encode(section: Section) -> bytes:
     """Bytes of a section for :func:`decode`: head, then byte planes of all columns."""
+    # Column after column: equal bytes of similar numbers are adjacent, which Deflate needs.
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
@@ -143,7 +141,7 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
     """Counts and gaps of vertex ids that enter or leave each of m sets, as of :func:`_toggles`, and
     columns (s,) of weights and channels, one value per (set, vertex) entry, as differences of bit
     patterns from the same vertex's last entry."""
-    if section.weights.dtype == np.uint8 and not section.channels:
+    if section.weights.dtype == np.uint8 and not section.channels:  # the common case, compiled
         changes = native.changes(section.sizes, section.vertices, section.weights)
         if changes is not None:
             return (*changes, [])
@@ -213,20 +211,19 @@ def decode(
     is_spot: bool = False,
     actuator_count: int = 0,
 ) -> Section:
-    """Read and check the section after ``head``, which the cursor has passed.
-
-    Raises ValueError if the bytes are no such section, with the fault, and TooLargeError for too
-    many contacts.
-    """
+    """Read and check the section after ``head``, which the cursor has passed. Raises ValueError if
+    the bytes are no such section, with the fault, and TooLargeError for too many contacts."""
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")
     _require(flags < _DRIVE << 1, "a section has unknown channels")
+    # Before the columns are read: a wrong flag would shift all later columns.
     fits = bool(flags & _FOCUS) == is_spot and bool(flags & _DRIVE) == (actuator_count > 0)
     _require(fits, "a section has not the channels of its effect's kind")
-    steps = np.cumsum(cursor.column(samples, "<u2"), dtype=np.int64)
+    steps = np.cumsum(cursor.column(samples, "<u2"), dtype=np.int64)  # no wrap-around: int64
     _require(bool(np.all(np.diff(steps) > 0)), "samples are not in time order")
     new = np.frombuffer(cursor.take(samples), np.uint8)
     _require(bool(np.all(new <= 1) and new[0] == 1), "a sample has no vertex set")
+    # Running sums of bit patterns, modulo 2^64, restore every bit of a number.
     levels = _sums(cursor.column(samples, "<u8")).view(np.float64)
     _require(bool(np.all((levels > 0.0) & (levels <= 1.0))), "a level is not in 0..1")
     parameters = np.zeros((samples, parameter_count))
@@ -234,6 +231,7 @@ def decode(
         parameters[:, column] = _sums(cursor.column(samples, "<u8")).view(np.float64)
     _require(bool(np.isfinite(parameters).all()), "a parameter is not a finite number")
 
+    # Weights and channels are coded in the order of ``order``: by vertex, then set.
     is_new = new.astype(np.bool_)
     sizes, vertices, order = _read_sets(cursor, is_new, vertex_count)
     starts = _group_starts(vertices[order])
@@ -294,6 +292,7 @@ def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsi
     enters[1:] = ~follows
     leaves = owners + 1 < set_count
     leaves[:-1] &= ~follows
+    # An interval that lasts to the end of the section needs no toggle for leaving.
     ids = np.concatenate((vertices[enters], vertices[leaves]))
     sets = np.concatenate((owners[enters], owners[leaves] + 1))
     order = np.lexsort((ids, sets))
@@ -326,6 +325,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     order = np.argsort(ids, kind="stable")
     ids, sets = ids[order], sets[order]
     groups = _group_starts(ids)
+    # Number of each toggle among those of its vertex: even ones enter, odd ones leave.
     rank = np.arange(len(ids)) - np.repeat(groups, np.diff(groups, append=len(ids)))
     until = np.full(len(ids), set_count)
     until[:-1][np.diff(ids) == 0] = sets[1:][np.diff(ids) == 0]
@@ -382,6 +382,7 @@ def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
     that order."""
     ordered = values[order]
     changes = _changes(ordered)
+    # The first value of a vertex has no predecessor: the one before is another vertex's last.
     changes[starts] = ordered[starts]
     result = np.zeros_like(changes)
     result[order] = changes

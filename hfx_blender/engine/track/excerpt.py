@@ -29,15 +29,13 @@ class NamedClip:
 
 
 def named_clips(header: TrackHeader) -> list[NamedClip]:
-    """Clips of a track in the order of time, each with a single effect.
-
-    Of clips with equal names the later ones get the effect's name appended, then a number from
-    2.
-    """
+    """Clips of a track in the order of time, each with a single effect. Of clips with equal names
+    the later ones get the effect's name appended, then a number from 2."""
     clips = [(clip, effect) for effect in header.effects for clip in effect.clips]
     named: list[NamedClip] = []
     used_names: set[str] = set()
     for clip, effect in sorted(clips, key=lambda pair: (pair[0].frame_start, pair[0].frame_end)):
+        # File systems may ignore case, and clips become files of these names.
         longer = f"{clip.name} {effect.name}"
         names = chain([clip.name, longer], (f"{longer} {number}" for number in count(2)))
         name = next(n for n in names if n.casefold() not in used_names)
@@ -85,6 +83,7 @@ def write_excerpt(
 def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
     """First and last sample index within a clip's frames, both ends included, and within the time
     base; None without any."""
+    # Exact fractions: a clip that starts on a sample includes this sample.
     step = time.fps / time.rate_hz
     first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
     last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)

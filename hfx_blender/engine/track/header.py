@@ -118,47 +118,35 @@ class TrackHeader:
         settings: Mapping[str, Any],
         tools: Mapping[str, Any],
     ) -> TrackHeader:
-        """Header of a recording of ``scene``.
-
-        A volume has a stream for each body, every other effect a single stream. ``models`` by id
-        may hold unused models, which are omitted.
-        """
-        streams = tuple(
-            Stream(effect.id, body_id, effect.modality, effect.model_id)
-            for effect in scene.effects
-            for body_id in (
-                (effect.area.body_id,)
-                if isinstance(effect.area, PaintedArea | SpotArea | ActuatorArea)
-                else (body.id for body in scene.bodies)
+        """Header of a recording of ``scene``. A volume has a stream for each body, every other
+        effect a single stream. ``models`` by id may hold unused models, which are omitted."""
+        streams, effects = [], []
+        for effect in scene.effects:
+            area, body_ids = effect.area, [body.id for body in scene.bodies]
+            # Painted areas, spots and actuators belong to one body.
+            if isinstance(area, PaintedArea | SpotArea | ActuatorArea):
+                body_ids = [area.body_id]
+            streams += [Stream(effect.id, b, effect.modality, effect.model_id) for b in body_ids]
+            effects.append(
+                TrackEffect(
+                    *(effect.id, effect.name, effect.modality, effect.kind, effect.model_id),
+                    effect.is_contact,
+                    effect.clips,
+                    len(area.vertices) if isinstance(area, PaintedArea) else None,
+                    area.device_id if isinstance(area, ActuatorArea) else None,
+                    area.actuators if isinstance(area, ActuatorArea) else (),
+                )
             )
-        )
-        used = dict.fromkeys(effect.model_id for effect in scene.effects)
+        used = {effect.model_id: models[effect.model_id] for effect in scene.effects}
         return cls(
             time=scene.time,
             models=tuple(
-                TrackModel(id, models[id].modality, models[id].content_hash, len(models[id]))
-                for id in used
+                TrackModel(id, model.modality, model.content_hash, len(model))
+                for id, model in used.items()
             ),
             bodies=tuple(TrackBody(body.id, body.name) for body in scene.bodies),
-            effects=tuple(
-                TrackEffect(
-                    effect.id,
-                    effect.name,
-                    effect.modality,
-                    effect.kind,
-                    effect.model_id,
-                    effect.is_contact,
-                    effect.clips,
-                    len(effect.area.vertices) if isinstance(effect.area, PaintedArea) else None,
-                    *(
-                        (effect.area.device_id, effect.area.actuators)
-                        if isinstance(effect.area, ActuatorArea)
-                        else ()
-                    ),
-                )
-                for effect in scene.effects
-            ),
-            streams=streams,
+            effects=tuple(effects),
+            streams=tuple(streams),
             source=scene.source,
             settings=with_drives(settings, scene),
             tools=tools,
@@ -167,19 +155,17 @@ class TrackHeader:
 
     def effect(self, stream: Stream) -> TrackEffect:
         """Effect of a stream."""
-        return self._effects[stream.effect_id]
+        return self._by_ids[0][stream.effect_id]
 
     def vertex_count(self, stream: Stream) -> int:
         """Vertex count of the model of a stream."""
-        return self._vertex_counts[stream.model_id]
+        return self._by_ids[1][stream.model_id]
 
     @cached_property
-    def _effects(self) -> dict[str, TrackEffect]:
-        return {effect.id: effect for effect in self.effects}
-
-    @cached_property
-    def _vertex_counts(self) -> dict[str, int]:
-        return {model.id: model.vertex_count for model in self.models}
+    def _by_ids(self) -> tuple[dict[str, TrackEffect], dict[str, int]]:
+        """Effects by id, and vertex counts by model id; readers ask for each chunk of a stream."""
+        effects = {effect.id: effect for effect in self.effects}
+        return effects, {model.id: model.vertex_count for model in self.models}
 
 
 def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:
@@ -208,6 +194,7 @@ def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None
     if effect.painted_vertices is not None:
         count = models[effect.model_id].vertex_count
         _require_range("painted_vertices", effect.painted_vertices, 0, count)
+    # Device and actuators come together, and for this kind of effect only.
     is_driven = effect.device_id is not None and 0 < len(effect.actuators) <= MAX_ACTUATORS
     if is_driven != (effect.kind == "actuators") or (effect.actuators and not is_driven):
         raise ValueError(

@@ -72,6 +72,7 @@ class StreamIndex:
         self.samples += later.samples
         self.entries += later.entries
         self.peak_level = max(self.peak_level, later.peak_level)
+        # In the order of CHANNELS, so that the bytes do not depend on the order of recording.
         both = {*self.channels, *later.channels}
         self.channels = tuple(name for name in CHANNELS if name in both)
 
@@ -163,6 +164,7 @@ def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
             {"effect_id": stream.effect_id, "body_id": stream.body_id} for stream in header.streams
         ],
         "modalities": {name: _modality_to_json(name) for name in used},
+        # Facts of this program for readers of other programs; this program compares them.
         "neutral_c": {"ambient": AMBIENT_NEUTRAL_C, "contact": CONTACT_NEUTRAL_C},
         "notes": _NOTES,
         "source": dict(header.source),
@@ -197,6 +199,7 @@ _MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
 
 def _header(version: int) -> Record:
     """Expected members of a header's JSON object in version 1 or 2."""
+    # Version 1 has no spots and actuators: such an entry is a fault there.
     kinds: dict[str, Record] = {
         kind: loose({**_EFFECT, **_MEMBERS.get(kind, {})}, into=TrackEffect)
         for kind in _KINDS[version]
@@ -230,6 +233,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
         raise ValueError(f"it has version {version}, this program reads up to version {VERSION}")
     content = value_in(document, _header(version), "header")
     effects: tuple[TrackEffect, ...] = content["effects"]
+    # A track stores the parameters' columns without names, so both programs must agree on them.
     for name in {effect.modality for effect in effects}:
         if name not in MODALITIES or content["modalities"].get(name) != _modality_to_json(name):
             raise ValueError(f"modality '{name:.40}' is not known with these parameters")
@@ -242,6 +246,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
         effect = effect_by_id[effect_id]
         streams.append(Stream(effect_id, body_id, effect.modality, effect.model_id))
     time: dict[str, Any] = content["time"]
+    # Redundant in the file, for readers without exact fractions.
     count = time.pop("sample_count")
     fps, rate_hz = Fraction(*time.pop("fps")), Fraction(*time.pop("rate_hz"))
     header = TrackHeader(

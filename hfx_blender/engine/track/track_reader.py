@@ -96,6 +96,7 @@ class TrackReader:
         Runs of a chunk are in the order of ``header.streams``, never empty. One chunk is held in
         memory, and only chunks in the range are read. Raises InputError for a damaged file.
         """
+        # Times become sample indices once; a sample's own float time is never compared.
         count = self.header.time.sample_count
         first = 0 if start_s is None else self._first_at_or_after(start_s)
         stop = count if end_s is None else self._first_at_or_after(end_s)
@@ -176,6 +177,7 @@ class TrackReader:
         start = int(set_starts[used][0]) if len(sets) else 0
         offsets = np.concatenate(([0], np.cumsum(section.sizes[used])))
         picked = slice(start, start + int(offsets[-1]))
+        # Weights stay bytes up to here: most samples of a chunk are not in a short range.
         weights = section.weights[picked]
         channels = {name: values[picked] for name, values in section.channels.items()}
         stream, drive = self.header.streams[section.stream], None
@@ -216,6 +218,7 @@ class TrackReader:
             sections = list(
                 read_sections(cursor, self.header, self.samples_per_chunk, self.full_precision)
             )
+            # The index of a whole track is trusted by summaries, so it must agree.
             for section in sections:
                 index = self.index[section.stream]
                 if low + section.steps[0] < index.first or low + section.steps[-1] > index.last:
@@ -229,6 +232,7 @@ class TrackReader:
     def _check_index(self) -> None:
         """Raise InputError unless the index has exactly the file's chunks, the header's streams,
         and sample numbers within the time base. Sets the known chunks."""
+        # A chunk missing from the index would be skipped without a word.
         names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
         if sorted(names) != sorted(map(layout.chunk_name, self.chunks)):
             self._fail("the index and the chunks differ")
@@ -285,6 +289,7 @@ def read_sections(
     while not cursor.at_end:
         head = read_head(cursor)
         stream, samples, _ = head
+        # Checked before decoding, as both decide how many bytes and numbers are read.
         if not last < stream < len(header.streams):
             raise ValueError(f"stream {stream} is not expected here")
         if samples > samples_per_chunk:

@@ -95,7 +95,7 @@ class TrackWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is not None:
+        if kind is not None:  # the stack closes the archive and removes the file
             self._finishing.__exit__(kind, error, trace)
             return
         with self._finishing:
@@ -127,6 +127,7 @@ class TrackWriter:
                 "of the header"
             )
         _check_run(run, self.header, self._vertex_counts[stream])
+        # Chunks are written as soon as they are complete, so nothing can be added to earlier ones.
         index = self._index[stream]
         if run.indices[0] <= index.last or run.indices[0] < self._end:
             raise ValueError(f"sample {run.indices[0]} comes after later ones were recorded")
@@ -167,6 +168,7 @@ class TrackWriter:
             or (part.chunks and part.chunks[0] * size < self._end)
         ):
             raise InputError(f"{part.path}: not the next part of {self.path.name}.")
+        # Both files get the smaller chunk size, as a recording in one piece would have it.
         while self._samples_per_chunk > size:
             self._halve_chunks()
         for chunk in part.chunks:
@@ -201,6 +203,7 @@ class TrackWriter:
         for section in sections:
             for number, part in section.parts(self._samples_per_chunk):
                 chunks[number].append(part)
+        # Counts first: encoding a chunk that no reader accepts takes long.
         for parts in chunks.values():
             entries = sum(len(part.vertices) for part in parts)
             if entries > MAX_SET_ENTRIES or any(part.entry_count > MAX_ENTRIES for part in parts):
@@ -250,6 +253,7 @@ class TrackWriter:
             raise OutputError(
                 f"{self.path}: {name} would be {len(content)} bytes, a track allows {limit}."
             )
+        # No date, so that equal recordings are equal files.
         entry = zipfile.ZipInfo(name, _ZIP_EPOCH)
         entry.create_system = 3  # equal bytes on every system
         entry.external_attr = 0o644 << 16
@@ -273,6 +277,7 @@ class _SectionBuilder:
         present = {name for name in CHANNELS if getattr(run, name) is not None}
         if columns and present != self._channels.keys():
             raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
+        # Only the sets of these samples, cut out of the run's shared entries.
         sets = run.set_of[first:last]
         offsets = run.offsets[sets[0] : sets[-1] + 2]
         low, high = int(offsets[0]), int(offsets[-1])
@@ -405,6 +410,7 @@ def _check_times(run: SampleRun, header: TrackHeader) -> None:
         raise ValueError("sample indices do not ascend from 0")
     if run.indices[-1] >= header.time.sample_count:
         raise ValueError(f"sample {run.indices[-1]} is outside the time base")
+    # Negated, so that NaN fails, too; as in the comparisons below.
     away_s = np.abs(run.times_s - header.time.times_s(run.indices))
     if not (away_s <= _TIME_TOLERANCE_S).all():
         raise ValueError("times differ from those of the time base")
@@ -420,6 +426,7 @@ def _check_vertices(run: SampleRun, vertex_count: int) -> None:
     total = len(run.vertices)
     if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
         raise ValueError("weights: expected one in (0, 1] for each vertex")
+    # Ids ascend within each set, but may fall from set to set.
     ascending = np.diff(run.vertices) > 0
     edges = run.offsets[1:-1]
     ascending[edges[(edges > 0) & (edges < total)] - 1] = True

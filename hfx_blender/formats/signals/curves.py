@@ -88,23 +88,25 @@ def simplified(
 
     Keyframes may lie anywhere between the original ones in time and value; the count is minimal
     (Imai and Iri, "An optimal algorithm for approximating a piecewise linear function", 1986).
-    Steps become ramps of 1 us. A tolerance of 0 only removes keyframes within constant stretches.
+    Steps become ramps of 1 us.
 
-    Parameters
-    ----------
-    tolerance : float
-        Largest distance at any time, in the unit of the values.
-    lowest, highest : float
-        Bounds of the result; the original must be within.
-    keeps_silence : bool
-        Keep zeros of the original exactly 0.
-    is_free : (n,) bool, optional
-        Keyframes of the original with an arbitrary value (the frequency of silence).
+    ``tolerance`` is the largest distance at any time, in the unit of the values; 0 only removes
+    keyframes within constant stretches. ``lowest`` and ``highest`` are bounds of the result; the
+    original must be within. ``keeps_silence`` keeps zeros of the original exactly 0. ``is_free``
+    (n,): keyframes of the original with an arbitrary value (the frequency of silence).
     """
-    times = _strictly_ascending(curve.times_s)
-    values = curve.values
-    if len(times) == 1 or tolerance <= 0.0:
-        return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
+    times, values = curve.times_s, curve.values
+    if len(times) > 1 and (np.diff(times) < _APART_S).any():
+        # Move times later where needed to be 1 us apart; the first time of a step remains.
+        steps = np.arange(len(times)) * _APART_S
+        times = np.maximum.accumulate(times - steps) + steps
+    if len(times) == 1:
+        return Curve(times, values)
+    if tolerance <= 0.0:
+        # Keep keyframes that differ from a neighbour; first and last remain.
+        stays = np.ones(len(times), np.bool_)
+        stays[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
+        return Curve(times[stays], values[stays])
     if (values == values[0]).all():
         return Curve(times[[0, -1]], values[[0, -1]])
     # The corridor is narrower than the tolerance by the later snapping to 0 and by rounding.
@@ -116,17 +118,19 @@ def simplified(
         wall = _SILENT_WALL * tolerance
         low = np.where(is_silent, np.maximum(low, -wall), low)
         high = np.where(is_silent, np.minimum(high, wall), high)
-    low, high = _open(np.maximum(low, lowest), np.minimum(high, highest))
+    low, high = np.maximum(low, lowest), np.minimum(high, highest)
+    # Rounding must not close the corridor: at least 2e-9 wide, of the middle if above 1.
+    middle = (low + high) / 2.0
+    half = np.maximum((high - low) / 2.0, 1e-9 * np.maximum(1.0, np.abs(middle)))
+    low, high = middle - half, middle + half
     if is_free is not None:
         low = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low)
         high = np.where(is_free, min(highest, float(values.max())) + 1e-9, high)
-    found_times, found_values = _fewest_pieces(times, low, high)
-    values_within = np.clip(found_values, lowest, highest)
+    times, values = _fewest_pieces(times, low, high)
+    values = np.clip(values, lowest, highest)
     if keeps_silence:
-        values_within = np.where(
-            np.abs(values_within) <= silent * (1.0 + _MARGIN), 0.0, values_within
-        )
-    return Curve(found_times, values_within)
+        values = np.where(np.abs(values) <= silent * (1.0 + _MARGIN), 0.0, values)
+    return Curve(times, values)
 
 
 def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
@@ -139,9 +143,7 @@ def clipped(curve: Curve, lowest: float, highest: float) -> Curve:
 
 def with_crossings(curve: Curve, level: float) -> Curve:
     """Insert keyframes of value ``level`` where a curve changes from above to below or back.
-
-    Keyframes on the level are not repeated.
-    """
+    Keyframes on the level are not repeated."""
     times, values = curve.times_s, curve.values - level
     signs = np.sign(values)
     passes = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
@@ -150,28 +152,6 @@ def with_crossings(curve: Curve, level: float) -> Curve:
     return Curve(
         np.insert(times, passes + 1, crossings), np.insert(curve.values, passes + 1, level)
     )
-
-
-def _strictly_ascending(times: F64) -> F64:
-    """Times (n,) moved later where needed to be 1 us apart; the first time of a step remains."""
-    if len(times) < 2 or (np.diff(times) >= _APART_S).all():
-        return times
-    steps = np.arange(len(times)) * _APART_S
-    return np.asarray(np.maximum.accumulate(times - steps) + steps)
-
-
-def _open(low: F64, high: F64) -> tuple[F64, F64]:
-    """Widen a corridor about its middle to 2e-9 (of the middle if above 1) at least."""
-    middle, half = (low + high) / 2.0, (high - low) / 2.0
-    half = np.maximum(half, 1e-9 * np.maximum(1.0, np.abs(middle)))
-    return middle - half, middle + half
-
-
-def _without_collinear(times: F64, values: F64) -> Curve:
-    """Remove keyframes equal to both neighbours; first and last remain."""
-    keep = np.ones(len(times), np.bool_)
-    keep[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
-    return Curve(times[keep], values[keep])
 
 
 def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
@@ -233,6 +213,7 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
             windows.append((touch[0], exit_point[0]))
         # Tighten the extreme lines: the new row lowers the steepest rising line to the tangent of
         # the lower hull, and raises the steepest falling line to the tangent of the upper hull.
+        # Both are computed from the lines before this row.
         new_rising, new_falling = rising, falling
         if rising is None or top < _value(rising, x):
             first_lower = _support(lower, first_lower, (x, top), 1.0)
@@ -248,6 +229,7 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
         _push(upper, (x, top), first_upper, -1.0)
         _push(lower, (x, bottom), first_lower, 1.0)
         row += 1
+    # Any line between the extreme ones reaches the end; the mean has most room on both sides.
     lines.append(_middle(rising, falling, t[0], (lows[0] + highs[0]) / 2.0))
     return _keyframes(lines, windows, t[0], t[-1])
 
@@ -280,9 +262,7 @@ def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
 
 def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
     """Append a point to a hull in place, popping points made redundant, but none up to ``first``.
-
-    ``sign`` 1: concave hull of the lower wall, -1: convex hull of the upper wall.
-    """
+    ``sign`` 1: concave hull of the lower wall, -1: convex hull of the upper wall."""
     x, y = point
     while len(hull) - first >= 2:
         (ax, ay), (bx, by) = hull[-2], hull[-1]
@@ -294,9 +274,7 @@ def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
 
 def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
     """Index, from ``first`` on, of the hull's tangent point for a line to the later ``point``.
-
-    ``sign`` as for :func:`_push`.
-    """
+    ``sign`` as for :func:`_push`."""
     x, y = point
     while first + 1 < len(hull):
         (ax, ay), (bx, by) = hull[first], hull[first + 1]
@@ -309,10 +287,8 @@ def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
 def _keyframes(
     lines: list[_Line], windows: list[tuple[float, float]], first: float, last: float
 ) -> tuple[F64, F64]:
-    """Times and values of both ends and of the intersections of successive lines.
-
-    Intersections are clamped to their windows, and at least 1 us apart from an earlier one.
-    """
+    """Times and values of both ends and of the intersections of successive lines. Intersections are
+    clamped to their windows, and at least 1 us apart from an earlier one."""
     times, values = [first], [_value(lines[0], first)]
     for k, (earliest, latest) in enumerate(windows):
         a, b = lines[k], lines[k + 1]

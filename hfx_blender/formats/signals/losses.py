@@ -25,9 +25,7 @@ def beyond_limits(
     highest_hz: float = MAX_HZ,
 ) -> tuple[str, ...]:
     """Sentences about vibration actuators with a value above a limit, which a file clips.
-
-    ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count.
-    """
+    ``highest_m_s2`` None: full scale of the device. Frequencies of silent rows do not count."""
     vibrating, pairs, full_scale = vibration_of(raster, device)
     full_scale = full_scale if highest_m_s2 is None else highest_m_s2
     loud, high = [], []
@@ -45,23 +43,18 @@ def beyond_limits(
 
 def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
     """Sentence about signals with sound or ticks outside a Hz range; empty without any."""
-    cut = [signal.name for signal in signals if _is_off(signal, held)]
-    low, high = held.lowest_hz, held.highest_hz
+    cut, (low, high) = [], (held.lowest_hz, held.highest_hz)
+    for signal in signals:
+        amplitude = signal.amplitude
+        # Frequencies are linear between keyframes, so keyframes with sound are enough.
+        times = np.union1d(amplitude.times_s, signal.frequency_hz.times_s)
+        times = times[(amplitude.at(times) > 0.0) | (amplitude.before(times) > 0.0)]
+        ticks = [tick.frequency_hz for tick in signal.transients if tick.amplitude > 0.0]
+        pitch = signal.frequency_hz
+        hertz = np.concatenate([pitch.at(times), pitch.before(times), np.asarray(ticks, float)])
+        if ((hertz < low - 1e-6) | (hertz > high + 1e-6)).any():
+            cut.append(signal.name)
     return counted(cut, f"it holds {low:g} to {high:g} Hz; vibrations cut to that")
-
-
-def _is_off(signal: Signal, held: FrequencyRange) -> bool:
-    """Test for a sounding keyframe, or a tick above 0, more than 1e-6 Hz outside ``held``."""
-    amplitude = signal.amplitude
-    times = np.union1d(amplitude.times_s, signal.frequency_hz.times_s)
-    sounds = (amplitude.at(times) > 0.0) | (amplitude.before(times) > 0.0)
-    hertz = [
-        signal.frequency_hz.at(times[sounds]),
-        signal.frequency_hz.before(times[sounds]),
-        [tick.frequency_hz for tick in signal.transients if tick.amplitude > 0.0],
-    ]
-    every = np.concatenate([np.asarray(part, np.float64) for part in hertz])
-    return bool(((every < held.lowest_hz - 1e-6) | (every > held.highest_hz + 1e-6)).any())
 
 
 def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, float]:
@@ -86,10 +79,8 @@ def errors_of(original: Signal, written: Signal, grid_s: float) -> tuple[float, 
 
 
 def _largest_distance(first: Curve, second: Curve, times: F64, grid_s: float) -> float:
-    """Largest distance of a curve's value from the other curve's range within ``grid_s``.
-
-    Both ways, at ``times``; 0 without times.
-    """
+    """Largest distance of a curve's value from the other curve's range within ``grid_s``. Both
+    ways, at ``times``; 0 without times."""
     most = 0.0
     for curve, near in ((first, second), (second, first)):
         low, high = _range_near(near, times, grid_s)
@@ -121,15 +112,17 @@ def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
 
 def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str, ...]:
     """Sentence about bursts of ``dense`` signals without any positive value in the ``simplified``.
-
-    Signals correspond by position. One sentence with names and count of bursts, or empty.
-    """
+    Signals correspond by position. One sentence with names and count of bursts, or empty."""
     names, count = [], 0
     for before, after in zip(dense, simplified, strict=True):
-        gone = sum(
-            not _sounds(after, *before.amplitude.times_s[[first, last]].tolist())
-            for first, last in bursts(before.amplitude)
-        )
+        times, values = after.amplitude.times_s, after.amplitude.values
+        gone = 0
+        for ends in bursts(before.amplitude):
+            start_s, end_s = before.amplitude.times_s[list(ends)]
+            # A step at an end belongs to the burst by its limit from inside only.
+            inside = values[(times > start_s) & (times < end_s)]
+            limits = after.amplitude.at([start_s]), after.amplitude.before([end_s])
+            gone += not (np.concatenate([inside, *limits]) > 0.0).any()
         if gone:
             names.append(before.name)
             count += gone
@@ -137,14 +130,6 @@ def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str
         names,
         f"stretches weaker than the tolerance are silent, {count} times; vibrations with such",
     )
-
-
-def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
-    """Test for a positive amplitude from ``start_s`` to ``end_s``, limits from inside included."""
-    times, values = signal.amplitude.times_s, signal.amplitude.values
-    inside = (times > start_s) & (times < end_s)
-    ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])
-    return bool((values[inside] > 0.0).any() or any((end > 0.0).any() for end in ends))
 
 
 def several_frequencies(raster: Raster) -> tuple[str, ...]:

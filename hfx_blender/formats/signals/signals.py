@@ -150,6 +150,7 @@ class FrequencyRange:
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:
         """Convert hertz to shares 0..1 of the range, clipped; 0 for a single frequency."""
+        # A single frequency has no width to divide by.
         width = self.highest_hz - self.lowest_hz
         shares = (np.asarray(frequency_hz, np.float64) - self.lowest_hz) / (width or 1.0)
         return np.clip(shares, 0.0, 1.0) if width else np.zeros_like(shares)
@@ -173,6 +174,7 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
     if not full_scale:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
     times = raster.times_s - raster.times_s[0]
+    # The last row lasts one period, so there is a keyframe after it.
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     signals = []
     for k, actuator in enumerate(vibrating):
@@ -195,11 +197,8 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
 
 
 def vibration_of(raster: Raster, device: DeviceConfig) -> tuple[list[Actuator], F64, float]:
-    """Vibration actuators, copies of their columns (T, C, 2), and their full scale, m/s^2.
-
-    Columns are amplitude (m/s^2) and frequency (hertz). Without such actuators C is 0 and full
-    scale 0.
-    """
+    """Vibration actuators, copies of their columns (T, C, 2), and their full scale, m/s^2. Columns
+    are amplitude (m/s^2) and frequency (hertz). Without such actuators C is 0 and full scale 0."""
     vibrating = [actuator for actuator in device.actuators if actuator.type.modality == "vibration"]
     numbers = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     names = ("amplitude_m_s2", "frequency_hz")
@@ -211,9 +210,7 @@ def vibration_of(raster: Raster, device: DeviceConfig) -> tuple[list[Actuator], 
 
 def frequencies_through_silence(amplitude: F64, frequency: F64) -> F64:
     """Replace the frequency of rows without amplitude by that of the sounding row before, or after.
-
-    All (T,); unchanged for silence throughout.
-    """
+    All (T,); unchanged for silence throughout."""
     sounds = np.flatnonzero(amplitude > 0.0)
     if not len(sounds):  # silence throughout: any frequency is right
         return frequency
@@ -234,37 +231,29 @@ def simplified_signals(
         amplitude = simplified(
             signal.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
-        # The frequency of silence is arbitrary, which leaves the simplification more
-        # freedom.
-        near = _is_heard(signal)
+        # The frequency of silence is arbitrary, which leaves the simplification more freedom: only
+        # keyframes before and after any time with sound matter.
+        pitch = signal.frequency_hz
+        knots = np.union1d(pitch.times_s, signal.amplitude.times_s)
+        sounds = signal.amplitude.at(knots[:-1]) > 0.0
+        sounds |= signal.amplitude.before(knots[1:]) > 0.0
+        before = np.searchsorted(pitch.times_s, knots[:-1][sounds], side="right") - 1
+        is_heard = np.zeros(len(pitch), np.bool_)
+        is_heard[np.clip(np.concatenate((before, before + 1)), 0, len(pitch) - 1)] = True
         frequency = simplified(
-            signal.frequency_hz,
+            pitch,
             frequency_hz,
-            lowest=float(signal.frequency_hz.values.min()),
-            highest=float(signal.frequency_hz.values.max()),
-            is_free=~near if near.any() and not near.all() else None,
+            lowest=float(pitch.values.min()),
+            highest=float(pitch.values.max()),
+            is_free=~is_heard if is_heard.any() and not is_heard.all() else None,
         )
         reduced.append(replace(signal, amplitude=amplitude, frequency_hz=frequency))
     return tuple(reduced)
 
 
-def _is_heard(signal: Signal) -> Bool:
-    """Mask (n,) of the frequency keyframes before and after any time with sound."""
-    times, amplitude = signal.frequency_hz.times_s, signal.amplitude
-    knots = np.union1d(times, amplitude.times_s)
-    sounds = (amplitude.at(knots[:-1]) > 0.0) | (amplitude.before(knots[1:]) > 0.0)
-    before = np.searchsorted(times, knots[:-1][sounds], side="right") - 1
-    is_heard = np.zeros(len(times), np.bool_)
-    for neighbour in (before, before + 1):
-        is_heard[np.clip(neighbour, 0, len(times) - 1)] = True
-    return is_heard
-
-
 def bursts(curve: Curve) -> list[tuple[int, int]]:
-    """Sounding stretches as indices (first, last) of keyframes at their ends, of value 0.
-
-    A stretch at the curve's own begin or end may begin or end above 0.
-    """
+    """Sounding stretches as indices (first, last) of keyframes at their ends, of value 0. A stretch
+    at the curve's own begin or end may begin or end above 0."""
     loud = curve.values > 0.0
     return stretches(loud[:-1] | loud[1:])  # pieces between two keyframes
 
@@ -274,6 +263,7 @@ def stretches(is_true: Bool, gap: int = 1) -> list[tuple[int, int]]:
     true = np.flatnonzero(is_true)
     if not len(true):
         return []
+    # Successive indices of True differ by 1 within a run, and by more across a gap.
     cuts = np.flatnonzero(np.diff(true) > gap)
     firsts, lasts = true[np.append(0, cuts + 1)], true[np.append(cuts, len(true) - 1)]
     return list(zip(firsts.tolist(), (lasts + 1).tolist(), strict=True))
@@ -351,9 +341,7 @@ def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
 
 def _stepped(times: F64, sides: F64) -> Curve:
     """Curve through left and right limits (2, n) at ``times`` (n,), with steps where these differ.
-
-    At the ends only the right limit of the first and the left limit of the last time count.
-    """
+    At the ends only the right limit of the first and the left limit of the last time count."""
     is_step = np.abs(sides[0] - sides[1]) > 1e-9
     is_step[[0, -1]] = False
     counts = 1 + is_step

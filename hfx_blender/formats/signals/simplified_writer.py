@@ -56,9 +56,7 @@ def simplified_writer(
 
 def error_note(pairs: Iterable[tuple[Signal, Signal]], grid_s: float = 0.0) -> str:
     """Sentence about the largest errors over pairs of original and decoded signals, rounded up.
-
-    ``grid_s`` is the time resolution, as for :func:`~.losses.errors_of`.
-    """
+    ``grid_s`` is the time resolution, as for :func:`~.losses.errors_of`."""
     errors = [losses.errors_of(*pair, max(grid_s, _STEP_S)) for pair in pairs]
     digits = np.array([1e4, 10.0])  # printed digits; rounded up, so the note is an upper bound
     worst = np.maximum(np.max([(0.0, 0.0), *errors], axis=0) * digits - 1e-6, 0.0)
@@ -71,6 +69,7 @@ def _read_back(
     signals: Sequence[Signal], written: Written, stem: Path, suffix: str, decode: Decoder
 ) -> Iterator[tuple[Signal, Signal]]:
     """Yield (signal, signal decoded from its file); signals without a file are skipped."""
+    # One file holds all signals by name, or each signal has its own file.
     together = stem.with_name(stem.name + suffix)
     decoded: dict[str, Signal] = {}
     if together in written.files:

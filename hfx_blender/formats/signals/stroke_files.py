@@ -44,27 +44,31 @@ def write(rendered: StrokeSignal, stroke: Stroke, device: DeviceRange, path: Pat
     check(path)
     suffix = path.suffix.lower()
     if suffix == ".wav":
-        return _wav(rendered, device, path)
+        full = device.amplitude_g[1] * STANDARD_GRAVITY
+        peak = float(np.abs(rendered.waveform_m_s2).max(initial=0.0)) / full
+        samples = np.clip(rendered.waveform_m_s2 / full, -1.0, 1.0)
+        with atomic_file(path) as file:
+            file.write(wav.head(16, 1, round(rendered.waveform_rate_hz), len(samples)))
+            file.write(wav.encoded(samples, 16))
+        return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the peak is {peak:.0%}",))
     if suffix == ".csv":
         return _csv(rendered, stroke, path)
     frequencies, kind = FrequencyRange(*device.frequency_hz), _KINDS[suffix]
     signal = _envelope(rendered, device)
-    (few,) = simplified_signals(
-        [signal], DEFAULT_TOLERANCE, frequency_hz=pitch_tolerance(frequencies)
-    )
+    pitch_hz = pitch_tolerance(frequencies)
+    (few,) = simplified_signals([signal], DEFAULT_TOLERANCE, frequency_hz=pitch_hz)
     if few.is_silent:
         raise InputError(f"{path}: this stroke is silent; no file was written.")
     write_json(kind.document(few, frequencies), path)
+    # Read back, as rounding in the file is part of the error.
     (read,), _ = kind.decode(read_bytes(path), path.name)
     note = error_note([(signal, read)], WHOLE_MS if kind is he else 0.0)
     return Written((path,), notes=(note,))
 
 
 def _envelope(rendered: StrokeSignal, device: DeviceRange) -> Signal:
-    """Signal of constant amplitude and frequency per step, from time 0, with full scale 1.
-
-    Clipped to full scale and the device's frequencies.
-    """
+    """Signal of constant amplitude and frequency per step, from time 0, with full scale 1. Clipped
+    to full scale and the device's frequencies."""
     full = device.amplitude_g[1] * STANDARD_GRAVITY
     begins = rendered.times_s - rendered.times_s[0]
     times = np.stack([begins, begins + rendered.step_s], axis=1).ravel()
@@ -75,33 +79,14 @@ def _envelope(rendered: StrokeSignal, device: DeviceRange) -> Signal:
     return Signal("stroke", Curve(times, amplitude), pitch)
 
 
-def _wav(rendered: StrokeSignal, device: DeviceRange, path: Path) -> Written:
-    """Write the waveform as 16-bit mono WAV, cut at full scale, noted with the peak."""
-    full = device.amplitude_g[1] * STANDARD_GRAVITY
-    peak = float(np.abs(rendered.waveform_m_s2).max(initial=0.0)) / full
-    samples = np.clip(rendered.waveform_m_s2 / full, -1.0, 1.0)
-    with atomic_file(path) as file:
-        file.write(wav.head(16, 1, round(rendered.waveform_rate_hz), len(samples)))
-        file.write(wav.encoded(samples, 16))
-    return Written((path,), notes=(f"full scale is {full:.3g} m/s^2; the peak is {peak:.0%}",))
-
-
 def _csv(rendered: StrokeSignal, stroke: Stroke, path: Path) -> Written:
     """Write a CSV row per step: time, s, place, mm, speed, mm/s, amplitude, m/s^2, and Hz."""
     middles = rendered.times_s + 0.5 * rendered.step_s
     places, speeds = stroke.at(rendered.times_s) * 1000.0, stroke.speed_at(middles) * 1000.0
     rows = ["time_s,x_mm,y_mm,speed_mm_s,amplitude_m_s2,frequency_hz"]
-    rows += [
-        f"{t:.6f},{x:.4f},{y:.4f},{v:.4f},{a:.6g},{f:.6g}"
-        for t, (x, y), v, a, f in zip(
-            rendered.times_s,
-            places,
-            speeds,
-            rendered.amplitude_m_s2,
-            rendered.frequency_hz,
-            strict=True,
-        )
-    ]
+    amplitudes, frequencies = rendered.amplitude_m_s2, rendered.frequency_hz
+    columns = zip(rendered.times_s, places, speeds, amplitudes, frequencies, strict=True)
+    rows += [f"{t:.6f},{x:.4f},{y:.4f},{v:.4f},{a:.6g},{f:.6g}" for t, (x, y), v, a, f in columns]
     with atomic_file(path) as file:
         file.write(("\n".join(rows) + "\n").encode())
     return Written((path,))

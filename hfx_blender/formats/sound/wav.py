@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Raster as a multichannel WAV, a channel per vibration actuator.
+"""Multichannel WAV of a raster, a channel per vibration actuator, and of spatial sound.
 
-Each channel is a wave with amplitude and frequency linear between raster rows; the phase is the
-exact integral of the frequency and thus continuous. An actuator with waveform output plays the sum
-of a wave per effect, of the shape named by the actuator type. A file ends in silence, faded over
-the last row.
+Each channel of a raster is a wave with amplitude and frequency linear between raster rows; the
+phase is the exact integral of the frequency and thus continuous. An actuator with waveform output
+plays the sum of a wave per effect, of the shape named by the actuator type. A file ends in silence,
+faded over the last row. Spatial sound has a channel per loudspeaker, in step with rasters.
 """
 
 from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +34,7 @@ from ...engine.rendering.conditioning.waveform import (
 )
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
+from ...engine.spatial_sound.loudspeakers import LoudspeakerLayout
 from ...errors import InputError
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
@@ -51,6 +53,11 @@ _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
 BLOCK_SAMPLES = 1 << 18  # over all channels
+SOUND_SUFFIX: Final = ".sound.wav"
+_SOUND_BITS: Final = 24
+_HIGHEST: Final = 0.98  # largest peak, a share of full scale
+_CACHED: Final = 1 << 26
+"""Most samples over all channels to cache; longer sound is rendered twice, for peak and file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +88,29 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
         raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
     drives = _drives(raster, device)
     channel_count = len(drives[0].actuators)
-    # A row lasts rate_hz / raster.rate_hz samples; the last row has its full duration.
-    sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
-    data_bytes = sample_count * channel_count * _BITS // 8
+    count = sample_count(len(raster.values), raster.rate_hz, rate_hz)
+    data_bytes = count * channel_count * _BITS // 8
     if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
         raise InputError(
-            f"{path}: {channel_count} channels of {sample_count / rate_hz:.0f} s are "
+            f"{path}: {channel_count} channels of {count / rate_hz:.0f} s are "
             f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter "
             "range, or as CSV."
         )
-    sidecar = path.with_name(path.name + SIDECAR_SUFFIX)
-    with atomic_file(sidecar) as file:
-        content = _sidecar(raster, drives[0], rate_hz)
-        file.write(json.dumps(content, indent=2).encode() + b"\n")
+    _write_sidecar(
+        path,
+        {
+            "format": "hfx-wav-channels",
+            "version": 1,
+            "device": raster.device_id,
+            "body": raster.body_id,
+            "rate_hz": rate_hz,
+            "start_s": float(raster.times_s[0]),
+            "full_scale_m_s2": drives[0].full_scale,
+            "channels": [{"channel": i, "actuator": a} for i, a in enumerate(drives[0].actuators)],
+        },
+    )
     with atomic_file(path) as file:
-        file.write(head(_BITS, channel_count, rate_hz, sample_count))
+        file.write(head(_BITS, channel_count, rate_hz, count))
         for block in _waveforms(raster, drives, rate_hz):
             file.write(encoded(block, _BITS))
 
@@ -109,20 +124,17 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 
 
 def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:
-    """Yield blocks of audio samples (n, C) of full scale 1, before quantization.
-
-    Raises InputError for a device without vibration actuators.
-    """
+    """Yield blocks of audio samples (n, C) of full scale 1, before quantization. Raises InputError
+    for a device without vibration actuators."""
     return _waveforms(raster, _drives(raster, device), rate_hz)
 
 
 def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterator[F64]:
-    """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives.
-
-    Samples per row alternate if the rates have no whole ratio.
-    """
+    """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives. Samples per
+    row alternate if the rates have no whole ratio."""
     channel_count = len(drives[0].actuators)
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+    # Whole numbers, rounded up, as times in floats would move a sample to a neighbouring row.
     starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
     row_count = max(1, int(BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
     for first in range(0, len(raster.values), row_count):
@@ -134,10 +146,8 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
-    """Waves of the raster's rows, then of each effect on actuators with waveform output.
-
-    Raises InputError for a device without vibration actuators.
-    """
+    """Waves of the raster's rows, then of each effect on actuators with waveform output. Raises
+    InputError for a device without vibration actuators."""
     vibrating, pairs, full_scale = vibration_of(raster, device)
     if not vibrating or full_scale == 0.0:
         raise InputError(
@@ -146,7 +156,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
         )
     names = tuple(actuator.id for actuator in vibrating)
     kinds = kinds_of([actuator.type.waveform for actuator in vibrating])
-    # Actuators with waveform output play their partials; the raster's mixed tone is silenced.
+    # Actuators with waveform output play partials; the mixed tone of the raster is silenced.
     sums = [names.index(name) for name in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
     curves = [actuator.type.drive for actuator in vibrating]
@@ -176,6 +186,7 @@ def _driven(
     """
     if not any(curves):
         return pairs
+    # Curves are tables of finite numbers; NaN would pass through their interpolation.
     safe = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
     safe[..., 0] = np.where(np.isfinite(pairs).all(axis=2), safe[..., 0], 0.0)
     drive = driven(curves, safe[..., 0], safe[..., 1], full_scale, totals)
@@ -190,10 +201,8 @@ def _drive(
     raster: Raster,
     first_row: int,
 ) -> _Drive:
-    """Waves of amplitude and Hz pairs (T, C, 2), clipped to full scale and 1 kHz.
-
-    The first pair is raster row ``first_row``. Silence has the frequency of the adjacent sound.
-    """
+    """Waves of amplitude and Hz pairs (T, C, 2), clipped to full scale and 1 kHz. The first pair is
+    raster row ``first_row``. Silence has the frequency of the adjacent sound."""
     safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
@@ -270,12 +279,10 @@ def encoded(waveform: F64, bits: int) -> bytes:
 
 
 def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> bytes:
-    """RIFF and fmt head of a WAV file of 16 or 24 bits (Microsoft, 1994).
-
-    More than two channels, or 24 bits, use WAVE_FORMAT_EXTENSIBLE with channel mask 0 (no
-    loudspeaker positions).
-    """
+    """RIFF and fmt head of a WAV file of 16 or 24 bits (Microsoft, 1994). More than two channels,
+    or 24 bits, use WAVE_FORMAT_EXTENSIBLE with channel mask 0 (no loudspeaker positions)."""
     frame_bytes = channel_count * bits // 8
+    # Microsoft requires the extensible form here, and players refuse the plain form.
     is_extensible = channel_count > 2 or bits == 24
     form = struct.pack(
         "<HHIIHH",
@@ -295,17 +302,73 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
     return b"RIFF" + struct.pack("<I", riff_bytes) + b"WAVE" + chunks
 
 
-def _sidecar(raster: Raster, drive: _Drive, rate_hz: int) -> dict[str, Any]:
-    """JSON of the channel list: device, body, rate, start, full scale, actuators."""
-    return {
-        "format": "hfx-wav-channels",
-        "version": 1,
-        "device": raster.device_id,
-        "body": raster.body_id,
-        "rate_hz": rate_hz,
-        "start_s": float(raster.times_s[0]),
-        "full_scale_m_s2": drive.full_scale,
-        "channels": [
-            {"channel": i, "actuator": actuator} for i, actuator in enumerate(drive.actuators)
-        ],
-    }
+def _write_sidecar(path: Path, channels: dict[str, Any]) -> None:
+    """Write the channel list ``channels`` as JSON next to the WAV file ``path``."""
+    with atomic_file(path.with_name(path.name + SIDECAR_SUFFIX)) as file:
+        file.write(json.dumps(channels, indent=2).encode() + b"\n")
+
+
+def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
+    """Samples of ``rows`` raster rows at ``rate_hz``, rounded up; the last row counts in full."""
+    return int(-(-rows * rate_hz // raster_hz))
+
+
+def refuse_large(layout: LoudspeakerLayout, path: Path, *, count: int) -> int:
+    """Bytes of ``count`` samples in 24 bits for all channels; InputError beyond 4 GiB."""
+    data_bytes = count * len(layout) * _SOUND_BITS // 8
+    if data_bytes > _MAX_BYTES:
+        raise InputError(
+            f"{path}: {len(layout)} channels of {count / RATE_HZ:.0f} s are "
+            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
+        )
+    return data_bytes
+
+
+def write_sound(
+    blocks: Callable[[], Iterator[F64]],
+    layout: LoudspeakerLayout,
+    path: Path,
+    *,
+    count: int,
+    start_s: float,
+) -> float:
+    """Write sound with 24 bits and its channel list, and return the gain applied to all samples.
+
+    The gain is 1 or less: a peak above 0.98 of full scale is reduced to 0.98. ``blocks`` starts the
+    rendering and yields samples (n, C), ``count`` in total; it is called twice for long sound. The
+    channel list is ``path.channels.json``; ``start_s`` is the first sample's time in the scene.
+    Raises InputError beyond 4 GiB, OutputError for an unwritable file; no partial file remains.
+    """
+    data_bytes = refuse_large(layout, path, count=count)
+    # The gain depends on the largest peak, so the sound is rendered before it is written.
+    cached: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _CACHED else None
+    peak = 0.0
+    for block in blocks():
+        peak = max(peak, float(np.abs(block).max(initial=0.0)))
+        if cached is not None:
+            cached.append(block.astype(np.float32))
+    # A gain for the whole sound keeps the balance between loudspeakers and over time.
+    gain = min(1.0, _HIGHEST / peak) if peak > 0.0 else 1.0
+    angles = zip(layout.azimuths_deg, layout.elevations_deg, strict=True)
+    _write_sidecar(
+        path,
+        {
+            "format": "hfx-sound-channels",
+            "version": 1,
+            "rate_hz": RATE_HZ,
+            "start_s": start_s,
+            "layout": layout.name,
+            "gain": gain,
+            "channels": [
+                {"channel": k, "azimuth_deg": azimuth, "elevation_deg": elevation}
+                for k, (azimuth, elevation) in enumerate(angles)
+            ],
+        },
+    )
+    with atomic_file(path) as file:
+        file.write(head(_SOUND_BITS, len(layout), RATE_HZ, count))
+        again = blocks() if cached is None else (part.astype(np.float64) for part in cached)
+        for block in again:
+            file.write(encoded(block * gain, _SOUND_BITS))
+        file.write(b"\0" * (data_bytes % 2))
+    return gain

@@ -78,9 +78,7 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
 
 def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) -> WavForm:
     """Storage format of the fmt chunk; reports unknown kinds, wrong sizes and non-finite samples.
-
-    ``chunks``: (first byte, length) by name.
-    """
+    ``chunks``: (first byte, length) by name."""
     start, length = chunks[b"fmt "]
     tag, channels, rate, byte_rate, frame, bits = struct.unpack_from("<HHIIHH", content, start)
     # The extensible form has the real sample format in its first two GUID bytes.
@@ -104,17 +102,15 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
     begin, data = chunks[b"data"]
     if frame and data % frame:
         report.error("DATA", None, "the last sample is not complete")
-    if tag == _FLOAT and bits in _BITS[_FLOAT] and not _is_finite(content, begin, data, bits // 8):
-        report.error("DATA", None, "it has samples that are not finite numbers")
+    if tag == _FLOAT and bits in _BITS[_FLOAT]:
+        # Block by block, as a mapped file may be larger than the memory.
+        end = begin + data - data % (bits // 8)
+        blocks = (content[k : min(k + _BLOCK_BYTES, end)] for k in range(begin, end, _BLOCK_BYTES))
+        samples = (np.frombuffer(block, f"<f{bits // 8}") for block in blocks)
+        if not all(np.isfinite(block).all() for block in samples):
+            report.error("DATA", None, "it has samples that are not finite numbers")
     frames = data // frame if frame else 0
     return WavForm(channels, rate, bits, tag == _FLOAT, frames)
-
-
-def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:
-    """Test floating-point samples of ``width`` bytes for finite values, block by block."""
-    end = begin + length - length % width
-    parts = (content[at : min(at + _BLOCK_BYTES, end)] for at in range(begin, end, _BLOCK_BYTES))
-    return all(np.isfinite(np.frombuffer(part, f"<f{width}")).all() for part in parts)
 
 
 _CHANNEL: Final = Number(0, is_whole=True)
@@ -123,6 +119,14 @@ _SHARED: Final[dict[str, Shape]] = {
     "rate_hz": Number(1, is_whole=True),
     "start_s": Number(),
 }
+_ACTUATOR: Final = Record({"channel": _CHANNEL, "actuator": Text()})
+_LOUDSPEAKER: Final = Record(
+    {
+        "channel": _CHANNEL,
+        "azimuth_deg": Number(-360.0, 360.0),
+        "elevation_deg": Number(-90.0, 90.0),
+    }
+)
 _KINDS: Final = {
     "hfx-wav-channels": Record(
         {
@@ -131,7 +135,7 @@ _KINDS: Final = {
             "device": Text(),
             "body": Text(),
             "full_scale_m_s2": Number(0.0),
-            "channels": Items(Record({"channel": _CHANNEL, "actuator": Text()}), least=1),
+            "channels": Items(_ACTUATOR, least=1),
         }
     ),
     "hfx-sound-channels": Record(
@@ -140,29 +144,19 @@ _KINDS: Final = {
             "format": Text(("hfx-sound-channels",)),
             "layout": Text(),
             "gain": Number(0.0, 1.0),
-            "channels": Items(
-                Record(
-                    {
-                        "channel": _CHANNEL,
-                        "azimuth_deg": Number(-360.0, 360.0),
-                        "elevation_deg": Number(-90.0, 90.0),
-                    }
-                ),
-                least=1,
-            ),
+            "channels": Items(_LOUDSPEAKER, least=1),
         }
     ),
 }
 
 
 def validate_channels(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of a channel list: schema errors, or else channels out of order.
-
-    Raises InputError without valid JSON.
-    """
+    """Return the findings of a channel list: schema errors, or else channels out of order. Raises
+    InputError without valid JSON."""
     document = parse(content, name)
     report = Report("CHANNELS")
     kind = document.get("format") if isinstance(document, dict) else None
+    # An unknown format is compared with the first kind, whose rule of "format" then fails.
     first = next(iter(_KINDS.values()))
     check(_KINDS.get(kind, first) if isinstance(kind, str) else first, document, report)
     if not report.has_errors:

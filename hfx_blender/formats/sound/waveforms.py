@@ -50,33 +50,27 @@ class Waveform:
 
 
 def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
-    """Sum of waveforms at their highest rate, silent outside each, slower ones interpolated.
-
-    Raises TooLargeError beyond the memory limit of a file.
-    """
+    """Sum of waveforms at their highest rate, silent outside each, slower ones interpolated. Raises
+    TooLargeError beyond the memory limit of a file."""
     rate = max(waveform.rate_hz for waveform in waveforms)
     start = min(waveform.start_s for waveform in waveforms)
     count = round((max(waveform.end_s for waveform in waveforms) - start) * rate)
     limits.MEMORY.check(BYTES * count, name, "its waveform would take")
     total = np.zeros(count)
     for waveform in waveforms:
-        first = round((waveform.start_s - start) * rate)
-        if waveform.rate_hz == rate:
-            part = waveform.values[: count - first]
-        else:
+        first, part = round((waveform.start_s - start) * rate), waveform.values
+        if waveform.rate_hz != rate:
             # Slower waveforms are interpolated linearly.
             times = np.arange(int((waveform.end_s - waveform.start_s) * rate)) / rate
-            own_times = np.arange(len(waveform.values)) / waveform.rate_hz
-            part = np.interp(times, own_times, waveform.values)[: count - first]
+            part = np.interp(times, np.arange(len(part)) / waveform.rate_hz, part)
+        part = part[: count - first]
         total[first : first + len(part)] += part
     return Waveform(start, rate, total)
 
 
 def piece_of(waveform: Waveform, gain: float) -> Piece:
     """Piece with amplitude (times ``gain``) and frequency of a waveform, 500 keyframes a second.
-
-    The amplitude of a steady tone is exact. Changes within 5 ms are averaged by power.
-    """
+    The amplitude of a steady tone is exact. Changes within 5 ms are averaged by power."""
     rate = waveform.rate_hz
     rows = np.arange(int(len(waveform.values) * ROWS_HZ / rate) + 1) / ROWS_HZ
     amplitude, hertz = np.zeros((2, len(rows)))
@@ -85,8 +79,7 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
         begin = max(int((rows[block][0] - _MARGIN_S) * rate), 0)
         end = int((rows[block][-1] + _MARGIN_S) * rate) + 1
         part = gain * waveform.values[begin:end]
-        # Index of each row within the part, whose margin covers the analytic signal's
-        # reach.
+        # Index of each row within the part, whose margin covers the reach of the analytic signal.
         at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
         amplitude[block], hertz[block] = _analysed(part, rate, at)
     times = waveform.start_s + rows
@@ -95,12 +88,11 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
 
 
 def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F64, F64]:
-    """Amplitude and Hz, (len(at),) each, of samples (n,) at indices ``at``.
-
-    Averaged over 5 and 20 ms; amplitudes below 5e-4 are 0.
-    """
+    """Amplitude and Hz, (len(at),) each, of samples (n,) at indices ``at``. Averaged over 5 and 20
+    ms; amplitudes below 5e-4 are 0."""
     count = len(values)
     padded = 1 << (count + int(rate_hz * FREQUENCY_S)).bit_length()
+    # The analytic signal has the positive frequencies only, of twice the strength.
     spectrum = np.fft.fft(values, padded)
     spectrum[1 : padded // 2] *= 2.0
     spectrum[padded // 2 + 1 :] = 0.0

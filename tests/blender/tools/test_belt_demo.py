@@ -22,7 +22,7 @@ from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export import scene_sound
 from hfx_blender.export.scene_sound import SoundRecorder, SoundSettings, write_sound
 from hfx_blender.files import limits
-from hfx_blender.formats.sound import sound_wav
+from hfx_blender.formats.sound import wav
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_tools.demo import belt, demo_charts
 
@@ -82,7 +82,7 @@ def test_what_circles_the_waist_goes_round_the_belt_and_the_loudspeakers(
     recorder.write(path)
     rate, heard = wavfile.read(path)
     rows = len(raster.values)
-    assert heard.shape == (sound_wav.sample_count(rows, raster.rate_hz, rate), 8)
+    assert heard.shape == (wav.sample_count(rows, raster.rate_hz, rate), 8)
     assert len(heard) / rate == pytest.approx(rows / float(raster.rate_hz))
     strengths = raster.values[:, ::2]
     assert [column.actuator for column in raster.columns[::2]] == [

@@ -53,11 +53,8 @@ class DeviceLimits:
         return limited(values[self._columns], self._lowest, self._highest, self.silent)
 
     def joined(self, values: F64) -> F64:
-        """New array (columns,) of values (A, P): P parameters of each of A actuators.
-
-        Actuators with fewer parameters repeat their strength in ``values``; the repetitions are
-        dropped.
-        """
+        """New array (columns,) of values (A, P): P parameters of each of A actuators. Actuators
+        with fewer parameters repeat their strength in ``values``; the repetitions are dropped."""
         columns = np.zeros_like(self.neutral)
         for index in reversed(range(values.shape[1])):  # the strength last, over its repetitions
             columns[self._columns[:, index]] = values[:, index]

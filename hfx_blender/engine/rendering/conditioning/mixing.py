@@ -82,9 +82,7 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
     """Strengths of ``mixed`` (source modality) times the scale, at the target's fixed frequency.
-
-    Magnitudes, except for temperature as target; frequencies only for vibration.
-    """
+    Magnitudes, except for temperature as target; frequencies only for vibration."""
     strengths = mixed.strengths
     if substitution.target != "temperature":
         strengths = np.abs(strengths)
@@ -95,10 +93,8 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine one or more native and substituted outputs of a modality at actuators.
-
-    Vibrations combine by :func:`combine_vibration`, the rest adds; winds add their speeds here.
-    """
+    """Combine one or more native and substituted outputs of a modality at actuators. Vibrations
+    combine by :func:`combine_vibration`, the rest adds; winds add their speeds here."""
     strengths = np.stack([mixed.strengths for mixed in mixes])
     if modality == "vibration":
         hz = [mixed.frequencies_hz for mixed in mixes if mixed.frequencies_hz is not None]

@@ -25,9 +25,7 @@ NOISE_REPEATS: Final = 2**16
 
 def kept_through_silence(amplitudes: tuple[F64, F64], hz: tuple[F64, F64]) -> tuple[F64, F64]:
     """Frequencies at the start and end of ramps; a silent end takes the frequency of the loud end.
-
-    ``amplitudes`` and ``hz`` are pairs (start, end) of (...); two silent ends are exchanged.
-    """
+    ``amplitudes`` and ``hz`` are pairs (start, end) of (...); two silent ends are exchanged."""
     first = np.where(amplitudes[0] == 0.0, hz[1], hz[0])
     last = np.where(amplitudes[1] == 0.0, hz[0], hz[1])
     return first, last
@@ -40,9 +38,7 @@ def cycles_on_the_way(hz: tuple[F64, F64], share: F64, seconds: float) -> F64:
 
 def cycles_since_the_beginning(hz: F64, seconds: float, repeats: F64) -> F64:
     """Phase of a wave at ``seconds`` as if started at time 0, in cycles modulo ``repeats``.
-
-    ``repeats``: its period. Vibrations of equal frequency are then in phase, and add.
-    """
+    ``repeats``: its period. Vibrations of equal frequency are then in phase, and add."""
     return np.asarray(hz * seconds % repeats)
 
 

@@ -63,10 +63,8 @@ class ActuatorComplex:
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
     def _nearest(self, points: F64, blend: float) -> tuple[I64, I64, F64, F64]:
-        """Nearest simplices: point rows, simplices, corner weights (m, 3); distances (n,).
-
-        A pair per point; with ``blend`` also farther simplices, weights summing to 1 per point.
-        """
+        """Nearest simplices: point rows, simplices, corner weights (m, 3); distances (n,). A pair
+        per point; with ``blend`` also farther simplices, weights summing to 1 per point."""
         # Candidates by bounding balls. The complex reaches the centre of a ball, so the nearest
         # centre is an upper bound, and a ball beginning farther away cannot hold the nearest point.
         middles, radii_m = self._balls

@@ -47,10 +47,8 @@ class VectorBasePanning:
         self._inverses = np.linalg.inv(self._units[self._bases])  # (S, D, D)
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) of the sources for directions (n, D) of any length.
-
-        The squares sum to 1; all 0 for a zero or non-finite direction.
-        """
+        """Gains (n, A) of the sources for directions (n, D) of any length. The squares sum to 1;
+        all 0 for a zero or non-finite direction."""
         points = np.asarray(points, np.float64)
         lengths = np.linalg.norm(points, axis=1)
         rows = np.flatnonzero(np.isfinite(points).all(axis=1) & (lengths > 0.0))
@@ -86,10 +84,8 @@ class VectorBasePanning:
 
 
 def _pairs(units: F64) -> I64:
-    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart.
-
-    None of a single unit.
-    """
+    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart. None of
+    a single unit."""
     if len(units) == 1:
         return np.zeros((0, 2), np.int64)
     angles = np.arctan2(units[:, 1], units[:, 0])
@@ -101,10 +97,8 @@ def _pairs(units: F64) -> I64:
 
 
 def _triplets(units: F64) -> tuple[I64, I64]:
-    """Hull triangles that face away from the centre, (S, 3), and edges of their rim, (E, 2).
-
-    Raises ValueError without such a triangle.
-    """
+    """Hull triangles that face away from the centre, (S, 3), and edges of their rim, (E, 2). Raises
+    ValueError without such a triangle."""
     triangles = _hull(units)
     corners = units[triangles]
     # A triangle in a plane with the centre has no volume and is no base: its matrix is singular.
@@ -144,9 +138,7 @@ def _hull(units: F64) -> I64:
 
 def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
     """Gains (n, P), unnormalized, at the nearest direction on the arcs ``rim`` (E, 2) of sources.
-
-    The nearest source alone without a rim.
-    """
+    The nearest source alone without a rim."""
     # Start from the nearest source; also the result without a rim, where only rounding led here.
     gains = np.eye(len(sources))[np.argmax(units @ sources.T, axis=1)]
     best = np.full(len(units), -np.inf)

@@ -67,9 +67,7 @@ def _lifted(points: F64) -> F64:
 
 def _closed(places: F64, place_of: I64, closed_m: float) -> ActuatorComplex:
     """Complex of places (P, 2) and copies at ``closed_m`` to either side, triangulated equally.
-
-    Copies of the actuators, of ``place_of`` (A,), are separate actuators: (3 A,) in the result.
-    """
+    Copies of the actuators, of ``place_of`` (A,), are separate actuators: (3 A,) in the result."""
     shifts = [np.array([turn * closed_m, 0.0]) for turn in _TURNS]
     every = np.concatenate([places + shift for shift in shifts])
     extent = float(np.linalg.norm(np.ptp(every, axis=0)))
@@ -91,9 +89,7 @@ def _closed(places: F64, place_of: I64, closed_m: float) -> ActuatorComplex:
 
 def simplices_of(places: F64) -> I64:
     """Delaunay triangles (S, 3) of distinct places (P, 2); edges of places in line, or a point.
-
-    Edges and points repeat their last corner.
-    """
+    Edges and points repeat their last corner."""
     if len(places) == 1:
         return np.zeros((1, 3), np.int64)
     centred = places - places.mean(axis=0)
@@ -141,10 +137,8 @@ class GaussianSplatting:
         self._sigma_m = sigma_m
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A) for places (n, D), m, rescaled to 1 at an actuator, 0 from 4 sigma.
-
-        0 for a place that is not finite.
-        """
+        """Gains (n, A) for places (n, D), m, rescaled to 1 at an actuator, 0 from 4 sigma. 0 for a
+        place that is not finite."""
         ratio = _distances(np.asarray(points, np.float64), self._positions) / self._sigma_m
         floor = np.exp(-0.5 * _SPREAD**2)
         with np.errstate(over="ignore"):

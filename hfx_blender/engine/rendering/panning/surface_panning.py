@@ -74,10 +74,8 @@ class SurfaceNeighbours:
         return np.array([self._known[pair] for pair in ordered], np.float64)
 
     def _measured(self, pairs: I64) -> F64:
-        """Edge path lengths (k,) of pairs (k, 2), m; infinity for pairs not to be joined.
-
-        Joined: one limb, path at most 200 mm and 1.7 times the straight path, not through the air.
-        """
+        """Edge path lengths (k,) of pairs (k, 2), m; infinity for pairs not to be joined. Joined:
+        one limb, path at most 200 mm and 1.7 times the straight path, not through the air."""
         places = self._model.vertices[self._anchors].astype(np.float64)
         first, second = pairs.T
         straight_m = np.linalg.norm(places[first] - places[second], axis=1)
@@ -86,6 +84,7 @@ class SurfaceNeighbours:
             (self._limb[first] == self._limb[second]) & (straight_m <= MAX_SPAN_M)
         )
         if len(near):
+            # A long detour leads around a gap, such as that between two fingers.
             allowed_m = np.minimum(MAX_SPAN_M, _ROUND_ABOUT * straight_m[near])
             lengths_m[near] = along_edges_m(self._graph, self._anchors[pairs[near]], allowed_m)
             near = near[np.isfinite(lengths_m[near])]
@@ -153,9 +152,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
 
 def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
     """Index (V,) of the anchor nearest along edges (-1: beyond 400 mm), and distance (V,), m.
-
-    ``anchors`` are ascending vertices.
-    """
+    ``anchors`` are ascending vertices."""
     from scipy.sparse.csgraph import dijkstra
 
     distance, _, source = dijkstra(
@@ -172,9 +169,7 @@ def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
     """Mask (k,) of pairs of places whose straight path is outside the body, as between fingertips.
-
-    Tested at three points; outside: above skin by more than a tenth of the path's length.
-    """
+    Tested at three points; outside: above skin by more than a tenth of the path's length."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(model.vertices.astype(np.float64))
@@ -233,10 +228,8 @@ class SkinNeighbours:
         self._skin: SkinDistances | None = None
 
     def are_joined(self, firsts: I64, seconds: I64) -> Bool:
-        """Test pairs of actuators for one limb and at most 200 mm along the skin, (k,) bool.
-
-        Pairs up to 100 mm apart in space count as joined without measuring.
-        """
+        """Test pairs of actuators for one limb and at most 200 mm along the skin, (k,) bool. Pairs
+        up to 100 mm apart in space count as joined without measuring."""
         straight_m = np.linalg.norm(self._centres[firsts] - self._centres[seconds], axis=1)
         joined = (straight_m <= MAX_SPAN_M) & (self._limb[firsts] == self._limb[seconds])
         doubtful = np.flatnonzero(joined & (straight_m > _SURELY_NEAR_M))
@@ -305,6 +298,7 @@ def parted(gains: F64, are_joined: AreJoined) -> F64:
     if not is_apart.any():
         return gains
     firsts, seconds = firsts[is_apart], seconds[is_apart]
+    # Rows of each actuator once: most pairs share few places.
     where = {k: np.flatnonzero(gains[:, k] > 0.0) for k in np.union1d(firsts, seconds).tolist()}
     share = np.ones_like(gains)
     for a, b in zip(firsts.tolist(), seconds.tolist(), strict=True):
@@ -323,6 +317,7 @@ def parted(gains: F64, are_joined: AreJoined) -> F64:
 def playing_together(gains: F64) -> tuple[I64, I64]:
     """Pairs of actuators, first < second, with positive gains (n, A) at a common place."""
     columns = np.flatnonzero((gains > 0.0).any(axis=0))
+    # Counts of common places, as a product of masks; float32 products use the fast path of BLAS.
     shared = np.zeros((len(columns),) * 2, np.float32)
     for first in range(0, len(gains), _ROWS_AT_ONCE):
         playing = (gains[first : first + _ROWS_AT_ONCE, columns] > 0.0).astype(np.float32)
