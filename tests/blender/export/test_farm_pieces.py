@@ -25,7 +25,7 @@ OPTIONS = ("-f", "track,csv,hjif,glb", "--device", "insoles")
 def moving(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     hfx_scenes.small_scene(FRAMES - 1)
     ball = bpy.data.objects["Ball"]
-    ball.hfx.radius, ball.hfx.falloff = 0.1, "smooth"
+    ball.hfx.radius, ball.hfx.falloff = 0.3, "smooth"
     # Skin of the first volume is cached for the second, so work depends on what was done before.
     bpy.ops.hfx.add_volume(modality="vibration", shape="CUBOID", name="Box", radius=0.4)
     box = bpy.data.objects["Box"]
