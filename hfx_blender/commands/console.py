@@ -9,9 +9,11 @@ import os
 import shutil
 import sys
 import time
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
 from typing import Any, TextIO
 
+from ..engine.stepwise import progress_shown
 from ..processes import process_end
 from ..text import printable, printable_lines
 
@@ -53,6 +55,10 @@ class Console:
     def progress(self, title: str) -> Progress:
         """Make a progress bar with the remaining time; visible on a terminal only."""
         return Progress(self, title)
+
+    def reading(self, path: Path) -> AbstractContextManager[None]:
+        """Context with a progress bar for a file that is read or converted."""
+        return progress_shown(self.progress(path.name))
 
     def show(self, line: str) -> None:
         """Overwrite the progress line, cut to the width of the terminal."""

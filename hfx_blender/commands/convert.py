@@ -62,15 +62,16 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(f"--tolerance {options.tolerance:g}: expected more than 0, up to 50")
     if options.device and len(options.device) > 1:
         raise UsageError("--device: expected one; 'hfx export' writes for several")
-    written = convert(
-        options.source,
-        options.target,
-        to=options.to,
-        device=options.device[0] if options.device else None,
-        body=options.body,
-        tolerance=options.tolerance / 100.0,
-        strict=options.strict,
-    )
+    with console.reading(options.source):
+        written = convert(
+            options.source,
+            options.target,
+            to=options.to,
+            device=options.device[0] if options.device else None,
+            body=options.body,
+            tolerance=options.tolerance / 100.0,
+            strict=options.strict,
+        )
     for path in written.files:
         console.say(f"{path}  {path.stat().st_size} bytes")
     for note in written.notes:

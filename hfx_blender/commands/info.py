@@ -42,7 +42,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(readers)} and "
             "the formats of hfx export."
         )
-    facts = readers[path.suffix](path)
+    with console.reading(path):
+        facts = readers[path.suffix](path)
     console.say(_as_text(facts), several_lines=True)
     console.result(facts)
     return 0

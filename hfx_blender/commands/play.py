@@ -94,7 +94,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     _check_outputs(options, names)
     with ExitStack() as stack:
         address_note, progress = "", console.progress(options.file.name)
-        source, targets = _opened(options, names, stack)
+        with console.reading(options.file):
+            source, targets = _opened(options, names, stack)
         if options.listen is None:
             start_s, end_s = source.start_s, source.end_s
             if options.begin is not None and not start_s <= options.begin < end_s:  # NaN, too

@@ -67,7 +67,8 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     if own := kind_of(path):
         return _check_own(path, own, console)
     try:
-        info, findings = validate(path)
+        with console.reading(path):
+            info, findings = validate(path)
     except InputError as error:
         console.warn(f"hfx: {error}")
         return {"file": str(path), "format": None, "is_valid": False, "error": str(error)}

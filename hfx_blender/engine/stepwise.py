@@ -7,14 +7,35 @@ unfinished work, like an error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from typing import TypeVar
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Final, TypeVar
 
 Progress = Callable[[float], None]
 _T = TypeVar("_T")
 
+_PROGRESS: Final[ContextVar[Progress | None]] = ContextVar("hfx_progress", default=None)
 
-def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
+
+@contextmanager
+def progress_shown(progress: Progress) -> Iterator[None]:
+    """Context in which :func:`tell` calls ``progress``, in this thread."""
+    token = _PROGRESS.set(progress)
+    try:
+        yield
+    finally:
+        _PROGRESS.reset(token)
+
+
+def tell(share: float) -> None:
+    """Report the finished fraction of a long loop, such as reading a large file; does nothing
+    outside of :func:`progress_shown`."""
+    if (progress := _PROGRESS.get()) is not None:
+        progress(share)
+
+
+def finish(steps: Generator[float, None, _T], progress: Progress = tell) -> _T:
     """Run all steps and return the generator's result; ``progress`` is called with each yielded
     fraction."""
     while True:

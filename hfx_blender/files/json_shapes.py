@@ -330,8 +330,9 @@ def _check_list(shape: Items | Row, value: Any, report: Report, place: Place) ->
     if len(value) < shape.least or (shape.most is not None and len(value) > shape.most):
         report.error("COUNT", place, _found(value, shape.allowed))
     before = report.count
-    for k, item in enumerate(value):
-        check(shape.item, item, report, (place, k))
+    if not (isinstance(shape.item, Number) and _are_all_in_range(shape.item, value)):
+        for k, item in enumerate(value):
+            check(shape.item, item, report, (place, k))
     # Only items without faults are comparable.
     if shape.order != "any" and report.count == before:
         _check_order(shape, value, report, place)
@@ -378,6 +379,17 @@ def _check_number(shape: Number, value: Any, report: Report, place: Place) -> No
     is_in_range = shape.lowest <= value <= shape.highest and abs(value) >= shape.smallest
     if not is_in_range or (shape.choices and value not in shape.choices):
         report.error("RANGE", place, _found(value, shape.allowed))
+
+
+def _are_all_in_range(shape: Number, values: list[Any]) -> bool:
+    """Quick test that no value of a list has a fault; False if undecided."""
+    allowed = {int} if shape.is_whole else {int, float}
+    if shape.smallest or shape.choices or not values or not allowed.issuperset(map(type, values)):
+        return False
+    if not (shape.lowest <= min(values) and max(values) <= shape.highest):
+        return False
+    # A NaN may hide from both, but makes the sum NaN.
+    return shape.is_whole or not math.isnan(sum(values))
 
 
 def _number_of(text: str) -> float | None:

@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,6 +102,13 @@ def read_data(path: Path) -> bytes:
     return read_bytes(path, int(limits.MEMORY.allowed))
 
 
+def mapped_data(path: Path) -> bytes:
+    """Map a regular file within the limit :data:`.limits.MEMORY`; raise InputError for others."""
+    refuse_no_file(path)
+    limits.MEMORY.check(path.stat().st_size, str(path), "it has")
+    return mapped(path)
+
+
 def mapped(path: Path) -> bytes:
     """Map a regular file of any size into memory; InputError for an unreadable path."""
     refuse_no_file(path)
@@ -181,6 +189,9 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return members
 
 
+# Numbers of large files repeat (weights of four digits, vertex ids): a lookup takes a third of the
+# time of a hook in Python.
+@lru_cache(1 << 16)
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
@@ -188,6 +199,7 @@ def _finite(text: str) -> float:
     return value
 
 
+@lru_cache(1 << 16)
 def _whole(text: str) -> int:
     if len(text) > 20:
         raise ValueError(f"the number {text[:20]}... is too long")

@@ -22,7 +22,7 @@ from ..errors import InputError, OutputError, refuse_no_file
 from ..files import limits
 from ..files.findings import Finding, as_fact, refuse_errors
 from ..files.kinds import title_of
-from ..files.strict_json import mapped, read_bytes, read_data
+from ..files.strict_json import mapped, mapped_data, read_bytes, read_data
 from .registry import FORMATS, FormatInfo
 from .signals.signals import FrequencyRange, Signal
 from .written import Written
@@ -111,8 +111,8 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Findin
                 return info, [_finding(info, "CONTENT", error, path)]
             return info, []
     info = format_of(path)
-    # A WAV may exceed memory, and only its head is parsed: map instead of reading.
-    content = mapped(path) if info.id == "wav" else read_data(path)
+    # Of a WAV only the head is parsed, of samples a line at a time: map instead of reading.
+    content = {"wav": mapped, "jsonl": mapped_data}.get(info.id, read_data)(path)
     try:
         findings: list[Finding] = info.function("check")(content, str(path))
         if reads and info.decode and not any(finding.severity == "error" for finding in findings):

@@ -8,9 +8,12 @@ times the difference from neutral).
 
 from __future__ import annotations
 
+import operator
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +25,7 @@ from ..engine.modality import MODALITIES
 from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import blocks
 from ..engine.samples import SampleRun, Stream
+from ..engine.stepwise import tell
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError
 from ..files.atomic import atomic_file
@@ -37,7 +41,7 @@ from ..files.json_shapes import (
     check,
     strict,
 )
-from ..files.strict_json import Place, clean, encoded, parse, read_data, shown
+from ..files.strict_json import Place, clean, encoded, mapped_data, parse, shown
 from .registry import FORMATS
 from .written import Written
 
@@ -45,6 +49,7 @@ SUFFIX: Final = FORMATS["jsonl"].suffix
 FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
+_TOLD_AFTER: Final = 1 << 20  # bytes between two reports of progress
 _LARGEST_TABLE: Final = 2**20
 """Smallest vertex id formatted individually instead of by table."""
 
@@ -253,40 +258,56 @@ def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of all lines and references; InputError for a line without valid JSON."""
-    return _checked(content, name)[1]
+    """Return the findings of all lines and references; InputError for a line without valid JSON.
+
+    A single line is held in memory, if ``content`` is a mapped file.
+    """
+    report = Report("JSONL")
+    for _ in _sound_lines(content, name, report):
+        pass
+    return report.findings
 
 
 def read(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a file, the header first; InputError for an unreadable or invalid file."""
-    lines, findings = _checked(read_data(path), str(path))
-    refuse_errors(findings, str(path))
-    yield from lines
+    """Yield the lines of a file, the header first; InputError for an unreadable file, and after
+    the last valid line before a fault."""
+    report = Report("JSONL")
+    for line in _sound_lines(mapped_data(path), str(path), report):
+        refuse_errors(report.findings, str(path))
+        yield line
+    refuse_errors(report.findings, str(path))
 
 
 def facts(path: Path) -> dict[str, Any]:
     """Rate, duration, bodies, effects and counts of a valid file for ``hfx info``."""
-    header, *rest = read(path)
+    lines = read(path)
+    header = next(lines)
+    counts = Counter(line["type"] for line in lines)
     return {
         "rate_hz": header["rate_hz"],
         "seconds": header["duration_s"],
         "bodies": [body["name"] for body in header["bodies"]],
         "effects": [effect["name"] for effect in header["effects"]],
-        "samples": sum(line["type"] == "sample" for line in rest),
-        "sets": sum(line["type"] == "set" for line in rest),
+        "samples": counts["sample"],
+        "sets": counts["set"],
     }
 
 
-def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """Lines without faults of structure, and all findings; no lines without a valid header.
+def _sound_lines(content: bytes, name: str, report: Report) -> Iterator[dict[str, Any]]:
+    """Yield lines without faults of structure, and add findings to ``report``; no lines without a
+    valid header.
 
     Raises InputError for a line without valid JSON, and for a header with an ``encoding``.
     """
-    report = Report("JSONL")
     rules = _Rules(report)
-    lines: list[dict[str, Any]] = []
+    source = BytesIO(content) if isinstance(content, bytes) else content  # a map reads lines
+    done = told = 0
     # Faulty lines are dropped from the result, but checking goes on with the next line.
-    for k, text in enumerate(content.splitlines()):
+    for k, text in enumerate(iter(source.readline, b"")):
+        done += len(text)
+        if done - told > _TOLD_AFTER:
+            told = done
+            tell(done / len(content))
         value = parse(text, f"{name}, line {k + 1}")
         if k == 0 and isinstance(value, dict) and "encoding" in value:
             raise InputError(
@@ -294,12 +315,11 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
                 "without it; export the scene again with 'hfx export SCENE.blend -f jsonl'."
             )
         if rules.is_sound(value, k == 0, (None, f"line {k + 1}")):
-            lines.append(value)
+            yield value
         elif k == 0:  # without a header every other line would be reported
-            return [], report.findings
-    if not lines:
+            return
+    if not done:
         report.error("EMPTY", None, "it has no header")
-    return lines, report.findings
 
 
 class _Rules:
@@ -332,7 +352,7 @@ class _Rules:
             vertices, number = value["vertices"], value["set"]
             if len(vertices) != len(value["weights"]):
                 self._report.error("SET-SIZE", place, "there are not as many weights as vertices")
-            if any(b <= a for a, b in pairwise(vertices)):
+            if not all(map(operator.lt, vertices, islice(vertices, 1, None))):
                 self._report.error("SET-ORDER", place, "the vertices do not ascend")
             if number in self._sets:
                 self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")

@@ -14,6 +14,7 @@ import jsonschema
 import pytest
 
 from hfx_blender.errors import InputError
+from hfx_blender.files.findings import Report
 from hfx_blender.files.json_shapes import (
     Either,
     Flag,
@@ -22,6 +23,7 @@ from hfx_blender.files.json_shapes import (
     Record,
     Shape,
     Text,
+    check,
     curve,
     node_of,
     numbers,
@@ -134,3 +136,28 @@ def test_a_large_value_is_not_repeated_whole() -> None:
     with pytest.raises(InputError) as caught:
         node_of(json.dumps([[7] * 100_000]).encode(), "x").hold(Record())
     assert len(str(caught.value)) < 120
+
+
+@pytest.mark.parametrize(
+    ("item", "values", "faults"),
+    [
+        (Number(0.0, 1.0), [0, 0.5, 1], []),
+        (Number(0.0, 1.0), [0.5, 1.5, -0.1], [("RANGE", "[1]"), ("RANGE", "[2]")]),
+        (Number(0.0, 1.0), [0.5, True], [("TYPE", "[1]")]),  # true is no full power
+        (Number(0.0, 1.0), [0.5, float("nan"), 0.7], [("RANGE", "[1]")]),
+        (Number(), [1, float("nan")], [("RANGE", "[1]")]),
+        (Number(0, 9, is_whole=True), [0, 9], []),
+        (Number(0, 9, is_whole=True), [0, 9.0], [("TYPE", "[1]")]),
+        (Number(0, 9, choices=(1, 2)), [1, 3], [("RANGE", "[1]")]),
+        (Number(-1.0, 1.0, smallest=0.5), [0.5, 0.1], [("RANGE", "[1]")]),
+        (Number(), ["1"], [("TYPE", "[0]")]),
+    ],
+)
+def test_each_fault_in_a_list_of_numbers_is_found(
+    item: Number, values: list[Any], faults: list[tuple[str, str]]
+) -> None:
+    report = Report("X")
+    check(Items(item), values, report)
+    assert [(finding.code, finding.place) for finding in report.findings] == [
+        (f"X-{code}", place) for code, place in faults
+    ]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..scene import Clip, TimeBase
+from ..stepwise import tell
 from .header import TrackHeader
 from .track_reader import TrackReader
 from .writer import TrackWriter
@@ -124,6 +125,7 @@ def merge(parts: Iterable[Path], path: Path) -> None:
     with TrackReader(files[0]) as first:
         header, precise = first.header, first.full_precision
     with TrackWriter(path, header, full_precision=precise) as writer:
-        for file in files:
+        for k, file in enumerate(files):
+            tell(k / len(files))
             with TrackReader(file) as part:
                 writer.copy(part)

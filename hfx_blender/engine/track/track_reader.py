@@ -17,6 +17,7 @@ from ...errors import InputError, refuse_no_file
 from ..arrays import NPZ_DAMAGE
 from ..modality import MODALITIES
 from ..samples import Drive, Sample, SampleRun, Stream
+from ..stepwise import tell
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header import TrackHeader
@@ -103,6 +104,7 @@ class TrackReader:
         for chunk in self.chunks:
             low = chunk * self.samples_per_chunk
             if low < stop and first < low + self.samples_per_chunk:
+                tell((max(low, first) - first) / max(stop - first, 1))
                 for section in self.sections(chunk):
                     run = self._run(section, low, first, stop)
                     if len(run):

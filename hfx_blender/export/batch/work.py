@@ -15,6 +15,7 @@ from uuid import uuid4
 
 from ...devices.configuration import load_device
 from ...engine.rendering.device_config import DeviceConfig
+from ...engine.stepwise import progress_shown
 from ...engine.tolerance import parse as parse_tolerance
 from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK
@@ -108,7 +109,8 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
             )
             for part in recorded
         ]
-        report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
+        with progress_shown(progress):
+            report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
         if unit.kind == "join":
             pieces.remove(unit)
     else:

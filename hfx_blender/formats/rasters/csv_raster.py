@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +15,7 @@ import numpy as np
 
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
+from ...engine.stepwise import tell
 from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
@@ -104,9 +106,8 @@ def decode(content: bytes, name: str) -> Raster:
     # An upper bound of the numbers, before numpy allocates them.
     numbers = text.count(",") + max(text.count("\n"), text.count("\r"))
     limits.MEMORY.check(8.0 * numbers, name, "its values would take")
-    lines = io.TextIOWrapper(io.BytesIO(rest), "ascii")
     try:
-        table = np.loadtxt(lines, np.float64, delimiter=",", ndmin=2, comments=None)
+        table = np.loadtxt(_lines_of(rest), np.float64, delimiter=",", ndmin=2, comments=None)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{name}: not a table of numbers ({error}).") from None
     if table.size == 0 or table.shape[1] != len(names):
@@ -133,3 +134,12 @@ def decode(content: bytes, name: str) -> Raster:
     )
     raster_rules.refuse(raster, name)
     return raster
+
+
+def _lines_of(content: bytes) -> Iterator[str]:
+    """Yield the lines of a text in ASCII, with reports of progress."""
+    source = io.BytesIO(content)
+    for k, line in enumerate(io.TextIOWrapper(source, "ascii"), start=1):
+        if k % _BLOCK_ROWS == 0:
+            tell(source.tell() / len(content))
+        yield line
