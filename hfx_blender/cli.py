@@ -80,7 +80,9 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
             ):
                 code = int(options.run(options, console))
         process_end.check()
-        return code or _exit_code_of(console)
+        if code or console.fault is None:
+            return code
+        return _unprinted(console, console.fault)
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
@@ -111,11 +113,6 @@ def _named_files(options: argparse.Namespace) -> Iterator[Path]:
             for item in value if isinstance(value, list) else [value]:
                 if isinstance(item, str | Path) and os.path.isfile(item):
                     yield Path(item)
-
-
-def _exit_code_of(console: Console) -> int:
-    """Exit code of finished work: 0, or that of an unwritable standard output."""
-    return 0 if console.fault is None else _unprinted(console, console.fault)
 
 
 def _unprinted(console: Console, fault: OSError) -> int:

@@ -137,7 +137,7 @@ def _join(window: bpy.types.Window, x: int, y: int) -> None:
 
 
 def state(area: bpy.types.Area) -> list[dict[str, object]]:
-    """Views of a 3D viewport, to be restored: several in quad view."""
+    """Location, rotation, distance and projection of each view of a 3D viewport, as copies."""
     saved = [{name: getattr(view.data, name) for name in _VIEW} for view in views(area)]
     # Vectors and quaternions are references into Blender's memory, which change with the view.
     return [{n: v.copy() if hasattr(v, "copy") else v for n, v in view.items()} for view in saved]

@@ -41,9 +41,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
     _share = 0.0
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
-        """Check the input and return the generator, which yields progress (0..1) and returns the
-        report.
-        """
+        """Check the input; return a generator of progress (0..1), which returns the report."""
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> str:

@@ -134,9 +134,7 @@ class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
 
 
 def along(world: Matrix, axis: int) -> Matrix:
-    """Rigid matrix at an object's origin, with Z along an axis of the object; world Z for an axis
-    scaled to 0.
-    """
+    """Rigid matrix at an object's origin, Z along its axis; world Z for an axis scaled to 0."""
     direction = Vector(world.col[axis].to_3d())
     if direction.length < 1e-9:
         direction = Vector((0.0, 0.0, 1.0))

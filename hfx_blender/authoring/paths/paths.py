@@ -102,9 +102,7 @@ def knots_of(effect: bpy.types.Object) -> F64:
 
 
 def _points(effect: bpy.types.Object, key: str) -> F64:
-    """Points (n, 3) of a custom property of 3 n numbers, (0, 3) without the property; InputError
-    for any other content.
-    """
+    """Points (n, 3) of a custom property of 3 n numbers, (0, 3) without it; else InputError."""
     import numpy as np
 
     try:

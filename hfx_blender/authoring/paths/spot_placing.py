@@ -84,7 +84,7 @@ def action_frame(scene: bpy.types.Scene, effect: bpy.types.Object) -> float:
 
 
 def key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
-    """Keyframe of an F-curve at a frame; None if missing."""
+    """Keyframe of an F-curve within 0.01 of a frame; None if missing."""
     return next((k for k in curve.keyframe_points if abs(k.co[0] - frame) < _SAME_FRAME), None)
 
 

@@ -112,9 +112,7 @@ def relief_of(material: bpy.types.Material) -> ReliefNodes:
 
 
 def colour_of(material: bpy.types.Material) -> Value:
-    """Output socket of the base colour (a constant gets a new node); None for mixed shaders, or a
-    shader without a colour.
-    """
+    """Socket of the base colour, of a new node for a constant; None without a shader's colour."""
     shader = _shader(material)
     inputs = [] if shader is None else _colour_inputs(shader)
     if not inputs:
@@ -176,9 +174,7 @@ def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], N
 
 
 def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[[], None]:
-    """Link a shader node to the material's Cycles output; return a function that removes the node
-    and restores the former link.
-    """
+    """Link a shader node to the Cycles output; return a function that removes the node again."""
     tree = material.node_tree
     surface = tree.get_output_node("CYCLES").inputs["Surface"]
     before = surface.links[0].from_socket if surface.is_linked else None

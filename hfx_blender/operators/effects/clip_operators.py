@@ -31,7 +31,7 @@ TIMES = {
 
 
 def label_of(time: str) -> str:
-    """Label of a time of a clip: ``Fade In``."""
+    """Label of a key of :data:`TIMES`: "Fade In" for "fade_in"."""
     return time.replace("_", " ").title()
 
 

@@ -31,7 +31,7 @@ _NAME_TIP = "Name in the Outliner; empty: the kind of effect"
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active effect, as of ``shared.active_effect``, if a haptic volume; otherwise None."""
+    """Active haptic volume, or the only volume emitted by the active object; otherwise None."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 
@@ -43,9 +43,7 @@ def active_vector(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
-    """Show wires in object colours, which encode the modality, if the viewport has theme
-    colours.
-    """
+    """Show wires in object colours, which encode the modality, instead of the theme's colours."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D":
         if space.shading.wireframe_color_type == "THEME":

@@ -186,9 +186,7 @@ class HFX_OT_save_area(_PaintedOperator):
 
 
 def _blend(effect: bpy.types.Object, weights: F64, how: str) -> int:
-    """Combine weights (V,) with an effect's area, by a key of :data:`BLENDS`; returns the number
-    of painted vertices.
-    """
+    """Combine weights (V,) with an effect's area by a key of BLENDS; returns its vertex count."""
     from ...engine.body import areas
 
     blended = areas.blended(painting.weights_of(effect), weights, how)

@@ -29,7 +29,9 @@ _SHORTCUTS = {"G", "S", "I"}
 
 
 def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """Test for a key of Blender's own operators: objects other than the point are selected."""
+    """Test for G, S or I with further selected objects, or a point that is not selected: Blender's
+    own operators then move, scale and key the selection.
+    """
     effect = active_spot(context)
     others = any(selected != effect for selected in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
@@ -221,9 +223,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
             self._show(context, effect)
 
     def _under_mouse(self, context: bpy.types.Context) -> F64 | None:
-        """Canonical point on the skin under the mouse; outside of the body, the nearest outline
-        point.
-        """
+        """Canonical skin point (3,) under the mouse; outside of the body, a point of its edge."""
         import numpy as np
 
         origin, ray = framing.ray_at(self._region, *self._at)

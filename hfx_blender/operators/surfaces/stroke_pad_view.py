@@ -46,14 +46,14 @@ class PadPlace:
         return 0 <= x - self.left < self.side and 0 <= y - self.bottom < self.side
 
     def surface_point(self, pad: StrokePad, x: float, y: float) -> tuple[float, float]:
-        """Surface coordinates under a pixel, metres."""
+        """Metres from the pad's lower left corner, along both edges, of a pixel of the region."""
         scale = pad.metres_per_pixel
         return (x - self.left) * scale, (y - self.bottom) * scale
 
     def pixels(
         self, pad: StrokePad, points_m: Sequence[tuple[float, float]]
     ) -> list[tuple[float, float]]:
-        """Pixels of surface coordinates, metres."""
+        """Pixels of the region for points in metres from the pad's lower left corner."""
         scale = pad.metres_per_pixel
         return [(x / scale + self.left, y / scale + self.bottom) for x, y in points_m]
 

@@ -25,9 +25,7 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
-    """Make the maps of an object's surface; returns notes. A warning of the surface is reported by
-    the operator.
-    """
+    """Make the maps of an object's surface, and report a warning, if any; returns notes."""
     note = surfaces.make_maps(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."
@@ -280,9 +278,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return ReliefEstimation(_picture_of(context.object), tuple(self.size_mm), self.tiles)
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Check the estimation process at timer events and apply its result; Esc cancels; other
-        input passes through.
-        """
+        """Apply the result once the process has ended; Esc cancels; other input passes through."""
         assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
@@ -308,9 +304,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return self.reported(apply)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Stop the process of :attr:`estimation`, if any, without applying a result; remove timer
-        and status text.
-        """
+        """Stop a running estimation without a result; remove timer and status text."""
         if self.estimation is not None:
             self.estimation.stop()
             self.estimation = None

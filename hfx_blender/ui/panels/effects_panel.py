@@ -56,9 +56,7 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
 
 
 def draw_preview_state(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
-    """Draw the reason for missing colours or a slow preview, with the cure; nothing without a
-    body.
-    """
+    """Draw why the preview lacks colours or is slow, and the cure; nothing without a body."""
     if not effects.bodies_of(context.scene):
         return  # the panel suggests adding a body
     if preview.content.fault:

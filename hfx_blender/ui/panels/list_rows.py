@@ -221,9 +221,7 @@ def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
 
 
 def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
-    """Property of a row for attribute ``of_strip`` of its NLA strip, in the scene's time unit; 0
-    without a strip.
-    """
+    """Property for an attribute of a row's NLA strip, in the scene's time unit; else 0."""
     is_length = time.startswith("fade")
 
     def get(row: HfxClipRow) -> float:
