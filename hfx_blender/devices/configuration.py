@@ -66,8 +66,7 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
 
 def named_in_blend(name: str) -> str:
     """Return a device name of a .blend unchanged; InputError if :func:`load_device` would read
-    it as a file, as a .blend must not choose files.
-    """
+    it as a file, as a .blend must not choose files."""
     if is_file(name):
         raise InputError(
             f"The scene asks for the device file '{name[:100]}': a .blend may name devices only, "
@@ -78,8 +77,7 @@ def named_in_blend(name: str) -> str:
 
 def is_file(name_or_path: str | Path) -> bool:
     """Test for an argument that :func:`load_device` reads as a file, not as a name: a ``Path``, or
-    text with ``/``, ``\\`` or the suffix ``.json``. The file need not exist.
-    """
+    text with ``/``, ``\\`` or the suffix ``.json``. The file need not exist."""
     text = str(name_or_path)
     return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
 
@@ -98,8 +96,7 @@ def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 
 def _paths(name_or_path: str | Path, folder: Path | None) -> list[Path]:
     """Paths to try, first hit first, which need not exist: a file as given, or ``<name>.json`` in
-    each folder; empty for a name with characters outside :data:`ID`.
-    """
+    each folder; empty for a name with characters outside :data:`ID`."""
     text = str(name_or_path)
     if is_file(name_or_path):
         return [Path(text)]
@@ -109,8 +106,7 @@ def _paths(name_or_path: str | Path, folder: Path | None) -> list[Path]:
 
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
     """File read by :func:`load_device` for the same arguments; None without a file. A missing file
-    with ``_left`` or ``_right`` is tried without this suffix, in each folder.
-    """
+    with ``_left`` or ``_right`` is tried without this suffix, in each folder."""
     for path in _paths(name_or_path, folder):
         stem, _, side = path.stem.rpartition("_")
         sided = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
@@ -153,8 +149,7 @@ def script_beside(configuration: Path) -> Path | None:
 
 def _with_script(device: DeviceConfig, configuration: Path, loaded: Path) -> DeviceConfig:
     """Copy of a device with the script next to ``configuration``; ``device`` itself without one.
-    ``loaded``: requested path, with the side in its name.
-    """
+    ``loaded``: requested path, with the side in its name."""
     script = script_beside(configuration)
     if script is None:
         return device

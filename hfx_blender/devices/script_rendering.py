@@ -42,8 +42,8 @@ SUM_ROW_S: Final = 0.1
 """Time limit for all rows, seconds: the sum of ``SUM_S`` and ``SUM_ROW_S`` for each row."""
 
 _BATCH_ROWS: Final = 64
+# Size of a batch of rows, bytes; the next batch is in the pipe during the work on one.
 _BATCH_BYTES: Final = 1 << 20
-"""Size of a batch of rows, bytes; the next batch is in the pipe during the work on one."""
 
 _log = logging.getLogger(__name__)
 
@@ -181,11 +181,11 @@ def _when(header: TrackHeader, row: int) -> str:
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
     """Yield for each row of a track the effects on the wearer, as runs of one sample, and their
-    gains (A,); an empty list for a row without effects.
-    """
+    gains (A,); an empty list for a row without effects."""
     nothing: FeltRuns = []
     row = 0  # next row to yield
     for block in blocks(track.header, track.runs()):
+        # Rows of one block are complete together: runs of later blocks have later rows.
         by_row: dict[int, FeltRuns] = {}
         for run in block:
             if run.stream.body_id == renderer.body_id and len(run):

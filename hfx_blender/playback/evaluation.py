@@ -16,27 +16,14 @@ if TYPE_CHECKING:
 
 
 class Evaluation:
-    """Cached evaluation of the open scene.
-
-    Attributes
-    ----------
-    scene : LiveScene or None
-        None before a description, and while :attr:`fault` names an error.
-    fault : str
-        Error of the last description; empty without an error.
-    generation : int
-        Rises with each description.
-    with_positions : bool
-        True while a device needs the positions of samples.
-    before_describing : callable
-        Called before a description, which may load body models.
-    """
+    """Cached evaluation of the open scene."""
 
     def __init__(self) -> None:
-        self.scene: LiveScene | None = None
-        self.fault = ""
-        self.generation = 0
-        self.with_positions = False
+        self.scene: LiveScene | None = None  # None before a description, and after a fault
+        self.fault = ""  # error of the last description; empty without an error
+        self.generation = 0  # rises with each description
+        self.with_positions = False  # True while a device needs the positions of samples
+        # Called before a description, which may load body models and take seconds.
         self.before_describing: Callable[[], None] = lambda: None
         self._key: tuple[object, ...] = ()
         self._runs: list[SampleRun] | None = None
@@ -84,15 +71,12 @@ class Evaluation:
 
         Cached until :meth:`invalidate`; empty without a description.
 
-        Raises
-        ------
-        InputError
-            An effect or a body has a fault.
-        ReferenceError
-            An object of the description was deleted.
+        Raises InputError: an effect or a body has a fault.
+        Raises ReferenceError: an object of the description was deleted.
         """
         if self.scene is None:
             return []
+        # Once a frame, for preview and devices.
         if self._runs is None:
             self._runs = self.scene.runs()
         return self._runs

@@ -35,11 +35,11 @@ SPEED_WINDOW_S = 0.15
 LONGEST_S = 60.0
 WAVEFORM_HZ = 8000.0
 
+# Time step of drawn values within several positions, seconds.
 _FELT_STEP_S = 0.008
-"""Time step of drawn values within several positions, seconds."""
 
+# Spacing of the drawn line's points, pixels.
 _TRAIL_STEP_PX = 1.0
-"""Spacing of the drawn line's points, pixels."""
 
 REFERENCE_S = 2.0
 _FABRIC_M = 0.02
@@ -70,13 +70,7 @@ class Take:
 
 
 class StrokePad:
-    """Pad with one surface under the mouse.
-
-    Parameters
-    ----------
-    name : str
-        Name of the surface, for messages.
-    """
+    """Pad with a surface under the mouse; ``name`` is that of the surface, for messages."""
 
     def __init__(self, name: str, texture: SurfaceTexture) -> None:
         self.name = name
@@ -138,6 +132,7 @@ class StrokePad:
         if now > LONGEST_S:
             self.fault = f"a stroke lasts {LONGEST_S:g} s at most"
             return
+        # Mouse events have no times of their own: equal intervals are the best guess.
         times = np.linspace(self._times[-1], now, len(points_m) + 1)[1:]
         for at_s, point in zip(times.tolist(), points_m, strict=True):
             if at_s <= self._times[-1]:
@@ -168,8 +163,7 @@ class StrokePad:
 
     def release(self, time_s: float) -> Take | None:
         """End the stroke and return it, also as :attr:`take`; None for a stroke below the shortest
-        duration, with a :attr:`fault`.
-        """
+        duration, with a :attr:`fault`."""
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
         self.cancel()
@@ -194,10 +188,13 @@ class StrokePad:
         return self.history[bisect_left(self.history, begin, key=lambda row: row[0]) :]
 
     def _feel(self, time_s: float) -> None:
+        """Set :attr:`now` and the waveform to a time of the present stroke, and extend the history;
+        amplitude and frequency are 0 within the first step of the device."""
         self._felt_s = time_s
         # Speed over a window of past time: pointer events are too coarse for a difference quotient.
         begin = max(time_s - SPEED_WINDOW_S, 0.0)
         stroke = self._since(begin)
+        # 16 points: the length of a path through few, unevenly spaced events.
         grid = np.linspace(begin, time_s, 16)
         way = np.linalg.norm(np.diff(stroke.at(grid), axis=0), axis=1).sum()
         speed = float(way) / (time_s - begin) if time_s > begin else 0.0
@@ -212,6 +209,7 @@ class StrokePad:
         self.history.append((time_s, self.now))
 
     def _render(self, begin_s: float, end_s: float) -> StrokeSignal | None:
+        """Signal of a part of the present stroke; None for a part below a step of the device."""
         stroke = self._since(begin_s)
         inner = (stroke.times_s > begin_s) & (stroke.times_s < end_s)
         times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
@@ -279,27 +277,18 @@ def reference_fabric(name: str) -> HeightField:
 
 def reference_signal(name: str, speed_m_s: float, drive_per_m: float) -> StrokeSignal:
     """Signal of an even stroke of :data:`REFERENCE_S` over a reference fabric, at a calibration c_v
-    of ``drive_per_m``.
-    """
+    of ``drive_per_m``."""
     texture = SurfaceTexture(reference_fabric(name), None, SurfaceRenderer.TEXTILE, drive_per_m)
     stroke = line((0.0, 0.0), float(_DIRECTION_RAD), speed_m_s * REFERENCE_S, speed_m_s)
     return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
 
 
 class ReferenceStroke:
-    """Stroke played as sound and on connected devices; a new stroke replaces the current one.
-
-    Attributes
-    ----------
-    signal : StrokeSignal or None
-        None while silent.
-    step : int
-        Index of the next time step.
-    """
+    """Stroke played as sound and on connected devices; a new stroke replaces the current one."""
 
     def __init__(self) -> None:
-        self.signal: StrokeSignal | None = None
-        self.step = 0
+        self.signal: StrokeSignal | None = None  # None while silent
+        self.step = 0  # index of the next time step
         self._sound: StrokeSound | None = None
 
     def play(self, signal: StrokeSignal, full_m_s2: float) -> None:

@@ -49,19 +49,14 @@ class LiveClock:
         self._frame_s = self._clock_s = self._time_s = 0.0
         self._is_first = True
 
-    def _scene_s(self) -> float:
-        """Time of the current frame, subframe included, since the scene's first frame, seconds."""
-        scene = self._scene
-        fps = fps_of(scene)
-        return float(scene.frame_current_final - scene.frame_start) / fps
-
     def tick(self) -> tuple[float, float | None]:
         """Advance to now; returns (time, step since the last call), seconds from the scene's start.
 
         The frame's time if the frame has changed, else the last time plus the clock's. The step is
         None at the first call, for a step back or none, and above :data:`LONGEST_STEP_S`.
         """
-        frame_s, clock_s = self._scene_s(), self._now()
+        scene, clock_s = self._scene, self._now()
+        frame_s = float(scene.frame_current_final - scene.frame_start) / fps_of(scene)
         if frame_s != self._frame_s or self._is_first:
             step = frame_s - self._frame_s
             time_s = frame_s
@@ -71,9 +66,8 @@ class LiveClock:
         # Jumps and long pauses are unrelated moments; a moved frame decides over the clock.
         follows = not self._is_first and 0.0 < step <= LONGEST_STEP_S
         if follows and frame_s != self._frame_s:
-            step = (
-                time_s - self._time_s
-            )  # the frame moved on after time had passed on a dragged frame
+            # The frame moved on after time had passed on a dragged frame.
+            step = time_s - self._time_s
             follows = 0.0 < step
         self._frame_s, self._clock_s, self._time_s = frame_s, clock_s, time_s
         self._is_first = False
@@ -135,7 +129,7 @@ class LiveScene:
     def runs(self) -> list[SampleRun]:
         """Samples of the present frame, all with index 0: at most one for each effect and body;
         empty if all effects are off. Advances the clock and the responses."""
-        active = self._may_be_on()
+        active = self._effects_to_read()
         if active is None:
             return []
         row = self._reading.read(0, self._now, active, ())
@@ -147,22 +141,23 @@ class LiveScene:
         is_volume_on = any(effects[k].level > 0.0 for k in self._volumes)
         if self.record or is_volume_on or any(row_of.level > 0.0 for row_of in instance_rows):
             self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
+        # Strokes and responses need rising times; else each moment stands alone.
         self._index += self._has_surfaces or self._answers
         block = self._block(effects + instance_rows, row.poses, stays)
         runs = self.engine.evaluate(block)
         # All runs get index 0, because the display shows one moment.
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
-    def _may_be_on(self) -> Sequence[int] | None:
-        """Indices of effects to read, or None if all are off. All effects with responses, surfaces
-        or instances; else those with a level above 0 or NaN."""
-        all_effects = range(len(self.objects.effects))
+    def _effects_to_read(self) -> Sequence[int] | None:
+        """Indices of effects: all in a scene with responses, surfaces or instances, also if empty;
+        else those with a level above 0 or NaN, None without any."""
+        # Responses and surfaces need the moments of silence as well; instances are no own effects.
         if self._answers or self._has_surfaces or self._instances.descriptions:
-            return all_effects
+            return range(len(self.objects.effects))
         graph = self.objects.layer.depsgraph
         pairs = zip(self.objects.effects, self.objects.activations, strict=True)
-        # Not "> 0": NaN has to be found and reported.
         levels = [state.level(obj.evaluated_get(graph).hfx) for obj, state in pairs]
+        # Not "> 0": NaN has to be found and reported.
         return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 
     def _block(
@@ -219,7 +214,15 @@ class LiveInstances:
         self._sources = instances.Sources(haptics, shapes)
         self._slots: dict[str, list[Key | None]] = {}
         descriptions: list[EffectDescription] = []
-        for source, count in self._counts(haptics.scene).items():
+        # Sources outside the scene are templates of instances, also without an instance now.
+        scene_members = set(scene_objects(haptics.scene))
+        objects = self._sources.objects
+        counts = {name: 0 for name, obj in objects.items() if obj not in scene_members}
+        for name, _, _ in self._sources.keys_now(self._layer.depsgraph) if objects else ():
+            counts[name] = counts.get(name, 0) + 1
+        for source, count in sorted(counts.items()):
+            # Twice the present instances: emitters grow during playback, and a new description
+            # takes long.
             slots = min(max(FEWEST, 2 * count), instances.MOST)
             self._slots[source] = [None] * slots
             described = self._sources.described(source)
@@ -228,18 +231,6 @@ class LiveInstances:
                 for k in range(slots)
             ]
         self.descriptions = tuple(descriptions)
-
-    def _counts(self, scene: bpy.types.Scene) -> dict[str, int]:
-        """Number of present instances by source name, sorted: for all sources outside the scene
-        (also 0), and for sources with an instance."""
-        scene_members = set(scene_objects(scene))
-        counts = {
-            name: 0 for name, obj in self._sources.objects.items() if obj not in scene_members
-        }
-        if self._sources.objects:
-            for name, _, _ in self._sources.keys_now(self._layer.depsgraph):
-                counts[name] = counts.get(name, 0) + 1
-        return dict(sorted(counts.items()))
 
     def rows(self) -> tuple[list[EffectRow], list[bool]]:
         """Effect row of each slot, and True for each slot with the same instance as at the last

@@ -90,8 +90,7 @@ def _actuators(
     node: Node, types: dict[str, ActuatorType], mount: Mount | None
 ) -> tuple[Actuator, ...]:
     """Read the actuators, in order; ``types`` are the actuator types by name. InputError for an
-    unknown type, an invalid place, or the id of an earlier actuator.
-    """
+    unknown type, an invalid place, or the id of an earlier actuator."""
     actuators = []
     for item in node.items():
         kind = types.get(item.get("type"))
@@ -133,8 +132,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
 
 def _drive(node: Node) -> tuple[DriveCurve, ...]:
     """Drive curves in the order of the file; InputError unless frequencies rise strictly, and drive
-    and output of each curve rise strictly from (0, 0), so that the curve can be inverted.
-    """
+    and output of each curve rise strictly from (0, 0), so that the curve can be inverted."""
     curves = []
     # A flat piece would have no single drive for an output, and could not be inverted.
     for item in node.items():
@@ -172,6 +170,8 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
     highest = min(highest, known.device_maximum)
     if lowest > highest:
         node.fail(f"a range that reaches below {highest:g} {known.unit}, the hottest allowed")
+    # The modality's neutral value may lie outside a device's limits, as skin temperature for a
+    # heater.
     neutral = min(max(known.neutral, lowest), highest)
     if "neutral" in node:
         node["neutral"].hold(Number(lowest, highest, known.unit))
@@ -228,8 +228,7 @@ def _triple(node: Node, key: str) -> tuple[float, float, float]:
 
 def _refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
     """Raise InputError for a bent mount whose circumference is less than the extent of all pads
-    along x; a flat mount passes.
-    """
+    along x; a flat mount passes."""
     if mount.bend_radius_m is None:
         return
     places = [a["place"]["pad"]["at_mm"] for a in actuators.value if "pad" in a["place"]]
@@ -274,8 +273,7 @@ def _place(node: Node, mount: Mount | None) -> Place:
 
 def _room_place(node: Node) -> RoomPlace:
     """Read a place in the room; ``reaches`` is by default all body parts. Without ``at_m`` all are
-    reached equally; else range is by default 100 m, cone 360 degrees, aim None or a unit vector.
-    """
+    reached equally; else range is by default 100 m, cone 360 degrees, aim None or a unit vector."""
     parts = tuple(node.get("reaches", PARTS))
     if "at_m" not in node:
         return RoomPlace(parts)

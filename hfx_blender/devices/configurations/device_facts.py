@@ -58,8 +58,7 @@ class DeviceFacts:
     @property
     def summary(self) -> str:
         """Modalities, number of actuators, and at most three places; "" for an unreadable
-        configuration. As "Vibration, 6 actuators: left hand and 2 more".
-        """
+        configuration. As "Vibration, 6 actuators: left hand and 2 more"."""
         if self.device is None:
             return ""
         count = len(self.device.actuators)
@@ -72,13 +71,13 @@ class DeviceFacts:
 
 def facts_of(name: str) -> DeviceFacts:
     """Texts about a device by its name in a scene; cached until the file's time changes.
-    For an unknown device, a file name or an unreadable file: ``name`` as title, and ``fault``.
-    """
+    For an unknown device, a file name or an unreadable file: ``name`` as title, and ``fault``."""
     try:
         path = find_file(named_in_blend(name))
         stamp = 0 if path is None else path.stat().st_mtime_ns
     except (InputError, OSError) as error:
         return DeviceFacts(name, name, None, str(error))
+    # The time in the key of the cache: an edited file is read again.
     return _read(name, path, stamp)
 
 
@@ -101,8 +100,7 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
 
 def _place(actuator: Actuator) -> str:
     """Label of the body region at an actuator: of the vertex nearest to its centre on its parts, or
-    of the first vertex of its first vertex set; :data:`ROOM` for a place in the room.
-    """
+    of the first vertex of its first vertex set; :data:`ROOM` for a place in the room."""
     position = actuator.place
     if isinstance(position, BodyPlace):
         model = load_model(_MODEL)

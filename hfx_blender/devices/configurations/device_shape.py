@@ -82,13 +82,13 @@ MOUNT: Final = strict(
     {"bend_radius_mm": Number(-10_000.0, 10_000.0, "mm", smallest=3.0)},
 )
 
+# Options of the rendering schemes with options.
 _OPTIONS: Final[Mapping[str, Mapping[str, Shape]]] = {
     "coverage": {"statistic": Text(get_args(Statistic))},
     "barycentric": {"law": Text(LAWS)},
     "surface": {"law": Text(LAWS)},
     "splat": {"sigma_m": Number(0.001, 1.0, "m")},
 }
-"""Options of the rendering schemes with options."""
 
 RENDERING: Final = tagged(
     "scheme",
@@ -153,8 +153,7 @@ _NO_VIBRATION: Final[Mapping[str, Shape]] = {
 
 def _actuator_type(modality: Modality) -> Record:
     """JSON shape of an actuator type of a modality, without the field ``modality``; only vibration
-    has waveform, resonance, drive curves and thresholds.
-    """
+    has waveform, resonance, drive curves and thresholds."""
     is_vibration = modality.name == "vibration"
     limits = {}
     for parameter in modality.controls:
@@ -220,8 +219,7 @@ ACTUATOR: Final = strict(
 
 def _substitution(source: Modality, target: Modality) -> Record:
     """JSON shape of playing one modality as another: scale in units of target per source, and for
-    vibration an optional frequency.
-    """
+    vibration an optional frequency."""
     # A negative scale is useful only for a strength that can be negative, as of cooling wind.
     least = 0.0 if target.is_silent_at_0 else -1000.0
     unit = Text((f"{target.strength_parameter.unit} per {source.strength_parameter.unit}",))
@@ -289,6 +287,7 @@ _DOTS: Final = {
     position: strict({"index": Number(0, motors - 1, is_whole=True)})
     for position, motors in BHAPTICS_MOTORS.items()
 }
+# Transport and shape of each encoder.
 _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
     "hfx-wire": ("serial", strict({})),
     "bytes": ("serial", tagged("number", _BYTES)),
@@ -336,7 +335,6 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
         strict({"dots": Items(tagged("position", _DOTS), 1, MAX_ACTUATORS, order="unique")}),
     ),
 }
-"""Transport and shape of each encoder."""
 
 TRANSPORT_OF: Final = {encoder: transport for encoder, (transport, _) in _ENCODERS.items()}
 

@@ -80,13 +80,13 @@ _MAP: Final = loose(
 )
 _ADDRESS: Final = Text(pattern=r"(?:/[A-Za-z0-9_.\-]+)+", note="an OSC address")
 
+# Parts of the body for each ``visualReference`` of Unitouch Studio; None: without a reference.
 _REFERENCES: Final[dict[str | None, tuple[str, ...]]] = {
     "Skinetic": _TORSO,
     "Chair": ("torso", "upper_leg"),
     "Full Body": PARTS,
     None: _TORSO,
 }
-"""Parts of the body for each ``visualReference`` of Unitouch Studio; None: without a reference."""
 
 _VIEWS: Final = ("Left", "Front", "Right", "Back", "Top", "Bottom")
 _MARGIN: Final = 0.9  # share of the parts' extent: actuators are not at the ends
@@ -196,8 +196,7 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
 
 def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
     """Body parts of a node's ``target_bone``, and "left", "right" or None (middle and shoulders).
-    Raises InputError: the bone is unknown or no text.
-    """
+    Raises InputError: the bone is unknown or no text."""
     bone = node.get("target_bone")
     if isinstance(bone, str):
         if bone in _MIDDLE:
@@ -212,8 +211,7 @@ def _bone_parts(node: Node) -> tuple[tuple[str, ...], str | None]:
 
 def _nearest(skin: F64, position: F64, axes: Sequence[int]) -> list[float]:
     """Vertex of ``skin`` (V, 3) nearest to ``position`` (len(axes),) in these axes only; x, y, z in
-    metres, rounded to 0.1 mm.
-    """
+    metres, rounded to 0.1 mm."""
     distance = np.linalg.norm(skin[:, axes] - position, axis=1)
     return [round(float(value), 4) for value in skin[np.argmin(distance)]]
 
@@ -266,6 +264,7 @@ def _front_mask(node: Node, places: F64) -> Bool:
     Raises InputError: a view has an index of no actuator.
     """
     depth = places[:, 2]
+    # Actuators in neither view: the middle of the depths divides front and back.
     is_front = depth >= 0.5 * (depth.min() + depth.max())
     is_viewed = np.zeros(len(places), np.bool_)
     index_of_layout = Number(0, len(places) - 1, is_whole=True)

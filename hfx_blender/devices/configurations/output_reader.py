@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Callable
 from typing import Final
 
 from ...engine.rendering.device_config import (
@@ -34,16 +33,8 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
     Raises InputError: a host is not local, or the encoder does not fit number, silence or channels
     of the actuators.
     """
-    readers: dict[str, Callable[[Node, tuple[Actuator, ...]], Encoder]] = {
-        "hfx-wire": _wire,
-        "bytes": _bytes,
-        "text": _text,
-        "osc": _osc,
-        "buttplug": _buttplug,
-        "bhaptics": _bhaptics,
-    }
     kind = node["encoder"].get("kind")
-    encoder = readers[kind](node["encoder"], actuators)
+    encoder = _encoder(node["encoder"], kind, actuators)
     transport = node["transport"] if "transport" in node else Node({}, node.file)
     # The encoder implies the kind of transport.
     if TRANSPORT_OF[kind] == "serial":
@@ -57,8 +48,7 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
 
 def is_local(host: str) -> bool:
     """Test that a host is "localhost", or a loopback or private network address. False for other
-    names, and for multicast, unspecified and reserved addresses.
-    """
+    names, and for multicast, unspecified and reserved addresses."""
     if host == "localhost":
         return True
     try:
@@ -67,37 +57,42 @@ def is_local(host: str) -> bool:
         return False
     if address.is_loopback:
         return True
+    # Python counts some of these as private.
     is_odd = address.is_multicast or address.is_unspecified or address.is_reserved
     return address.is_private and not is_odd
 
 
-def _wire(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
-    """Check that a board with this project's firmware can drive the actuators: 32 at most, all
-    silent at their minimum. InputError otherwise.
-    """
+def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
+    """Read an encoder of a kind. InputError unless ``buttplug`` and ``bhaptics`` have an item for
+    each actuator, and ``hfx-wire`` 32 actuators at most, all silent at their minimum."""
+    if kind == "bytes":
+        number = node.get("number")
+        return BytesEncoder(
+            header=bytes.fromhex(node.get("header", "")),
+            number=number,
+            full_scale=node.get("full_scale", FULL_SCALES[number]),
+            checksum=node.get("checksum", "none"),
+            footer=bytes.fromhex(node.get("footer", "")),
+            stop=bytes.fromhex(node.get("stop")) if "stop" in node else None,
+        )
+    if kind == "text":
+        start, separator = node.get("start", ""), node.get("separator", " ")
+        return TextEncoder(start, separator, node.get("full_scale"), node.get("stop"))
+    if kind == "osc":
+        return _osc(node, actuators)
+    if kind == "buttplug":
+        _one_for_each(node["outputs"], len(actuators))
+        outputs = tuple((item["feature"], item["output"]) for item in node.get("outputs"))
+        return ButtplugEncoder(node.get("device_name", ""), outputs)
+    if kind == "bhaptics":
+        _one_for_each(node["dots"], len(actuators))
+        return BhapticsEncoder(tuple((dot["position"], dot["index"]) for dot in node.get("dots")))
     if len(actuators) > MAX_WIRE_CHANNELS:
         node.fail(f"another encoder: this one takes {MAX_WIRE_CHANNELS} actuators at most")
     for actuator in actuators:  # a board that falls silent sets its pins to 0
         if actuator.type.strength.neutral != actuator.type.strength.minimum:
             node.fail(f"another encoder: actuator '{actuator.id}' is not silent at its minimum")
     return WireEncoder()
-
-
-def _bytes(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
-    number = node.get("number")
-    return BytesEncoder(
-        header=bytes.fromhex(node.get("header", "")),
-        number=number,
-        full_scale=node.get("full_scale", FULL_SCALES[number]),
-        checksum=node.get("checksum", "none"),
-        footer=bytes.fromhex(node.get("footer", "")),
-        stop=bytes.fromhex(node.get("stop")) if "stop" in node else None,
-    )
-
-
-def _text(node: Node, _actuators: tuple[Actuator, ...]) -> Encoder:
-    start, separator = node.get("start", ""), node.get("separator", " ")
-    return TextEncoder(start, separator, node.get("full_scale"), node.get("stop"))
 
 
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
@@ -128,14 +123,3 @@ def _one_for_each(node: Node, count: int) -> None:
     """Reject a list without exactly ``count`` items, one for each actuator or channel."""
     if len(node.value) != count:
         node.fail(f"{count} items")
-
-
-def _buttplug(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
-    _one_for_each(node["outputs"], len(actuators))
-    outputs = tuple((item["feature"], item["output"]) for item in node.get("outputs"))
-    return ButtplugEncoder(node.get("device_name", ""), outputs)
-
-
-def _bhaptics(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
-    _one_for_each(node["dots"], len(actuators))
-    return BhapticsEncoder(tuple((dot["position"], dot["index"]) for dot in node.get("dots")))

@@ -32,8 +32,7 @@ class StrokeDevice:
     @property
     def range(self) -> DeviceRange:
         """Range for the files of a stroke: amplitude from 0 to the highest, in units of standard
-        gravity; frequency, its neutral value, and the interval between values.
-        """
+        gravity; frequency, its neutral value, and the interval between values."""
         strength, frequency = self._kind.controls
         return DeviceRange(
             (0.0, strength.highest / STANDARD_GRAVITY),

@@ -103,7 +103,7 @@ class DeviceThread:
         self._is_cut = False  # fall silent at once, without a ramp
         # Times of the next turn, the last turn, and the last turn that changed a value.
         self._due_s = self._last_s = self._changed_s = -math.inf
-        self._is_armed = False
+        self.is_armed = False  # plays values: from `arm` with an open output to a stop
         self.is_wanted = False  # to be armed as soon as the output is open
         self.is_open = False
         self.is_closed = False
@@ -120,11 +120,6 @@ class DeviceThread:
         """Start both threads; the output is opened in the background."""
         threading.Thread(target=self._run_stops, name="stop", daemon=True).start()
         self._thread.start()
-
-    @property
-    def is_armed(self) -> bool:
-        """Test that the device plays values: from :meth:`arm` with an open output to a stop."""
-        return self._is_armed
 
     # Called in the thread of the messages: only :meth:`wait_closed` waits for hardware.
 
@@ -144,12 +139,13 @@ class DeviceThread:
         """
         now = self._clock.now()
         with self._wake:
-            if not self._is_armed:
+            if not self.is_armed:
                 return
             if question is None:
                 question = Question(self.generation, now, self._asked)
             if question.generation != self.generation:
                 return
+            # An older answer after a newer: renderer and script answer in threads of their own.
             if question.number < self._answered:
                 return
             fault = self._sounding.fault_of(values)
@@ -164,7 +160,9 @@ class DeviceThread:
     def sign(self, now_s: float) -> None:
         """Extend the validity of the last values to ``now_s``, unless an answer is outstanding."""
         with self._wake:
-            if self._is_armed and self._answered == self._asked:
+            # A message alone proves only that Blender runs. With an answer outstanding, the last
+            # values may be those of an earlier moment, and expire.
+            if self.is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
@@ -180,7 +178,7 @@ class DeviceThread:
         """
         with self._wake:
             self._void()
-            if self._is_armed:
+            if self.is_armed:
                 self._is_cut = True
                 self._wake.notify()
 
@@ -190,12 +188,13 @@ class DeviceThread:
         self.generation += 1
         self.waiting.clear()
         self.test_pulse = None
+        # Void requests get no answer; counted as open they would let all later values expire.
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
         """Play a test pulse of 0.3 s on an actuator, by index; ignored if unknown or not armed."""
         with self._wake:
-            if self._is_armed and 0 <= actuator < len(self.device.actuators):
+            if self.is_armed and 0 <= actuator < len(self.device.actuators):
                 self.test_pulse = actuator, self._clock.now()
                 self._wake.notify()
 
@@ -206,7 +205,8 @@ class DeviceThread:
         """
         with self._wake:
             self.is_wanted = True
-            if not self.is_open or self._is_armed or self.is_closed:
+            # Called twice in any order: by the message, and by the device thread after the opening.
+            if not self.is_open or self.is_armed or self.is_closed:
                 return
             if self.script is not None:
                 try:
@@ -217,7 +217,7 @@ class DeviceThread:
                     return
             self._void()
             self._begins = True
-            self._is_armed = True
+            self.is_armed = True
             self._wake.notify()
         self._report("armed", self.number)
 
@@ -228,7 +228,8 @@ class DeviceThread:
         device was armed, or if the event is not "stopped".
         """
         with self._wake:
-            was_armed, self._is_armed, self.is_wanted = self._is_armed, False, False
+            # The mark first: a turn that has begun tests it again before and after its send.
+            was_armed, self.is_armed, self.is_wanted = self.is_armed, False, False
             self._void()
         self.silence()
         if was_armed or event != "stopped":
@@ -242,7 +243,7 @@ class DeviceThread:
         Without effect on a device that opens: it is armed afterwards, silent until values come.
         """
         with self._wake:
-            is_armed = self._is_armed
+            is_armed = self.is_armed
         if is_armed:
             self.stop(reason, "frozen")
 
@@ -281,6 +282,7 @@ class DeviceThread:
         """Request stop bytes from the stop thread, ahead of any values, without waiting."""
         self._is_quiet.clear()
         self._hush.set()
+        # The stop thread has ended and sets the event no more; callers would wait in vain.
         if self._has_ended:  # after the last stop
             self._is_quiet.set()
 
@@ -306,7 +308,7 @@ class DeviceThread:
                         self._port.release()
             # The last values may have played until now, which counts as time on.
             now = self._clock.now()
-            self._guard.record_silence(now - self._stepped_s, now)
+            self._guard.time_on.end(now - self._stepped_s, now)
             if not self._hush.is_set():
                 self._is_quiet.set()
             if self._has_ended:
@@ -326,7 +328,7 @@ class DeviceThread:
         claims = ExitStack()
         try:
             output = self._open_output()
-            if self._budgets is not None and self._guard.has_time_limit:
+            if self._budgets is not None and self._guard.time_on.is_limited:
                 try:
                     label = str(getattr(output, "chosen_device", ""))
                     self._guard.share(claims.enter_context(self._budgets(label)))
@@ -373,6 +375,7 @@ class DeviceThread:
             with self._wake:
                 if self.is_closed:
                     return
+                # The lock is reentrant here (a Condition's RLock): both read one state.
                 wait_s = self.due_in_s()
                 if wait_s > 0.0:
                     self._clock.wait(self._wake, wait_s)
@@ -382,7 +385,7 @@ class DeviceThread:
     def due_in_s(self) -> float:
         """Seconds until :meth:`turn` is due without new messages; 0 if due now, 1 if not armed."""
         with self._wake:
-            if not self._is_armed:
+            if not self.is_armed:
                 return _IDLE_S
             return max(0.0, self._next_s() - self._clock.now())
 
@@ -398,13 +401,8 @@ class DeviceThread:
             frame_s = self.waiting.due_s(self._offset_s)
             due = min(due, max(frame_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
-            due = min(due, self._holds_until_s())
+            due = min(due, self._sign_s + self._offset_s + FREEZE_S)
         return due
-
-    def _holds_until_s(self) -> float:
-        """Time at which the last values become invalid: 0.26 s plus the delay after the last sign
-        of life from Blender."""
-        return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
         """Send the values that are due now, and set the time of the next turn.
@@ -417,15 +415,16 @@ class DeviceThread:
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
                 # The stop thread may not have recorded the last silence yet; twice is harmless.
-                self._guard.record_silence(now - self._stepped_s, now)
-                self._guard.record_rest(now)
+                self._guard.time_on.end(now - self._stepped_s, now)
+                self._guard.time_on.record_rest(now)
                 self._guard.reset()
                 self._ramp.reset()
                 self._pace.reset()
                 self._sounding.reset()
                 self._sent = None
-            # Without a sign of life the last values are not valid any more: Blender may hang.
-            if now >= self._holds_until_s():
+            # 0.26 s plus the delay after the last sign of life, the last values are not valid any
+            # more: Blender may hang.
+            if now >= self._sign_s + self._offset_s + FREEZE_S:
                 self._is_cut = True
                 self.waiting.clear()
             generation, is_cut, newest = self.generation, self._is_cut, None
@@ -456,6 +455,7 @@ class DeviceThread:
         # Counted from the time that was due, so that late wake-ups do not add up; but at least
         # half a tick from now, so that a late turn is not followed by a burst.
         due = max(min(due, now) + self._tick_s, now + 0.5 * self._tick_s)
+        # A repetition gives way to an expected frame.
         self._due_s = self._ramp.next_s(due, now)
 
     def step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
@@ -478,7 +478,7 @@ class DeviceThread:
         paced = self._with_pulse(self._pace.paced(ramped, now), now)
         with self._port:
             output = self.output
-            if not self._is_armed or output is None:
+            if not self.is_armed or output is None:
                 return False
             # The guard comes last: no later step changes a value.
             values = self._guard.limited(paced, step_s)
@@ -497,7 +497,7 @@ class DeviceThread:
                     output.send(values)
             finally:
                 self._sending_since = math.inf
-            was_stopped = not self._is_armed
+            was_stopped = not self.is_armed
         if was_stopped:  # a stop during the send went past the lock: once more, after the send
             self.silence()
         self._report_levels(values, now)
@@ -528,8 +528,7 @@ class DeviceThread:
 
     def _report_levels(self, values: F64, now: float) -> None:
         """Report the event "levels" if changed, and 0.1 s after the last report at the earliest:
-        distance of each strength from neutral, a share of its reach rounded to 0.01.
-        """
+        distance of each strength from neutral, a share of its reach rounded to 0.01."""
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []

@@ -116,14 +116,14 @@ def identities(
 
 def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
     """Name of the physical channel of each actuator: Buttplug feature, bHaptics position and motor,
-    or OSC address of the strength with id "*"; "none" without a channel.
-    """
+    or OSC address of the strength with id "*"; "none" without a channel."""
     if isinstance(how, ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
     if isinstance(how, BhapticsEncoder):
         dots = how.worn_dots(is_mirrored=device.is_mirrored)
         return tuple(f"{position} {index}" for position, index in dots)
     assert isinstance(how, OscEncoder)
+    # Two configurations with one address drive the same channel, also under different ids.
     anonymous = replace(device, id="*")
     names = Channels(device).names
     by_name = dict(zip(names, osc_addresses(anonymous, how), strict=True))
@@ -135,8 +135,7 @@ def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
 
 def _real_port(name: str) -> str:
     """Path of a serial port with links resolved, ``/dev/tty.*`` of macOS as ``/dev/cu.*``; the name
-    in capitals on Windows.
-    """
+    in capitals on Windows."""
     if os.name != "posix":
         return name.upper()
     return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(name))
@@ -194,6 +193,7 @@ class DutyBudgetStore:
         try:
             for identity in identities:
                 with self._lock:
+                    # One entry for all devices of this process that drive the same hardware.
                     entry = self._stored.get(identity.name)
                     lock = None
                     # The lock comes first: another process may write the file until then.
@@ -212,11 +212,11 @@ class DutyBudgetStore:
 
     def _release(self, name: str) -> None:
         """End a use of the budget ``name``: save changes, and after the last use unlock its file
-        and forget a saved budget.
-        """
+        and forget a saved budget."""
         entry = self._stored[name]
         self._save(name, entry)
         entry.users -= 1
+        # Without a lock, as of simulators and logs, the budget stays in memory.
         if entry.users or entry.lock is None:
             return
         os.close(entry.lock)
@@ -302,8 +302,7 @@ def _locked(folder: Path, identity: str) -> int | None:
 
 def _state(budget: DutyBudget) -> tuple[Any, ...]:
     """Copy of a budget as tuples, for comparison and saving: slot names, and for each slot load, is
-    cooling, is idle (no user), time of the last silence, seconds of unknown use.
-    """
+    cooling, is idle (no user), time of the last silence, seconds of unknown use."""
     with budget.lock:
         return (
             tuple(budget.slots),
@@ -317,8 +316,7 @@ def _state(budget: DutyBudget) -> tuple[Any, ...]:
 
 def _read(path: Path, now_s: float) -> DutyBudget:
     """Read a budget; rested without a file, all slots exhausted and cooling with a damaged file.
-    Rest since the writing is counted; two seconds of unknown use for a file of a killed process.
-    """
+    Rest since the writing is counted; two seconds of unknown use for a file of a killed process."""
     try:
         with open(path, "rb") as file:
             content = json.loads(file.read(_MOST_BYTES))

@@ -32,24 +32,21 @@ class Channels:
     """Channels of a device: the columns that are sent, their limits and scales.
 
     ``strengths_only``: only the strength of each actuator, for outputs that take no frequency.
-
-    Attributes
-    ----------
-    names : list of (str, str)
-        Actuator and control of each channel.
     """
 
     def __init__(self, device: DeviceConfig, *, strengths_only: bool = False) -> None:
         picked = []
         # Channel, type, and channel of the frequency of actuators with a measured drive.
         self._driven: list[tuple[int, ActuatorType, int | None]] = []
-        self.names: list[tuple[str, str]] = []
+        self.names: list[tuple[str, str]] = []  # actuator and control of each channel
         column = 0
         for actuator in device.actuators:
             for control in actuator.type.controls:
                 is_strength = control is actuator.type.strength
                 if is_strength if strengths_only else control.minimum < control.maximum:
                     picked.append((column, control))
+                    # Drive curves depend on the frequency: the sent one, or the fixed one of the
+                    # type.
                     if is_strength and actuator.type.drive:
                         frequency = actuator.type.controls[1]
                         is_sent = not strengths_only and frequency.minimum < frequency.maximum

@@ -25,7 +25,7 @@ LONGEST_RISE_S: Final = 0.05
 class Guard:
     """Safety limits of a device, with the last strengths and the time on of all actuators as state.
 
-    Not thread-safe but for :meth:`record_silence`, which any thread may call.
+    Not thread-safe but for ``time_on``, whose methods any thread may call.
     """
 
     def __init__(self, device: DeviceConfig) -> None:
@@ -34,42 +34,25 @@ class Guard:
         self.neutral = self._limits.neutral
         self._silent = self._limits.silent
         self._slew_per_s = np.array([kind.slew_per_s for kind in self._kinds], np.float64)
-        self._time_on = TimeOn(self._kinds)
+        self.time_on = TimeOn(self._kinds)
         self.reset()
-
-    @property
-    def has_time_limit(self) -> bool:
-        """Test for an actuator with limited time on."""
-        return self._time_on.is_limited
 
     def share(self, uses: Sequence[BudgetUse]) -> None:
         """Use duty budgets that outlive this connection; to be called before the first values."""
-        self._time_on = TimeOn(self._kinds, uses)
+        self.time_on = TimeOn(self._kinds, uses)
 
     def reset(self) -> None:
         """Set the last strengths to silence, and begin a use of the duty budgets; loads stay."""
         self._given = self._silent[:, 0].copy()  # (A,) last strengths
-        self._time_on.begin()
-
-    def record_silence(self, played_s: float, now_s: float) -> None:
-        """Charge another ``played_s`` of the last values as time on; rest begins at ``now_s``."""
-        self._time_on.end(played_s, now_s)
-
-    def record_rest(self, now_s: float) -> None:
-        """Record the time from the last silence to ``now_s`` as rest, before the next start."""
-        self._time_on.record_rest(now_s)
+        self.time_on.begin()
 
     def limited(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
         """Limit values for sending: (columns,), finite and within all limits of the device.
 
-        Parameters
-        ----------
-        wanted : (columns,)
-            Any input is allowed. An actuator with an entry that is not a finite number is silent;
-            all are silent if the number of entries is wrong.
-        step_s : float
-            Time since the last call, seconds. 0, negative or NaN: no strength rises, and no time
-            counts as rest.
+        ``wanted``: any input is allowed. An actuator with an entry that is not a finite number is
+        silent; all are silent if the number of entries is wrong.
+        ``step_s``: time since the last call, seconds. 0, negative or NaN: no strength rises, and no
+        time counts as rest.
         """
         # A wrong number of entries becomes NaN, which silences all actuators below.
         values = as_row(wanted)
@@ -90,7 +73,7 @@ class Guard:
         limited = silent + np.sign(after) * np.where(is_slow, 0.0, most)
         safe[:, 0] = np.where(is_slow, safe[:, 0], limited)
         # Time on comes last: only strengths that are really sent are charged.
-        is_blocked = self._time_on.blocked(safe[:, 0] != silent, step_s)
+        is_blocked = self.time_on.blocked(safe[:, 0] != silent, step_s)
         safe[is_blocked] = self._silent[is_blocked]
         self._given = safe[:, 0].copy()
         return self._limits.joined(safe)

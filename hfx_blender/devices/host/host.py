@@ -94,28 +94,20 @@ class Reporter:
 
 
 class Host:
-    """Threads of all devices, and the dispatch of messages.
-
-    Attributes
-    ----------
-    device_threads : dict
-        Threads by the devices' numbers.
-    patience_s : float
-        Longest time to the next message, seconds, before Blender counts as frozen.
-    end_reason : str
-        Reason for the end of the process; "" before.
-    """
+    """Threads of all devices, and the dispatch of messages."""
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
-        self.device_threads: dict[int, DeviceThread] = {}
+        self.device_threads: dict[int, DeviceThread] = {}  # by the devices' numbers
         self._wake = threading.Condition()
         self._last_sign_s = self._last_turn_s = clock.now()
-        self.end_reason = ""
+        self.end_reason = ""  # of the process; "" before its end
+        # Longest time to the next message, seconds, before Blender counts as frozen.
         self.patience_s = HEARTBEAT_S
         self._is_frozen = False
         self._budgets = DutyBudgetStore(resources.time_on(), clock)
         threading.Thread(target=self._budgets.save_regularly, name="time on", daemon=True).start()
+        # One worker renders for all devices: a moment is decoded once.
         self.rendering = RenderProcess(
             self.take_rendered, self.fail_rendering, clock, lambda: report("prepared")
         )
@@ -135,6 +127,7 @@ class Host:
 
     def end_with(self, pid: int) -> None:
         """Stop all devices when process ``pid`` starts to exit; runs in a thread."""
+        # False where the system has no such test: the end of the pipe is then the only sign.
         if await_end(pid):
             self._finish("Blender has gone")
 
@@ -195,8 +188,7 @@ class Host:
 
     def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
         """Execute STOP, ARM, PAUSE, SCENE (a pause), VALUES, HAPTICS, PULSE, SETTINGS or DISCONNECT
-        for a device; other kinds, and HAPTICS without a script, are ignored.
-        """
+        for a device; other kinds, and HAPTICS without a script, are ignored."""
         kind = message.kind
         if kind is MessageKind.STOP:
             thread.stop(message.body.decode(errors="replace") or "stopped by you")
@@ -248,8 +240,8 @@ class Host:
 
     def _connect(self, number: int, request: dict[str, Any]) -> None:
         """Open the device of a CONNECT message in a new thread, which waits for the closing of an
-        earlier thread of this number. More than 64 devices, or a fault, are reported as "lost".
-        """
+        earlier thread of this number. More than 64 devices, or a fault, are reported as "lost"."""
+        # Out of the table first, so that no message reaches a thread that closes.
         before = self.device_threads.pop(number, None)
         if before is not None:
             before.close("connected anew")
@@ -306,13 +298,13 @@ class Host:
 
     def check_deadlines(self) -> None:
         """Stop all devices after ``patience_s`` without a message, once, or after a standstill of
-        this process; playing devices if the render worker is late; a device whose send is stuck.
-        """
+        this process; playing devices if the render worker is late; a device whose send is stuck."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
         threads = list(self.device_threads.values())
         was_frozen = self._is_frozen
+        # Reported at the change only: Blender may stay frozen for minutes.
         self._is_frozen = now - self._last_sign_s > self.patience_s
         if self._is_frozen and not was_frozen:
             for thread in threads:
@@ -320,6 +312,7 @@ class Host:
         if self.rendering.is_overdue(now):
             self.fail_rendering("the samples could not be rendered in time")
         for thread in threads:
+            # A stalled driver holds its thread for ever, so this thread has to look.
             if thread.is_stuck(now):
                 thread.fault("its output does not answer")
 
@@ -349,16 +342,15 @@ class Host:
 
 def _offset_s(request: dict[str, Any]) -> float:
     """Delay of values in seconds from ``offset_ms`` of a request, clipped to
-    0..:data:`MAX_OFFSET_S`; 0 if missing or no number.
-    """
+    0..:data:`MAX_OFFSET_S`; 0 if missing or no number."""
     offset_ms = request.get("offset_ms", 0.0)
     if not isinstance(offset_ms, int | float) or isnan(offset_ms):
         return 0.0
     return min(max(float(offset_ms) / 1000.0, 0.0), MAX_OFFSET_S)
 
 
+# Received signals to end this process.
 _signals: list[int] = []
-"""Received signals to end this process."""
 
 
 def main() -> None:

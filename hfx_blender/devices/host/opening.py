@@ -29,17 +29,14 @@ KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Open a device's output; may take seconds, as a board has to start.
 
-    Parameters
-    ----------
-    target : mapping
-        ``kind`` and its entries:
+    ``target``: ``kind`` and its entries:
 
-        - ``simulator``: optional ``path`` of a log. For all devices.
-        - ``csv``: ``path`` of a new log. For all devices.
-        - ``audio``: optional ``interface`` and ``first_channel``. For devices that vibrate.
-        - ``serial``: ``port``.
-        - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
-          ``unit`` chooses among several devices of a server.
+    - ``simulator``: optional ``path`` of a log. For all devices.
+    - ``csv``: ``path`` of a new log. For all devices.
+    - ``audio``: optional ``interface`` and ``first_channel``. For devices that vibrate.
+    - ``serial``: ``port``.
+    - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
+      ``unit`` chooses among several devices of a server.
 
     Raises OutputLostError: the target is invalid, does not fit the device, or cannot be opened.
     """
@@ -78,8 +75,7 @@ def kind_of(device: DeviceConfig) -> str | None:
 
 def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Open the serial port ``port`` of a target for a device with a serial transport, and choose
-    the output by its encoder. OutputLostError as of :class:`SerialPort` or the board.
-    """
+    the output by its encoder. OutputLostError as of :class:`SerialPort` or the board."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert isinstance(transport, SerialTransport)
@@ -94,12 +90,11 @@ def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Connect to host and port of a target, by default those of the device's transport.
-    OutputLostError: the host is not local, the port is not 1 to 65535, or no connection.
-    """
+    OutputLostError: the host is not local, the port is not 1 to 65535, or no connection."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert not isinstance(transport, SerialTransport)
-    # A target may come from a .blend file, which must not reach hosts on the internet.
+    # Hosts on the internet are refused, also from a settings file edited by hand.
     host = target.get("host", transport.host)
     port = target.get("port", transport.port)
     if not isinstance(host, str) or not is_local(host):

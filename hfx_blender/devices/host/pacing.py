@@ -19,15 +19,15 @@ LEAST_APART_S: Final = 0.001
 """Shortest time between two frames, seconds; a closer frame replaces the one before. So the length
 of the queue has a bound."""
 
+# Longest update interval of a device that may play a strong frame before silence, seconds. The
+# end of the ramp, the strong frame and silence take three updates, which may take 50 ms at most.
 _LONGEST_TICK_S: Final = 0.05 / 3.0
-"""Longest update interval of a device that may play a strong frame before silence, seconds. The
-end of the ramp, the strong frame and silence take three updates, which may take 50 ms at most."""
 
 LONGEST_RAMP_S: Final = 0.05
 """Longest duration of a ramp, and so its longest delay, seconds."""
 
+# Tolerance of times, as a share of an interval: clocks and sleeps are not exact.
 _ROUNDING: Final = 0.05
-"""Tolerance of times, as a share of an interval: clocks and sleeps are not exact."""
 
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
@@ -69,8 +69,7 @@ class DelayQueue:
 
     def add(self, values: F64, now_s: float) -> None:
         """Append ``values`` (columns,) that arrived at ``now_s``, or replace the last frame if
-        younger than 1 ms; drop frames older than the largest offset and ``keep_s``.
-        """
+        younger than 1 ms; drop frames older than the largest offset and ``keep_s``."""
         if self._frames and now_s - self._frames[-1][0] < LEAST_APART_S:
             # Replace the last frame, but keep its time, so that frames in quick succession become
             # due.
@@ -124,12 +123,8 @@ class Ramp:
     the first step of the ramp, and the last values before the next frame reach the target. An
     actuator with a single update in a frame jumps to the target, without delay.
 
-    ``tick``: seconds between two calls of :meth:`at`.
-
-    Attributes
-    ----------
-    share : float
-        Share of the ramp at the last values, 0..1.
+    ``tick``: seconds between two calls of :meth:`at`. The attribute ``share`` is the share of the
+    ramp at the last values, 0..1.
     """
 
     def __init__(self, device: DeviceConfig, tick: float) -> None:
@@ -137,6 +132,7 @@ class Ramp:
         counts = [len(actuator.type.controls) for actuator in device.actuators]
         self._is_strength = np.zeros(len(self._neutral), np.bool_)
         self._is_strength[device.strength_columns] = True
+        # A type may be faster than the device is served, which is once a tick.
         intervals_s = [max(a.type.update_interval_ms / 1000.0, tick) for a in device.actuators]
         self._intervals_s = np.repeat(np.array(intervals_s, np.float64), counts)
         self._tick = tick
@@ -175,6 +171,7 @@ class Ramp:
     def at(self, now_s: float) -> F64:
         """Values (columns,) to send at ``now_s``; non-finite targets stay, for the guard."""
         since_s = now_s - self._began_s
+        # The share of the fastest actuator: at 1 all actuators have arrived.
         self.share = float(self._share(since_s, np.array(self._tick)))
         if self.share >= 1.0:
             self._here = self._to.copy()
@@ -227,6 +224,7 @@ class Pace:
         self._slow: list[tuple[slice, float]] = []  # columns, interval
         for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
             interval_s = actuator.type.update_interval_ms / 1000.0
+            # Actuators as fast as the device take each value; 1 % covers rounding.
             if interval_s > 1.01 * tick:
                 self._slow.append((part, interval_s))
         self.reset()

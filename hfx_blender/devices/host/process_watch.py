@@ -72,6 +72,7 @@ def says_ending(stat: bytes) -> bool:
 
 
 def _macos_test(pid: int) -> Callable[[], bool]:
+    # proc_pidinfo with flavour 3, PROC_PIDTBSDINFO, of libproc.h.
     library: Any = ctypes.CDLL("/usr/lib/libproc.dylib")
     info = (ctypes.c_uint32 * 34)()  # struct proc_bsdinfo: flags, status, ...; 136 bytes
 

@@ -69,6 +69,7 @@ class DutyBudget:
         """Slot numbers (A,) of ``names``; unknown names become slots with the load ``others``."""
         for name in names:
             self.slots.setdefault(name, len(self.slots))
+        # Slots unknown so far have the load `others`: 1 after a damaged file, else rested.
         more = len(self.slots) - len(self.load)
         self.load = np.append(self.load, np.full(more, self._others))
         self.is_cooling = np.append(self.is_cooling, np.full(more, self._others >= 1.0))
@@ -127,6 +128,7 @@ class TimeOn:
         self._budgets: list[tuple[DutyBudget, I64]] = []  # slot numbers of the A actuators
         # Without given uses, a new budget with a slot for each actuator.
         own = BudgetUse(DutyBudget(), [str(number) for number in range(self._count)])
+        # Names become slot numbers once, as budgets are charged at every step.
         for budget, names in uses or (own,):
             with budget.lock:
                 self._budgets.append((budget, budget.slots_of(names)))
@@ -144,6 +146,7 @@ class TimeOn:
             everything = np.ones(self._count, np.bool_)
             for budget, slots in self._budgets:
                 with budget.lock:
+                    # Unknown use lies before the rest, so the order of both matters.
                     self._fill(budget, slots, everything, budget.unknown_s[slots])
                     budget.unknown_s[slots] = 0.0
                     is_idle = ~budget.is_used_before(None)[slots]
@@ -170,6 +173,7 @@ class TimeOn:
         with self._lock:
             for budget, slots in self._budgets:
                 with budget.lock:
+                    # Both the stop thread and the device thread end a use; the first counts.
                     if budget.players.pop(self, None) is None:
                         continue
                     self._fill(budget, slots, self._is_on, played_s)
@@ -205,6 +209,7 @@ class TimeOn:
             for budget, slots in self._budgets:
                 with budget.lock:
                     self._fill(budget, slots, is_on, length_s)
+                    # A use that was ended by a stop in between begins again with these values.
                     budget.players.setdefault(self, Slots(slots, slots[is_on]))
                     is_busy = budget.is_on_for_others(self)
                     is_busy[slots[self._is_on | is_on]] = True
@@ -219,8 +224,7 @@ class TimeOn:
 
     def _fill(self, budget: DutyBudget, slots: I64, is_on: Bool, length_s: float | F64) -> None:
         """Raise in place the load of slots (A,) of actuators in the mask ``is_on`` by ``length_s``,
-        (A,) or scalar, divided by ``maximum_on_s``; at most 10.
-        """
+        (A,) or scalar, divided by ``maximum_on_s``; at most 10."""
         load = budget.load
         # add.at, as several actuators may share a slot.
         np.add.at(load, slots, np.where(is_on, length_s * self._fills_per_s, 0.0))
@@ -231,6 +235,7 @@ class TimeOn:
         negative or NaN. ``slots`` belong to the actuators in the mask ``rests`` (A,), in order.
         Load 0 ends their cooling.
         """
+        # Comparisons are False for NaN: a step of unknown length is no rest.
         length_s = np.where(length_s[rests] > 0.0, length_s[rests], 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
             less = length_s * self._empties_per_s[rests]

@@ -24,8 +24,8 @@ MAX_TONES: Final = 16
 LONE: Final = -1
 """Number of the single tone made from values without tones: of a script, or of a test pulse."""
 
+# Frequencies that differ by less are merged into one tone.
 _ALIKE_HZ: Final = 1.0
-"""Frequencies that differ by less are merged into one tone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +61,7 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
             sounds = amplitudes > 0.0
             differs = np.abs(hz - sum_hz.max())[sounds].max() > _ALIKE_HZ
             if number == numbers[partial.effect_id] or not differs:
+                # Merged amplitudes add, the frequency is that of the first partial that sounds.
                 both_hz = np.where(sum_ > 0.0, sum_hz, hz)
                 merged[k] = number, sum_ + amplitudes, both_hz
                 break
@@ -129,6 +130,7 @@ class Sounding:
             return values
         rows = frame[self._column_count :].reshape(-1, 1 + 2 * len(self))
         count = len(rows)
+        # Numbers of a faulty worker must not raise here; amplitudes are limited in any case.
         numbers = np.nan_to_num(rows[:, 0]).astype(np.int64)
         tones = Tones(numbers, rows[:, 1 : 1 + len(self)], rows[:, 1 + len(self) :])
         self._from, self._to = self._here, tones if count else self._plain_tones(values)
@@ -204,8 +206,8 @@ class Sounding:
 
 def _between(start: Tones, end: Tones, share: float) -> Tones:
     """Tones between two sets, of all numbers of both: amplitudes interpolate, frequencies jump. A
-    tone of a single set fades in or out at a constant frequency.
-    """
+    tone of a single set fades in or out at a constant frequency."""
+    # The end of the ramp drops tones that have faded out.
     if share >= 1.0:
         return end
     # Tones of both sets, in a common order; 0 where a set lacks a tone.
@@ -213,6 +215,7 @@ def _between(start: Tones, end: Tones, share: float) -> Tones:
     (a, a_hz), (b, b_hz) = _in_order(start, numbers), _in_order(end, numbers)
     with np.errstate(invalid="ignore", over="ignore"):
         amplitudes = a + share * (b - a)
+    # Frequencies jump, as in pacing.Ramp; the sound card smooths the change within 5 ms.
     hz = np.where(b > 0.0, b_hz, a_hz)
     return Tones(np.array(numbers, np.int64), amplitudes, hz)
 

@@ -67,6 +67,7 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
 
 def may_run(script: Path, mark: str) -> bool:
     """Test that a script is shipped, or the fingerprint ``mark`` is in the list of approvals."""
+    # Shipped scripts are part of the extension, like its own code.
     return is_shipped(script) or mark in approved()
 
 
@@ -161,18 +162,13 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """Watch for the withdrawal of a running script's approval, by fingerprint.
-
-    Attributes
-    ----------
-    was_given : bool
-        The script was on the list at first; False for shipped scripts.
-    """
+    """Watch for the withdrawal of a running script's approval, by fingerprint."""
 
     def __init__(self, mark: str) -> None:
         self._mark = mark
+        # The stamp first: a change between both reads is then seen by the next check.
         self._seen = _stamp()
-        self.was_given = mark in approved()
+        self.was_given = mark in approved()  # False for shipped scripts
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
@@ -194,8 +190,7 @@ def _stamp() -> tuple[int, ...] | None:
 
 def _read() -> dict[str, str]:
     """Paths of scripts by fingerprint from the list of approvals; empty without a file.
-    Raises InputError: the list is unreadable, no JSON object, or has an invalid entry.
-    """
+    Raises InputError: the list is unreadable, no JSON object, or has an invalid entry."""
     path = resources.approved_scripts()
     try:
         with open(path, "rb") as file:

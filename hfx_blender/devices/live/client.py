@@ -40,8 +40,7 @@ class DeviceState:
 
     def update(self, event: Event) -> None:
         """Apply an event of this device's number, or "gone": lost, without levels. "levels" and
-        "log" leave the state; "closed" does not replace "lost".
-        """
+        "log" leave the state; "closed" does not replace "lost"."""
         if event.event == "gone":  # the output process, and all devices with it
             self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
@@ -65,12 +64,8 @@ class LiveClient:
     """Devices connected to Blender; no method waits for a device or for the output process.
 
     :meth:`heartbeat` has to be called several times within 250 ms, from the thread to be watched;
-    otherwise all devices stop.
-
-    Attributes
-    ----------
-    devices : dict
-        States by name of the connected devices; :meth:`events` updates the states.
+    otherwise all devices stop. ``devices`` has the states of the connected devices by name, which
+    :meth:`events` updates.
     """
 
     def __init__(self) -> None:
@@ -144,8 +139,7 @@ class LiveClient:
 
     def close_port(self, name: str) -> None:
         """Stop a device and close the port; the state becomes "closed", or "lost" without a
-        confirmed stop.
-        """
+        confirmed stop."""
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
@@ -158,8 +152,7 @@ class LiveClient:
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
         """Send the scene and the body of later moments, for the devices connected now.
-        Unsent moments are discarded, and all devices are silent until the next moment.
-        """
+        Unsent moments are discarded, and all devices are silent until the next moment."""
         rendered = tuple(
             RenderedDevice(
                 state.number, state.configuration, state.folder, state.has_script, state.scheme

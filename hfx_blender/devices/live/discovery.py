@@ -60,8 +60,7 @@ class Found:
 
 def answers(host: str, port: int) -> bool:
     """Test that a program accepts a TCP connection within 0.15 s, without sending data; False for
-    an address that is not local.
-    """
+    an address that is not local."""
     if not is_local(host):
         return False
     with suppress(OSError), socket.create_connection((host, port), ANSWER_S):
@@ -115,8 +114,7 @@ def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
 
 def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
     """Matches of ``devices`` configured for a program at an address: one each; for Buttplug one for
-    each fitting device of the server, none if it is no Buttplug server. Connects to the server.
-    """
+    each fitting device of the server, none if it is no Buttplug server. Connects to the server."""
     from ..transports.buttplug import devices_at
 
     text, matches, served = f"a program on {host}:{port}", [], None
@@ -136,6 +134,7 @@ def _behind(host: str, port: int, devices: list[DeviceConfig]) -> list[Found]:
 
 
 def _is_on(device: DeviceConfig, port: FoundPort) -> bool:
+    # Boards of one maker share USB ids: a serial number pattern distinguishes products.
     if device.brand is None or port.usb not in device.brand.usb:
         return False
     return not device.brand.serial or fnmatchcase(port.serial, device.brand.serial)

@@ -109,8 +109,7 @@ class GameDoor:
 
     def show(self, client: LiveClient, time_s: float) -> None:
         """Send values of up to 256 received datagrams, and neutral values to each device without a
-        valid datagram for the dead-man time; ``time_s`` is not used.
-        """
+        valid datagram for the dead-man time; ``time_s`` is not used."""
         for _ in range(_MOST_AT_ONCE):
             try:
                 datagram = self.socket.recv(_MOST_BYTES)
@@ -126,8 +125,7 @@ class GameDoor:
 
     def _values(self, datagram: bytes) -> tuple[str, F64] | None:
         """Device name and values (columns,) of a datagram with right mark, token, known id, length
-        and rising number; else None. Updates the device's last number and time.
-        """
+        and rising number; else None. Updates the device's last number and time."""
         if len(datagram) < _HEAD.size:
             return None
         mark, token, number, length = _HEAD.unpack_from(datagram)

@@ -101,6 +101,7 @@ class HostPipe:
             variables={"OPENBLAS_NUM_THREADS": "1"},  # threads do not pay for small arrays
         )
         self._is_closing, self._is_ready, self._asked_silence_s = False, False, None
+        # New containers: the writing thread of an earlier process may still wait on the old queue.
         self._wake, self.urgent, self.newest = SimpleQueue(), deque(), {}
         try:
             worker.start()
@@ -134,8 +135,7 @@ class HostPipe:
 
     def stop(self, reason: str) -> None:
         """Discard unsent values, and send a stop of all devices ahead of all unsent messages, and
-        again after them. Starts the time limit of :meth:`watch`, unless a stop is unconfirmed.
-        """
+        again after them. Starts the time limit of :meth:`watch`, unless a stop is unconfirmed."""
         if not self.is_running:
             return
         self.void()
@@ -179,6 +179,7 @@ class HostPipe:
 
     def _nudge(self) -> None:
         """Wake the writing thread, unless a wake-up is pending."""
+        # Two wake-ups in a row do no harm: the second finds nothing to send.
         if self._wake.empty():
             self._wake.put(None)
 
@@ -230,8 +231,7 @@ class HostPipe:
 
     def take(self, _worker: Worker, received: Message) -> None:
         """Append a received event for :meth:`events`. "silent" only confirms a stop; "ready" starts
-        the time limit of a stop requested before; other messages are ignored.
-        """
+        the time limit of a stop requested before; other messages are ignored."""
         event = event_of(received.body)
         if event is None:
             return

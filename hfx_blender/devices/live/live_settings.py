@@ -41,8 +41,7 @@ class LiveSettings:
 
 def load() -> dict[str, LiveSettings]:
     """Load the settings by device name; empty without a valid file. Invalid members have their
-    default, the delay is clipped to 0..1000 ms.
-    """
+    default, the delay is clipped to 0..1000 ms."""
     try:
         content = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -18,14 +18,14 @@ from ..workers.live_frame import LiveFrame
 from ..workers.render_process import SCENE_S
 from .client import DeviceState, LiveClient
 
+# Bounds of the time between two frames, seconds; each frame is a sign of life.
 _STEPS_S: Final = (0.01, 0.05)
-"""Bounds of the time between two frames, seconds; each frame is a sign of life."""
 
+# Time for the last ramp of a device, seconds.
 _FADE_S: Final = 0.1
-"""Time for the last ramp of a device, seconds."""
 
+# Time limit for the closing of the ports, seconds; an output needs 3 s at most.
 _CLOSE_S: Final = 4.0
-"""Time limit for the closing of the ports, seconds; an output needs 3 s at most."""
 
 
 class ValueSource(Protocol):
@@ -153,7 +153,18 @@ def play(
     """
     try:
         source.begin(client)
-        _await_devices(client, is_prepared=not source.is_rendered)
+        # Wait for the opening of all devices, which may take seconds, and for the rendering of the
+        # scene. After 60 s the playback begins on the devices that are armed.
+        is_prepared = not source.is_rendered
+        deadline = time.monotonic() + SCENE_S
+        while time.monotonic() < deadline:
+            client.heartbeat()
+            is_prepared |= any(event.event == "prepared" for event in client.events())
+            states = client.devices.values()
+            if is_prepared and not any(x.state in ("connecting", "connected") for x in states):
+                break
+            time.sleep(_STEPS_S[0])
+        _require_playing(client)
         connected()
         begin_s = source.start_s if from_s is None else from_s
         length_s = max(source.end_s - begin_s, 1e-9)
@@ -175,22 +186,6 @@ def play(
     return failed + _unstopped(client, [x for x in client.devices.values() if x not in failed])
 
 
-def _await_devices(client: LiveClient, *, is_prepared: bool) -> None:
-    """Wait until no device is connecting or connected but unarmed, and, unless ``is_prepared``, for
-    the event "prepared". After 60 s continue with the devices that are armed. Raises DeviceError:
-    no device is armed.
-    """
-    deadline = time.monotonic() + SCENE_S
-    while time.monotonic() < deadline:
-        client.heartbeat()
-        is_prepared |= any(event.event == "prepared" for event in client.events())
-        states = client.devices.values()
-        if is_prepared and not any(x.state in ("connecting", "connected") for x in states):
-            break
-        time.sleep(_STEPS_S[0])
-    _require_playing(client)
-
-
 def _wait_alive(client: LiveClient, step_s: float) -> None:
     """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays."""
     client.heartbeat()
@@ -207,8 +202,7 @@ def _require_playing(client: LiveClient) -> None:
 
 def _unstopped(client: LiveClient, states: list[DeviceState]) -> list[DeviceState]:
     """Close the ports of devices within 4 s; return those whose state is not "closed": an
-    unconfirmed stop. A port still open then becomes "lost".
-    """
+    unconfirmed stop. A port still open then becomes "lost"."""
     for state in states:
         client.close_port(state.name)
     deadline = time.monotonic() + _CLOSE_S

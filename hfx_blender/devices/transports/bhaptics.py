@@ -32,6 +32,7 @@ class BhapticsOutput:
     def __init__(self, device: DeviceConfig, how: BhapticsEncoder, host: str, port: int) -> None:
         self._channels = Channels(device, strengths_only=True)
         self._dots = how.worn_dots(is_mirrored=device.is_mirrored)
+        # A frame addresses one position; dots of a device may lie on several.
         self._positions = list(dict.fromkeys(position for position, _ in self._dots))
         self._key = f"hfx-{device.id}"
         server = server_key(host, port)
@@ -54,7 +55,7 @@ class BhapticsOutput:
         """
         self._socket.check()
         now = time.monotonic()
-        if now < self._sent_s + INTERVAL_S or not self._socket.has_room:
+        if now < self._sent_s + INTERVAL_S or self._socket.waiting:
             return
         self._sent_s = now
         levels = self._channels.whole(self._channels.values(values), 100)

@@ -25,8 +25,8 @@ ANSWER_S: Final = 3.0
 """Time limit for an answer of a server, seconds."""
 
 _LEAST_INTERVAL_S: Final = 0.02
+# Bounds of the interval between two commands, seconds, for any demand of a server.
 _LONGEST_INTERVAL_S: Final = 0.25
-"""Bounds of the interval between two commands, seconds, for any demand of a server."""
 
 _EXPECTED: Final = "Expected is what a Buttplug server such as Intiface Central sends"
 
@@ -113,13 +113,6 @@ def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
 class Server:
     """Connection to a Buttplug server, shared by all outputs: many servers take one client.
 
-    Attributes
-    ----------
-    devices : list of ServedDevice or None
-        Newest list of the server; None before the first.
-    unanswered : set of int
-        Number of the newest stop of each output without an answer.
-
     Raises OutputLostError: no program answers, or not as a Buttplug server of version 4.
     """
 
@@ -130,9 +123,9 @@ class Server:
         self._ping_s = 0.0  # interval; 0: the server needs no pings
         self._pinged_s = 0.0
         self._info: dict[str, Any] | None = None
-        self.devices: list[ServedDevice] | None = None
+        self.devices: list[ServedDevice] | None = None  # newest list; None before the first
         self._fault = ""
-        self.unanswered: set[int] = set()
+        self.unanswered: set[int] = set()  # numbers of stops without an answer, newest of an output
         self._received = threading.Condition()
         self.socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
         name = self.socket.name
@@ -180,14 +173,14 @@ class Server:
 
     def _answer(self, value: Callable[[], Any], otherwise: str) -> Any:
         """Wait up to 3 s until ``value()`` is not None, and return the value.
-        Raises OutputLostError: with text ``otherwise`` after 3 s, or at once by :meth:`check`.
-        """
+        Raises OutputLostError: with text ``otherwise`` after 3 s, or at once by :meth:`check`."""
         until = time.monotonic() + ANSWER_S
         with self._received:
             while value() is None:
                 self.check()
                 if time.monotonic() > until:
                     raise OutputLostError(otherwise)
+                # Short waits, as a lost connection sends no notification.
                 self._received.wait(0.05)
         return value()
 
@@ -201,8 +194,7 @@ class Server:
 
     def _on_text(self, text: str) -> None:
         """Process a JSON list of messages: server facts, device list, Ok of a stop, or a fault, for
-        :meth:`check`; other messages are ignored. OutputLostError for anything but such a list.
-        """
+        :meth:`check`; other messages are ignored. OutputLostError for anything but such a list."""
         try:
             messages = json.loads(text)
             if not isinstance(messages, list):
@@ -236,10 +228,10 @@ class Server:
 
 def _shared(host: str, port: int) -> Server:
     """Existing connection to a server with another user counted, or a new one if none or lost.
-    Raises OutputLostError: no Buttplug server of version 4 answers. :func:`_leave` ends the use.
-    """
+    Raises OutputLostError: no Buttplug server of version 4 answers. :func:`_leave` ends the use."""
     key = server_key(host, port)
     with _users:
+        # A lost connection is not used again: its devices have been stopped by the server.
         existing = _servers.get(key)
         if existing is not None:
             with suppress(OutputLostError):
@@ -267,8 +259,7 @@ def _leave(server: Server) -> None:
 
 def devices_at(host: str, port: int) -> list[ServedDevice]:
     """Devices of the Buttplug server at an address, by index; connects for this call, or uses an
-    open connection. OutputLostError if no program answers, or not as a server of version 4.
-    """
+    open connection. OutputLostError if no program answers, or not as a server of version 4."""
     server = _shared(host, port)
     try:
         return server.devices or []
@@ -310,11 +301,6 @@ class ButtplugOutput:
                 self.close()
                 raise
 
-    @property
-    def chosen_device(self) -> str:
-        """Label of the chosen device at the server."""
-        return self._device.label
-
     def send(self, values: F64) -> None:
         """Send the changed levels of values (columns,), unless bytes are unsent or the last command
         was less than ``command_interval_s`` ago; silence of all outputs passes the second test.
@@ -327,7 +313,7 @@ class ButtplugOutput:
         if (device.index, device.names) not in served:
             raise OutputLostError("The device was disconnected from the server.")
         now = time.monotonic()
-        if not self._socket.has_room:
+        if self._socket.waiting:
             return
         shares = self._channels.fractions(self._channels.values(values))
         silent = self._channels.fractions(self._channels.neutral)
@@ -355,6 +341,7 @@ class ButtplugOutput:
 
     def stop(self) -> None:
         """Send a stop of this device despite unsent bytes; forget the sent levels; never raises."""
+        # After the stop the server's levels are 0, so all levels are sent again.
         self._given = [None] * len(self._given)
         with suppress(OutputLostError):
             command = self._server.message("StopCmd", DeviceIndex=self._device.index)
@@ -402,6 +389,7 @@ class ButtplugOutput:
         if len(fitting) > 1:
             had_before[key, device_id] = device.label
         self._device, self._ranges = device, ranges
+        self.chosen_device = device.label
         gap_s = _seconds(device.facts.get("DeviceMessageTimingGap"))
         self.command_interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
         self._given = [None] * len(ranges)
@@ -416,8 +404,7 @@ def _seconds(milliseconds: object) -> float:
 
 def _level(share: float, rest: float, low: int, high: int) -> int:
     """Convert a share 0..1, silent at ``rest``, to a level ``low``..``high``. A signed feature
-    (``low`` < 0) is silent at 0, and each side of ``rest`` is scaled by itself.
-    """
+    (``low`` < 0) is silent at 0, and each side of ``rest`` is scaled by itself."""
     if low >= 0:
         return round(low + share * (high - low))
     # Above rest the positive half, below it the negative half of the range.

@@ -53,6 +53,7 @@ class OscOutput:
         self._channels = Channels(device)
         self._addresses = osc_addresses(device, how)
         try:
+            # AI_NUMERICSERV: the port is a number, without a lookup of services.
             family, kind, protocol, _, target = socket.getaddrinfo(
                 host, port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICSERV
             )[0]

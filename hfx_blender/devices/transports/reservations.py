@@ -54,8 +54,7 @@ def server_key(host: str, port: int) -> tuple[str, int]:
 
 def computer(host: str) -> str:
     """Normalise a host: "this computer" for localhost and all addresses of this computer, else the
-    IP address (IPv4 for mapped IPv6), or the name in lower case, not resolved.
-    """
+    IP address (IPv4 for mapped IPv6), or the name in lower case, not resolved."""
     name = host.strip().rstrip(".").lower()
     try:
         address = ipaddress.ip_address("127.0.0.1" if name == "localhost" else name)

@@ -111,8 +111,7 @@ class SerialPort:
 
     def _push(self) -> None:
         """Write the rest of a frame, then the unsent frame, as far as the port takes bytes now.
-        OutputLostError if the port is lost.
-        """
+        OutputLostError if the port is lost."""
         while self._rest or self._next:
             if not self._rest:
                 self._rest, self._next = self._next, b""

@@ -112,8 +112,7 @@ class Oscillators:
 
     def _cycles_at(self, steps: npt.NDArray[np.int64]) -> F64:
         """Phase (n, C) in cycles at ``steps`` (n,) samples after the start of the ramp: frequencies
-        change linearly on the ramp and stay afterwards.
-        """
+        change linearly on the ramp and stay afterwards."""
         share = np.minimum(steps / self._steps, 1.0)[:, None]
         beyond_s = np.maximum(steps - self._steps, 0)[:, None] / self._rate_hz
         frequencies = self._from[1], self._to[1]
@@ -136,8 +135,7 @@ class SumOfTones:
 
     def aim(self, tones: Tones) -> None:
         """Start 5 ms ramps to new tones, amplitudes (K, C) 0..1 of full scale; sounding tones whose
-        number is missing fade out, new numbers start from silence.
-        """
+        number is missing fade out, new numbers start from silence."""
         nothing = np.zeros(self._channels)
         numbers = tones.numbers.tolist()
         for number, oscillators in self._sounding.items():
@@ -254,8 +252,7 @@ class SoundCard:
 
     def _of_values(self, values: F64) -> Tones:
         """One tone :data:`LONE` (1, C) of values (columns,): amplitudes after the drive curves, as
-        shares of full scale, and frequencies of at most 1000 Hz.
-        """
+        shares of full scale, and frequencies of at most 1000 Hz."""
         hz = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
         strengths = values[self._amplitude_columns]
         amplitudes = driven(self._curves, strengths, hz, self._full_scale)

@@ -37,8 +37,8 @@ connection makes the server stop its devices."""
 
 _STALLED: Final = "the server does not read any more"
 _UPKEEP_S: Final = 0.05
+# Bytes that are read at once; small, so that few pongs follow.
 _RECEIVED: Final = 4096
-"""Bytes that are read at once; small, so that few pongs follow."""
 
 
 class WebSocket:
@@ -64,6 +64,7 @@ class WebSocket:
         self._on_text = on_text
         self._on_tick = on_tick
         self._lock = threading.Lock()  # of the protocol and the unsent bytes
+        # A protocol without input and output: this class reads and writes the socket.
         self._protocol = ClientProtocol(parse_uri(self.name + path), max_size=MAX_MESSAGE)
         self._waiting = bytearray()  # unsent bytes
         self._moved_s = 0.0  # last time at which bytes were sent, or none were unsent
@@ -89,13 +90,8 @@ class WebSocket:
         self._thread.start()
 
     @property
-    def has_room(self) -> bool:
-        """Test that no bytes are unsent; senders of values drop values otherwise."""
-        return not self._waiting
-
-    @property
     def waiting(self) -> int:
-        """Number of unsent bytes."""
+        """Number of unsent bytes; senders of values drop values unless 0."""
         return len(self._waiting)
 
     def send(self, text: str, *, is_urgent: bool = False) -> None:
@@ -129,6 +125,7 @@ class WebSocket:
             self._protocol.send_close(1000)
             self._write()
         until = time.monotonic() + STALLED_S
+        # The reading thread marks the connection as lost when the close frame arrives.
         while not self._lost and time.monotonic() < until:
             time.sleep(0.002)
         if self._waiting or not self._is_left:
@@ -146,8 +143,7 @@ class WebSocket:
 
     def _shake_hands(self) -> None:
         """Do the opening handshake on the blocking socket within 3 s.
-        Raises OSError: no answer. Raises OutputLostError: the answer is no websocket handshake.
-        """
+        Raises OSError: no answer. Raises OutputLostError: the answer is no websocket handshake."""
         until = time.monotonic() + OPEN_S
         self._protocol.send_request(self._protocol.connect())
         self._socket.sendall(b"".join(self._protocol.data_to_send()))
@@ -174,8 +170,7 @@ class WebSocket:
 
     def _write(self) -> None:
         """Queue the output of the protocol, and send as many bytes as the socket takes. The lock
-        has to be held. OutputLostError if the connection is lost.
-        """
+        has to be held. OutputLostError if the connection is lost."""
         if not self._waiting:
             self._moved_s = time.monotonic()
         self._waiting += b"".join(self._protocol.data_to_send())
@@ -220,8 +215,7 @@ class WebSocket:
 
     def _take(self, content: bytes) -> None:
         """Process received bytes: answer pings, and pass messages on. An empty ``content``
-        processes bytes that came with the handshake.
-        """
+        processes bytes that came with the handshake."""
         with self._lock:
             if content:
                 self._protocol.receive_data(content)

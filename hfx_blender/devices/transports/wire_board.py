@@ -157,8 +157,7 @@ class Receiver:
 
     def take(self, content: bytes) -> list[Frame]:
         """Append received bytes; return intact frames in order. Text before a zero of more than
-        :data:`MAX_FRAME` bytes, and damaged frames, are dropped.
-        """
+        :data:`MAX_FRAME` bytes, and damaged frames, are dropped."""
         frames = []
         for byte in content:
             if byte == 0:
@@ -248,6 +247,7 @@ class WireBoard:
         self._configuration = encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
+        # READY and VALUES carry this CRC, so frames of two sessions cannot be confused.
         self._crc = zlib.crc32(self._configuration)
         self._is_stopped, self._is_ready = False, False
         self._patience_ends_s = time.monotonic() + patience_s

@@ -70,8 +70,7 @@ class Haptics:
 
     def strongest(self, modality: str) -> Effect | None:
         """Effect of a modality with the largest product of level and size of the first parameter;
-        the first of equals, None without any.
-        """
+        the first of equals, None without any."""
         effects = [effect for effect in self.felt if effect.modality == modality]
         # The first parameter is the strength of each modality.
         return max(
@@ -166,6 +165,7 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
                 f"the script returned the unknown actuator {actuator!r}; "
                 f"there are: {', '.join(strengths)}"
             )
+        # A single number is the strength.
         by_control = entry if isinstance(entry, Mapping) else {strengths[actuator]: entry}
         for control, value in by_control.items():
             if (actuator, control) not in index:

@@ -103,6 +103,7 @@ def _add_runs(
     each run with a drive.
     """
     present = [run for run in runs if len(run)]
+    # Rows of equal width for all modalities, so that one array holds all runs.
     parameters = np.full((len(present), _PARAMETERS), np.nan)
     focus = np.full((len(present), 4), np.nan)
     drives = []
@@ -160,10 +161,10 @@ def _runs(
     arrays: Mapping[str, Array],
 ) -> list[SampleRun]:
     """Runs of one sample at ``time_s`` from the return value and arrays (as views) of
-    :func:`_add_runs`; ``streams``: of the scene's header, by index.
-    """
+    :func:`_add_runs`; ``streams``: of the scene's header, by index."""
     counts = arrays["counts"]
     ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    # A drive gives values of a device's actuators directly; few runs have a drive.
     driven = {
         k: Drive(device, tuple(names), np.array([values], np.float32))
         for k, device, names, values in drives

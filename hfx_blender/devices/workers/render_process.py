@@ -82,6 +82,7 @@ class RenderProcess:
     def restart(self) -> None:
         """Start a killed worker again, with the newest scene."""
         with self._lock:
+            # After a fault the user presses Play, without a new scene from Blender.
             if self._worker is None and self._known is not None:
                 self.describe(self._known)
 
@@ -103,8 +104,7 @@ class RenderProcess:
 
     def _ask_next(self) -> None:
         """Send the unsent scene, else the unsent moment, and set its time limit; nothing if the
-        worker is missing or busy.
-        """
+        worker is missing or busy."""
         if self._worker is None or self._deadline_s is not None:
             return
         kind, limit_s = MessageKind.MOMENT, MOMENT_S

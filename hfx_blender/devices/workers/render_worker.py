@@ -40,8 +40,7 @@ class _Rendered:
 
     def answer(self, moment: LiveFrame) -> bytes:
         """Render a moment: HAPTICS for a device with a script, unless muted; else ANSWER with
-        values and tones. Strengths are scaled by the device's gain.
-        """
+        values and tones. Strengths are scaled by the device's gain."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, moment.later)
@@ -60,6 +59,7 @@ class _Rendered:
                 encode_haptics(moment.time_s, effects, values),
             )
         tones = of_partials(partials, self.numbers, self.width)
+        # The guard compares tones with values, so both have the same gain.
         louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
         frame = encode_values(frame_of(values, louder))
         return message(MessageKind.ANSWER, self.rendered.number, frame)
@@ -67,8 +67,7 @@ class _Rendered:
 
 class Renderers:
     """Renderers of all devices for a scene; ``faults`` are FAULT messages about devices without a
-    renderer.
-    """
+    renderer."""
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams
@@ -81,6 +80,7 @@ class Renderers:
                 folder = None if rendered.folder is None else Path(rendered.folder)
                 device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
                 renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
+                # Models and distances are loaded now, so that the first moment is on time.
                 renderer.prepare()
             except Exception as error:  # a fault must not affect the rest
                 self.faults.append(_fault(rendered.number, error))

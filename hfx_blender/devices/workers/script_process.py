@@ -130,13 +130,13 @@ class ScriptProcess:
 
     def _ask_next(self) -> None:
         """Send the unsent question and set its time limit of 0.1 s; nothing without a question, or
-        if the worker is missing, starting or busy.
-        """
+        if the worker is missing, starting or busy."""
         if self._worker is None or not self._is_ready or self._next is None:
             return
         # Idle: the deadline is set while a question is in progress.
         if self._deadline_s is None:
             (body, self._answer), self._next = self._next, None
+            # The number fits the device field of a message, 16 bits.
             self._number = (self._number + 1) % _NUMBERS
             self._deadline_s = self._clock.now() + PATIENCE_S
             self._worker.send(message(MessageKind.HAPTICS, self._number, body), is_awaited=True)

@@ -82,6 +82,7 @@ def main() -> None:
         if frames and frames[-1].filename != __file__:
             where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
         outlet.send_text(MessageKind.FAULT, f"{type(error).__name__}: {error}{where}")
+        # Threads of the script must not keep the process alive.
         os._exit(1)
 
 
@@ -101,6 +102,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     if not may_run(path, mark):
         raise PermissionError(f"{path.name} is not approved; {how_to_approve(name)}")
     device = load_device(name, None if folder is None else Path(folder))
+    # Standard output is discarded; prints become lines in the panel.
     builtins.print = outlet.log_print
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     exec(compile(source, str(path), "exec"), names)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +44,11 @@ class _LiveOperator(HfxOperator):
 
 class _OfDevice(_LiveOperator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+
+def _settings_of(name: str) -> live_settings.LiveSettings:
+    """Stored connection settings of a device; defaults for a device without any."""
+    return live_settings.load().get(name, live_settings.LiveSettings())
 
 
 def title_of(name: str) -> str:
@@ -155,9 +160,8 @@ class HFX_OT_live_connect(_OfDevice):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        known = live_settings.load().get(self.name, live_settings.LiveSettings())
-        for field in ("kind", "port", "host", "path", "offset_ms", "unit"):
-            setattr(self, field, getattr(known, field))
+        for field, value in asdict(_settings_of(self.name)).items():
+            setattr(self, field, value)
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -177,7 +181,7 @@ class HFX_OT_live_connect(_OfDevice):
     def work(self, _context: bpy.types.Context) -> str:
         from ...devices.live.discovery import serial_number_of, serial_ports
 
-        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        known = _settings_of(self.name)
         unit = self.unit
         if self.port != known.port and unit == known.unit:  # the port was changed
             unit = serial_number_of(self.port, serial_ports())
@@ -265,6 +269,7 @@ class HFX_OT_live_approve(_OfDevice):
         self.fingerprint, self.script = script.fingerprint, str(script.path)
 
     def _found(self) -> DeviceScript:
+        """Script of the device with its present fingerprint; InputError without a script."""
         from ...devices.live import approval
 
         script = approval.script_of(self.name, resources.user_devices())
@@ -300,6 +305,7 @@ class HFX_OT_live_revoke(_OfDevice):
             approval.revoke_fingerprint(self.fingerprint)
             return "Approval withdrawn"
         running = live.approved.get(self.name)  # the files may have changed since
+        # The running script first: its files may be unreadable by now.
         live.withdraw(set() if running is None else {running})
         script = approval.script_of(self.name, resources.user_devices())
         if script is not None:
@@ -312,18 +318,11 @@ class HFX_OT_live_revoke(_OfDevice):
 
 
 class DeviceSearch:
-    """Result of the last search for devices.
-
-    Attributes
-    ----------
-    found : list of Found
-    items : list of tuple
-        Enum items of ``found``; Blender needs these strings kept alive.
-    """
+    """Result of the last search for devices."""
 
     def __init__(self) -> None:
         self.found: list[Found] = []
-        self.items: EnumItems = []
+        self.items: EnumItems = []  # of `found`; Blender needs these strings kept alive
 
     def run(self) -> list[str]:
         """Replace :attr:`found` and :attr:`items`; returns the names of all serial ports."""
@@ -345,15 +344,15 @@ class DeviceSearch:
 search = DeviceSearch()
 
 
+# A function of the module: Blender evaluates annotations without this module's names in lambdas.
 def _choices(_self: object, _context: object) -> EnumItems:
     return search.items
 
 
-class HFX_OT_live_find(HfxOperator):
+class HFX_OT_live_find(_LiveOperator):
     """Search for devices: serial ports by USB id, programs on this computer and in the network"""
 
     bl_label = "Find Devices"
-    bl_options = {"REGISTER"}  # device actions have no undo
     bl_property = "which"
 
     which: EnumProperty(name="Device", description="Device to add", items=_choices)
@@ -373,8 +372,9 @@ class HFX_OT_live_find(HfxOperator):
         if not self.which.isdecimal() or int(self.which) >= len(search.found):
             raise InputError("Press Find Devices first, and choose one.")
         device = search.found[int(self.which)]
-        settings = live_settings.load().get(device.device, live_settings.LiveSettings())
-        settings = replace(settings, kind="DEVICE", port=device.port, unit=device.unit)
+        settings = replace(
+            _settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
+        )
         if device.device not in context.scene.hfx.devices:
             context.scene.hfx.devices.add().name = device.device
         live.connect(device.device, settings)
@@ -382,13 +382,11 @@ class HFX_OT_live_find(HfxOperator):
         return f"{title_of(device.device)}: {device.description}"
 
 
-class HFX_OT_live_offset(HfxOperator):
+class HFX_OT_live_offset(_OfDevice):
     """Delay the values of a device to match sound and picture; the delay is saved"""
 
     bl_label = "Offset"
-    bl_options = {"REGISTER"}
 
-    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     offset_ms: FloatProperty(
         name="Offset (ms)",
         description="Delay of the values; takes effect while you drag it",
@@ -406,15 +404,14 @@ class HFX_OT_live_offset(HfxOperator):
         return True
 
     def cancel(self, _context: bpy.types.Context) -> None:
-        known = live_settings.load().get(self.name, live_settings.LiveSettings())
-        live.set_offset(self.name, known.offset_ms)
+        live.set_offset(self.name, _settings_of(self.name).offset_ms)
 
     def work(self, _context: bpy.types.Context) -> str:
         if live.state(self.name) is None:
             raise InputError(f"Device '{title_of(self.name)}' is not connected.")
         live.set_offset(self.name, self.offset_ms)
-        known = live_settings.load().get(self.name, live_settings.LiveSettings())
-        live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
+        settings = replace(_settings_of(self.name), offset_ms=self.offset_ms)
+        live_settings.store(self.name, settings)
         return f"{title_of(self.name)} is delayed by {self.offset_ms:g} ms"
 
 

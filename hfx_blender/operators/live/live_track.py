@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ...export.report import ExportReport
 
 
+# Folder of the last recording, in Blender's temporary folder of this session.
 _recorded: list[Path] = []
-"""Folder of the last recording, in Blender's temporary folder of this session."""
 
 
 class HFX_OT_record_track(StepwiseExport):
@@ -68,13 +68,17 @@ class HFX_OT_record_track(StepwiseExport):
 
 class HFX_OT_hide_meshes(HfxOperator):
     """Hide meshes and other shapes without a haptic role, for faster playback. Alt H shows hidden
-    objects
-    """
+    objects"""
 
     bl_label = "Hide Other Meshes"
 
     def work(self, context: bpy.types.Context) -> str:
-        needed = _needed(context.scene)
+        # Bodies with avatars and children, and effects with their emitters stay visible.
+        listed = swarms.listed_effects(context.scene)
+        needed = {o for effect in listed for o in swarms.objects_showing(context.scene, effect)}
+        for body in effects.bodies_of(context.scene):
+            needed |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
+            needed |= set(body.children_recursive)
         count = 0
         for obj in context.visible_objects:
             is_shape = obj.type in ("MESH", "CURVE", "CURVES", "SURFACE", "META", "FONT", "VOLUME")
@@ -83,16 +87,6 @@ class HFX_OT_hide_meshes(HfxOperator):
                 obj.hide_set(True)
                 count += 1
         return f"{count} hidden; Alt H shows them again"
-
-
-def _needed(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """Objects to keep visible: bodies, their avatars and children; effects and their emitters."""
-    listed = swarms.listed_effects(scene)
-    needed = {obj for effect in listed for obj in swarms.objects_showing(scene, effect)}
-    for body in effects.bodies_of(scene):
-        needed |= {body, body.hfx.avatar, *(part.mesh for part in body.hfx.avatar_parts)}
-        needed |= set(body.children_recursive)
-    return needed
 
 
 class HFX_OT_update_values(HfxOperator):

@@ -38,12 +38,19 @@ class Playback:
         inferred from successive frames. Frames wrap at the ends of the played range.
         """
         first, last = played_range(scene)
-        frame = scene.frame_current_final
-        self._infer_direction(frame, last + 1 - first, is_playing)
-        if not is_playing:
-            return {}
-        frames = {ms: frame + self._step * ms / 1000.0 * fps_of(scene) for ms in delays_ms}
-        return {ms: self._wrapped(then, frame, first, last) for ms, then in frames.items()}
+        frame, length = scene.frame_current_final, last + 1 - first
+        self._infer_direction(frame, length, is_playing)
+        frames = {}
+        for ms in delays_ms if is_playing else ():
+            then = frame + self._step * ms / 1000.0 * fps_of(scene)
+            # Frame `last` lasts until `last + 1`. Only playback within the range wraps: beyond an
+            # end, Blender plays on in its direction.
+            if self._step > 0 and then >= last + 1 and frame <= last:
+                then = first + (then - last - 1) % length
+            elif self._step < 0 and then < first <= frame:
+                then = last - (first - 1 - then) % length
+            frames[ms] = then
+        return frames
 
     def _infer_direction(self, frame: float, length: int, is_playing: bool) -> None:
         """Update the direction ``_step`` from the current frame and the last one.
@@ -69,19 +76,6 @@ class Playback:
         if moved:
             self._is_doubtful = is_contrary and not self._is_doubtful
 
-    def _wrapped(self, then: float, now: float, first: int, last: int) -> float:
-        """Frame ``then``, wrapped at the end of ``first..last`` in the direction of playback.
-
-        Unchanged within the range, and if the current frame ``now`` is beyond this end already.
-        """
-        length = last + 1 - first
-        # Frame `last` lasts until `last + 1`; frames of an edit outside of the range do not wrap.
-        if self._step > 0 and then >= last + 1 and now <= last:
-            return first + (then - last - 1) % length
-        if self._step < 0 and then < first <= now:
-            return last - (first - 1 - then) % length
-        return then
-
 
 def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
     """First and last played frame, both inclusive: the preview range if enabled."""
@@ -93,16 +87,10 @@ def played_range(scene: bpy.types.Scene) -> tuple[int, int]:
 def recorded_runs(
     frames: Mapping[float, float], streams: Sequence[Stream]
 ) -> dict[float, list[SampleRun]]:
-    """Recorded samples at the given frames, by the same keys; an empty list for silence.
+    """Recorded samples at ``frames`` of the scene, by the same keys; an empty list for silence.
 
     Empty without a valid record. Keys of frames that are not recorded or not cached are missing.
-
-    Parameters
-    ----------
-    frames : mapping
-        Key -> frame of the scene.
-    streams : sequence of Stream
-        Streams of the live scene; recorded instances are renumbered to these.
+    ``streams`` are those of the live scene; recorded instances are renumbered to these.
     """
     record = recorder.valid
     if record is None:
@@ -138,8 +126,7 @@ def _in_slots(runs: list[SampleRun], streams: Sequence[Stream]) -> list[SampleRu
 
 def uncompensated(scene: bpy.types.Scene) -> str:
     """Sentences for the panel: frames without latency compensation, or the reason for a missing
-    record, and the cure. Empty if all played frames are compensated.
-    """
+    record, and the cure. Empty if all played frames are compensated."""
     if recorder.must_step:
         return f"Latency is not compensated. {recorder.fault} Press Update Values."
     record = recorder.valid

@@ -56,43 +56,21 @@ class Sent:
 
 
 class Live:
-    """Connected devices of this Blender, and the source of their samples.
-
-    Attributes
-    ----------
-    handlers : LiveHandlers
-        Active while a device is connected.
-    tracks : TrackSource
-    slow_frames : SlowFrames
-    fault : str
-        Error that stopped playing; empty without an error.
-    unapproved : set of str
-        Names of devices with a script that needs approval.
-    approved : dict of str to str
-        Device name -> fingerprint of its approved user script.
-    client : LiveClient or None
-        Client of the output process; None before the first connection.
-    connected : dict of str to Connected
-        By device name.
-    described : Generation or None
-        Description sent to the devices; None before one is sent.
-    sent : Sent or None
-        None after the devices were faded.
-    """
+    """Connected devices of this Blender, and the source of their samples."""
 
     def __init__(self) -> None:
-        self.handlers = live_handlers.LiveHandlers(self)
+        self.handlers = live_handlers.LiveHandlers(self)  # active while a device is connected
         self.tracks = TrackSource()
         self.slow_frames = SlowFrames()
-        self.fault = ""
-        self.unapproved: set[str] = set()
-        self.approved: dict[str, str] = {}
+        self.fault = ""  # error that stopped playing; empty without an error
+        self.unapproved: set[str] = set()  # names of devices with a script that needs approval
+        self.approved: dict[str, str] = {}  # fingerprint of the approved user script, by device
         self._scene = SceneSource()
         self._playback = Playback()
-        self.client: LiveClient | None = None
-        self.connected: dict[str, Connected] = {}
-        self.described: Generation | None = None
-        self.sent: Sent | None = None
+        self.client: LiveClient | None = None  # None before the first connection
+        self.connected: dict[str, Connected] = {}  # by device name
+        self.described: Generation | None = None  # description sent to the devices
+        self.sent: Sent | None = None  # None after the devices were faded
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -125,12 +103,8 @@ class Live:
     def connect(self, name: str, settings: live_settings.LiveSettings) -> None:
         """Connect a device, start the output process if needed, and arm the device.
 
-        Raises
-        ------
-        InputError
-            The device is unknown, or its script is not approved.
-        DeviceError
-            The port does not open, or the output process does not start.
+        Raises InputError: the device is unknown, or its script is not approved.
+        Raises DeviceError: the device is on no port, or the output process does not start.
         """
         from ...devices.configuration import named_in_blend
         from ...devices.live.approval import is_shipped
@@ -197,7 +171,7 @@ class Live:
             self.handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play a short, weak test pulse on one actuator, given by index."""
+        """Play a short, weak test pulse on an actuator, given by index."""
         if self.client is not None:
             self.client.pulse(name, actuator)
 
@@ -229,6 +203,7 @@ class Live:
             if connected.has_script:
                 continue
             gain = gains.get(self.client.devices[name].number, 1.0)
+            # The device's own calibration replaces that of the surface.
             own, played = connected.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
@@ -251,8 +226,7 @@ class Live:
 
     def forget(self) -> None:
         """Discard the scene's description and the open track; no samples are sent until the next
-        :meth:`describe`.
-        """
+        :meth:`describe`."""
         evaluation.forget()
         self.tracks.forget()
         self.described = None
@@ -275,15 +249,8 @@ class Live:
         """Source selected in the scene: the scene itself, or a track."""
         return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
-    def _choose_schemes(self, scene: bpy.types.Scene) -> None:
-        from ...reading.description.scene_settings import scheme_of
-
-        for name, state in self.states.items():
-            item = scene.hfx.devices.get(name)
-            state.scheme = "" if item is None else scheme_of(item)
-
     def follow_other(self) -> None:
-        """Switch to the selected source; devices pause until its description is sent."""
+        """Switch to the selected source; devices pause until the description is sent."""
         self._pause()
         self.described, self.fault = None, ""
         if self.client is not None:
@@ -316,31 +283,31 @@ class Live:
 
     def fade(self, sent: Sent) -> None:
         """Send neutral values to all devices; an unmuted device with a script gets empty samples
-        instead, at the time of the last message ``sent``, and the script decides on the fade.
-        """
+        instead, at the time of the last message ``sent``, and the script decides on the fade."""
         from ...devices.workers.haptics import encode_haptics
 
         if self.client is None:
             return
         for name, connected in self.connected.items():
             neutral = connected.device.neutral
+            # A script may fade in its own way; a muted device is silent in any case.
             if connected.has_script and name not in sent.muted:
                 self.client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
             else:
                 self.client.send(name, neutral)
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Send the description of the selected source if it changed; never call this during a
-        depsgraph update.
+        """Send the description of the selected source if changed, with the rendering schemes of
+        the scene; never call this during a depsgraph update.
 
-        Raises
-        ------
-        InputError
-            The selected track cannot be read.
+        Raises InputError: the selected track cannot be read.
         """
         from ...engine.rendering.room import needs_positions
+        from ...reading.description.scene_settings import scheme_of
 
-        self._choose_schemes(context.scene)
+        for name, state in self.states.items():
+            item = context.scene.hfx.devices.get(name)
+            state.scheme = "" if item is None else scheme_of(item)
         # Before the source opens: positions are part of the description's fingerprint.
         evaluation.with_positions = needs_positions(
             [connected.device for connected in self.connected.values()]
@@ -360,10 +327,7 @@ class Live:
 
         No effect while no device is armed, and until the description is sent.
 
-        Raises
-        ------
-        InputError
-            An effect or body has a fault, or the track is damaged.
+        Raises InputError: an effect or body has a fault, or the track is damaged.
         """
         source = self._source(scene)
         if self.client is None or not self.is_armed or not source.is_open:
@@ -384,16 +348,14 @@ class Live:
 
     def apply_mutes(self, scene: bpy.types.Scene) -> None:
         """Send gains and mutes to the output process, which applies mutes without waiting for a
-        frame.
-        """
+        frame."""
         if self.client is not None:
             self.client.set_gains(self._gains(scene))
             self.handlers.request_update()
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
         """Gains other than 1, by device number; 0 for a muted device. Devices missing in the scene
-        are left out.
-        """
+        are left out."""
         gains = {}
         for name, state in self.states.items():
             item = scene.hfx.devices.get(name)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final
 
 import bpy
 from bpy.app.handlers import persistent
@@ -18,27 +18,6 @@ from ...errors import HfxError
 from ...reading.stepped import stepping
 
 BEAT_S = 0.05
-
-
-class SceneFollower(Protocol):
-    """Interface of an object that follows the open scene; see :class:`live.Live`."""
-
-    @property
-    def is_armed(self) -> bool: ...
-
-    def invalidate(self) -> None: ...
-
-    def forget(self) -> None: ...
-
-    def describe(self, context: bpy.types.Context) -> None: ...
-
-    def update(self, scene: bpy.types.Scene) -> None: ...
-
-    def exchange_heartbeat(self) -> bool: ...
-
-    def stop_all(self, reason: str) -> None: ...
-
-    def fail(self, text: str) -> None: ...
 
 
 _log = logging.getLogger(__name__)
@@ -51,9 +30,12 @@ def is_playing() -> bool:
 
 
 class LiveHandlers:
-    """Handlers and timers that connect live devices with the open scene."""
+    """Handlers and timers that connect live devices with the open scene.
 
-    def __init__(self, listener: SceneFollower) -> None:
+    ``listener``: the :class:`.live.Live` with the devices.
+    """
+
+    def __init__(self, listener: Any) -> None:
         self._listener = listener
         self._is_describing = False
         self._handlers = {
@@ -76,8 +58,7 @@ class LiveHandlers:
 
     def request_update(self) -> None:
         """Schedule :meth:`describe` for Blender's next idle moment; allowed during a depsgraph
-        update.
-        """
+        update."""
         call_soon(self.describe)
 
     def describe(self) -> None:
@@ -111,6 +92,7 @@ class LiveHandlers:
         and for other scenes. Without playback, a description is scheduled.
         """
         self._listener.invalidate()  # disarmed devices need fresh samples on Play
+        # A description evaluates the scene: its own updates must not send samples.
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
         # Frames of an export, a recording or a render are not frames of the user.
@@ -147,8 +129,7 @@ class LiveHandlers:
 
     def beat(self) -> float:
         """Timer: send a heartbeat, and redraw the panel after device events; returns the interval,
-        seconds. Errors stop the devices; a deleted object discards the description.
-        """
+        seconds. Errors stop the devices; a deleted object discards the description."""
         try:
             if self._listener.exchange_heartbeat():
                 redraw("VIEW_3D")
@@ -187,16 +168,10 @@ class SlowFrame:
 
 
 class SlowFrames:
-    """Detects slow frames by the intervals between heartbeats.
-
-    Attributes
-    ----------
-    newest : SlowFrame or None
-        Last interval above :data:`SLOW_S`; None without such an interval.
-    """
+    """Detects slow frames by the intervals between heartbeats."""
 
     def __init__(self) -> None:
-        self.newest: SlowFrame | None = None
+        self.newest: SlowFrame | None = None  # last interval above SLOW_S
         self._sign_s, self._own_s = time.monotonic(), 0.0
 
     def sign(self) -> None:

@@ -43,13 +43,7 @@ class Source(Protocol):
 
     def open(self, context: bpy.types.Context) -> None:
         """Describe the scene, or open the track, if changed; never call this during a depsgraph
-        update.
-
-        Raises
-        ------
-        InputError
-            The selected track cannot be read.
-        """
+        update. Raises InputError: the selected track cannot be read."""
 
     def begin(self, client: LiveClient) -> None:
         """Send the description to the output process."""
@@ -57,19 +51,10 @@ class Source(Protocol):
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
-        """Samples of the current frame.
+        """Samples of the current frame. ``gains``: by device number, as in :class:`LiveFrame`.
+        ``later``: frame shown after each actuator latency, by latency in milliseconds.
 
-        Parameters
-        ----------
-        gains : mapping
-            Gain by device number, as in :class:`LiveFrame`.
-        later : mapping
-            Actuator latency in milliseconds -> frame shown after this time.
-
-        Raises
-        ------
-        InputError
-            An effect or body has a fault, or the track is damaged.
+        Raises InputError: an effect or body has a fault, or the track is damaged.
         """
 
 
@@ -124,20 +109,13 @@ class SceneSource:
 
 
 class TrackSource:
-    """The track selected in the scene.
-
-    Attributes
-    ----------
-    track : PlayedTrack or None
-        None while closed.
-    chosen : set of str
-        Paths selected by the user in this session. Network paths are opened only from this set.
-    """
+    """The track selected in the scene."""
 
     fault = ""
 
     def __init__(self) -> None:
-        self.track: PlayedTrack | None = None
+        self.track: PlayedTrack | None = None  # None while closed
+        # Paths selected by the user in this session: a .blend must not open network paths.
         self.chosen: set[str] = set()
         self._number = 0
         self._key: tuple[object, ...] = ()
@@ -169,14 +147,8 @@ class TrackSource:
             self.track, self._key = track, key
 
     def _path(self, scene: bpy.types.Scene) -> Path:
-        """Absolute path of the selected track.
-
-        Raises
-        ------
-        InputError
-            No track is selected, the file is no track, or the path is on another machine and was
-            not selected in this session.
-        """
+        """Absolute path of the selected track. InputError if no track is selected, the file is no
+        track, or the path is on another machine and was not selected in this session."""
         from ...engine.track import SUFFIX
 
         if not scene.hfx.live_track:
@@ -205,6 +177,7 @@ class TrackSource:
     ) -> LiveFrame:
         assert self.track is not None
         track, fps = self.track, fps_of(scene)
+        # The track's own clock: its scene may start at another frame than the open scene.
         times_s = {ms: track.time_s(frame, fps) for ms, frame in later.items()}
         now_s = track.time_s(scene.frame_current_final, fps)
         return track.frame(now_s, later_s=times_s, gains=gains)

@@ -33,7 +33,7 @@ MOST_DISCS = 256
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Constant appearance of A actuators on one mesh, or in the room."""
+    """Constant appearance of A actuators on a mesh, or in the room."""
 
     colours: F32  # (A, 3) at full strength
     cold: F32  # (A, 3) below neutral
@@ -44,31 +44,20 @@ class Looks:
 class Discs:
     """Drawable discs of A actuators, in the space of their mesh or of the room.
 
-    Attributes
-    ----------
-    looks : Looks
-        The same object until the appearance changes.
-    rows : (B, 2, 4) float32
-        For each disc: position and share of full strength in -1..1; then normal and a zero. Padded
-        with zeros to a multiple of :data:`MOST_DISCS`.
-    matrix : mathutils.Matrix
-        Disc space to world.
-    above : float
-        Offset along the normal, in disc space.
-    scale : float
-        World length of one unit of disc space.
+    ``rows`` (B, 2, 4) have for each disc position and share of full strength in -1..1; then normal
+    and a zero; padded with zeros to a multiple of :data:`MOST_DISCS`.
     """
 
-    looks: Looks
+    looks: Looks  # the same object until the appearance changes
     rows: F32
-    matrix: Matrix
-    above: float
-    scale: float
+    matrix: Matrix  # disc space to world
+    above: float  # offset along the normal, in disc space
+    scale: float  # world length of one unit of disc space
 
 
 @dataclass(eq=False)
 class _DeviceOnBody:
-    """Actuators of a device on one body; A strength values are chosen from all device values."""
+    """Actuators of a device on a body; A strength values are chosen from all device values."""
 
     device: DeviceConfig
     body_id: str
@@ -81,15 +70,14 @@ class _DeviceOnBody:
 
     def recorded(self, recorded: TimelineRecord) -> F32:
         """Strengths at all T times of a record, (T, A): 0 at neutral, 1 at full strength, clipped
-        to -1..1. Zeros without recorded values of this device.
-        """
+        to -1..1. Zeros without recorded values of this device."""
         for device, raster in recorded.devices:
             if device.id == self.device.id and raster.body_id == self.body_id:
                 return self._share(raster.values[:, self.columns])
         return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Strengths for samples of one time, (A,) in -1..1.
+        """Strengths for samples of a moment, (A,) in -1..1.
 
         Zeros without a sample of this body. An error of the renderer becomes :attr:`fault`; zeros
         from then on.
@@ -109,7 +97,7 @@ class _DeviceOnBody:
 
 
 class ActuatorGlow:
-    """Glow of all devices of one scene on its bodies."""
+    """Glow of all devices of a scene on all bodies."""
 
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
         self._faults: list[str] = []
@@ -120,8 +108,18 @@ class ActuatorGlow:
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
             mine = []
             for device in devices:
+                ranges = [actuator.type.strength for actuator in device.actuators]
                 try:
-                    mine.append(_on_body(live, device, body, described.id))
+                    on_body = _DeviceOnBody(
+                        device,
+                        described.id,
+                        places_of(body, device),
+                        device.strength_columns,
+                        np.array([strength.neutral for strength in ranges]),
+                        np.array([max(strength.reach, 1e-9) for strength in ranges]),
+                        MomentRenderer(live.description, device, body_id=described.id),
+                    )
+                    mine.append(on_body)
                 except HfxError as error:
                     self._faults.append(str(error))
             if mine:
@@ -151,7 +149,7 @@ class ActuatorGlow:
         return row
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Strengths of all actuators for samples of one time, (A,) in -1..1."""
+        """Strengths of all actuators for samples of a moment, (A,) in -1..1."""
         return np.concatenate(
             [np.zeros(0, np.float32), *(glow.now(runs) for glow in self._on_bodies)]
         )
@@ -172,38 +170,24 @@ class ActuatorGlow:
         return discs
 
 
-def _on_body(
-    live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id: str
-) -> _DeviceOnBody:
-    ranges = [actuator.type.strength for actuator in device.actuators]
-    return _DeviceOnBody(
-        device,
-        body_id,
-        places_of(body, device),
-        device.strength_columns,
-        np.array([strength.neutral for strength in ranges]),
-        np.array([max(strength.reach, 1e-9) for strength in ranges]),
-        MomentRenderer(live.description, device, body_id=body_id),
-    )
-
-
 class _BodyWithDevices:
     """A body with the actuators of all its devices, in the order of the devices."""
 
     def __init__(self, body: bpy.types.Object, devices: Sequence[_DeviceOnBody]) -> None:
         self._body = body
         places = [glow.places for glow in devices]
-        self._radius_m = np.concatenate([each.radius_m for each in places])
-        self._modalities = [a.type.modality for each in devices for a in each.device.actuators]
-        mesh = np.concatenate([each.mesh for each in places])
-        vertex = np.concatenate([each.vertex for each in places])
+        self._radius_m = np.concatenate([place.radius_m for place in places])
+        self._modalities = [a.type.modality for glow in devices for a in glow.device.actuators]
+        mesh = np.concatenate([place.mesh for place in places])
+        vertex = np.concatenate([place.vertex for place in places])
+        # Mesh, numbers of its actuators, and their vertices.
         self._on = [
-            (each, np.flatnonzero(mesh == number), vertex[mesh == number])
-            for number, each in enumerate(avatar_meshes.meshes_of(body))
+            (part, np.flatnonzero(mesh == number), vertex[mesh == number])
+            for number, part in enumerate(avatar_meshes.meshes_of(body))
             if (mesh == number).any()
         ]
         self._in_room = np.flatnonzero(mesh < 0)
-        at_rest = np.concatenate([each.at_rest for each in places])[self._in_room]
+        at_rest = np.concatenate([place.at_rest for place in places])[self._in_room]
         self._room = _empty_rows(len(at_rest))
         self._room[: len(at_rest), 0, :3] = at_rest
         self._room[: len(at_rest), 1, 1] = -1.0  # discs in the room face the body's front at rest
@@ -263,10 +247,13 @@ class _BodyWithDevices:
 
 
 def _empty_rows(count: int) -> F32:
+    """Zeros (B, 2, 4) for ``count`` discs, B a multiple of :data:`MOST_DISCS`."""
     return np.zeros((-(-count // MOST_DISCS) * MOST_DISCS, 2, 4), np.float32)
 
 
 def _placed(looks: Looks, rows: F32, matrix: Matrix, unit_m: float) -> Discs:
+    """Discs 4 mm above the skin; ``matrix``: disc space to world, ``unit_m``: metres of a unit."""
+    # The cube root of the determinant is the mean scale of a matrix with unequal scales.
     scale = max(abs(matrix.determinant()) ** (1 / 3), 1e-12)
     return Discs(looks, rows, matrix, ABOVE_SKIN_M / unit_m / scale, scale)
 
@@ -275,8 +262,8 @@ SMALLEST_M, LARGEST_M = 0.006, 0.02
 """Radii of the actuators' discs."""
 
 _NEAREST = 4
+# Distance of a disc in the room from the body's front, metres.
 _ROOM_M = 0.45
-"""Distance of a disc in the room from the body's front, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +279,7 @@ class ActuatorPlaces:
 def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     """Nearest vertex of a body's avatar meshes at rest for each actuator, and radius of its disc.
 
-    Raises
-    ------
-    InputError
-        A configured place does not fit the body models.
+    Raises InputError: a configured place does not fit the body models.
     """
     count = len(device.actuators)
     avatar = load_avatar()
@@ -306,12 +290,14 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
         model_id = effects.model_id_for(actuator.type.modality)
         canonical[k], radius, in_room[k] = _canonical_place(actuator.place, model_id, avatar)
         radii[k] = min(max(radius, SMALLEST_M), LARGEST_M)
-    _spread_room(canonical, in_room)
+    # Discs in the room stand side by side along X, 0.12 m apart and centred.
+    which = np.flatnonzero(in_room)
+    canonical[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
     # Fitted bodies have a model of their own for each modality: move the places of a modality with
     # the vertices of its model, so that a disc is where the actuator's effects are felt.
     rest = np.zeros((count, 3))
     for modality in device.modalities:
-        mine = [k for k, each in enumerate(device.actuators) if each.type.modality == modality]
+        mine = [k for k, a in enumerate(device.actuators) if a.type.modality == modality]
         rest[mine] = _bound_places(body, effects.model_id_for(modality), canonical[mine])
     mesh, vertex = _nearest_on_avatar(body, rest)
     mesh[in_room] = vertex[in_room] = -1
@@ -328,6 +314,7 @@ def _canonical_place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, 
         vertex_set = next((s for s in place.sets if s.model_id == model_id), place.sets[0])
         model = load_model(vertex_set.model_id)
         chosen = model.vertices[vertices_of(VertexPlace((vertex_set,)), model)].astype(np.float64)
+        # A vertex set has no centre of its own.
         middle = chosen.mean(axis=0)
         return middle, float(np.linalg.norm(chosen - middle, axis=1).mean()), False
     if isinstance(place, BodyPlace):
@@ -339,22 +326,16 @@ def _canonical_place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, 
     return chosen.mean(axis=0).astype(np.float64) - (0.0, _ROOM_M, 0.0), 2 * LARGEST_M, True
 
 
-def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
-    """Shift the points (P, 3) in the room along X, in place: 0.12 m apart, centred."""
-    which = np.flatnonzero(in_room)
-    points[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
-
-
 def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
     """Map points (P, 3) from the canonical avatar to a body's rest space, by the nearest four
-    model vertices, weighted by inverse distance.
-    """
+    model vertices, weighted by inverse distance."""
     model, own = load_model(model_id), stored_fits.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())
     bound = np.zeros_like(points)
     for k, point in enumerate(points):
         distances = np.linalg.norm(before - point, axis=1)
+        # Four vertices surround a point on the skin; a single vertex would make a disc jump.
         near = np.argpartition(distances, _NEAREST)[:_NEAREST]
         share = 1.0 / np.maximum(distances[near], 1e-6)
         share /= share.sum()
@@ -365,9 +346,9 @@ def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
 
 def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
     """Nearest mesh, by number, and vertex of points (P, 3) in rest space, (P,) each; -1 without
-    vertices.
-    """
+    vertices."""
     mesh, vertex = np.full(len(points), -1), np.full(len(points), -1)
+    # Smallest distance so far, over all meshes.
     best = np.full(len(points), np.inf)
     for number, part in enumerate(avatar_meshes.meshes_of(body)):
         skin, _ = avatar_meshes.rest_surface(part, stored_fits.shape_of(body, part))

@@ -17,8 +17,8 @@ from .actuator_glow import MOST_DISCS
 if TYPE_CHECKING:
     import gpu
 
+# Brightness of skin at grazing view, as a share: keeps the body's shape readable.
 _DARKEST = 0.55
-"""Brightness of skin at grazing view, as a share: keeps the body's shape readable."""
 
 _HALO = 2.6  # times a disc's radius, at full strength
 _OFF = (0.06, 0.06, 0.07)
@@ -181,17 +181,15 @@ def disc_geometry(count: int) -> tuple[F32, I32]:
     one[1:, 2] = np.repeat(np.arange(1, RINGS + 1), CORNERS)
     corners = np.tile(one, (count, 1, 1))
     corners[:, :, 3] = np.arange(count)[:, None]
-    firsts = np.arange(count, dtype=np.int32) * len(one)
-    return corners.reshape(-1, 4), (_one_disc() + firsts[:, None, None]).reshape(-1, 3)
-
-
-def _one_disc() -> I32:
-    corners = []
+    # Triangles of one disc: a fan around the middle, and two for each piece of rim and of glow.
+    triangles = []
     for k in range(CORNERS):
         here, after = 1 + k, 1 + (k + 1) % CORNERS
-        corners.append((0, here, after))
+        triangles.append((0, here, after))
         for ring in range(0, RINGS, 2):
             a, b = here + ring * CORNERS, after + ring * CORNERS
             c, d = a + CORNERS, b + CORNERS
-            corners += [(a, c, b), (b, c, d)]
-    return np.array(corners, np.int32)
+            triangles += [(a, c, b), (b, c, d)]
+    firsts = np.arange(count, dtype=np.int32) * len(one)
+    all_triangles = np.array(triangles, np.int32) + firsts[:, None, None]
+    return corners.reshape(-1, 4), all_triangles.reshape(-1, 3)

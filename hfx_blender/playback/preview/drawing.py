@@ -28,14 +28,7 @@ _PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
 
 
 def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
-    """Draw colours over the skin.
-
-    Parameters
-    ----------
-    layers : sequence of Layer
-    opacity : float
-        Of full colour, 0..1.
-    """
+    """Draw colours over the skin; ``opacity`` 0..1 is that of the full colour."""
     import gpu
 
     from . import card_shaders
@@ -52,6 +45,7 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
             shader.uniform_float("above", layer.above)
             with gpu.matrix.push_pop():
                 gpu.matrix.multiply_matrix(layer.matrix)
+                # The third row of the model-view matrix is the viewer's direction in mesh space.
                 to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
                 shader.uniform_float("to_viewer", to_viewer)
                 batch.draw(shader)
@@ -86,6 +80,7 @@ def _over_skin(blend: str) -> Iterator[None]:
     """Context of surfaces just above the skin: depth test without writing, and a blend mode."""
     import gpu
 
+    # Blender draws on with this state of the card, so the state is restored.
     writes = gpu.state.depth_mask_get()
     gpu.state.blend_set(blend)
     gpu.state.depth_test_set("LESS_EQUAL")
@@ -151,8 +146,7 @@ def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
 
 def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
     """Batches of at most :data:`MOST_DISCS` discs: number of the first disc, batch, and the uniform
-    buffer of the moving rows.
-    """
+    buffer of the moving rows."""
     import gpu
 
     from . import card_shaders
@@ -209,8 +203,7 @@ class ChartDrawing:
 
     def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
         """Draw the chart at the lower end of a viewport, ``left`` in pixels, with the playhead at a
-        frame and a note above, if any. Labels are dimmed unless ``fresh``.
-        """
+        frame and a note above, if any. Labels are dimmed unless ``fresh``."""
         import blf
         import gpu
         from gpu_extras.batch import batch_for_shader
@@ -233,6 +226,7 @@ class ChartDrawing:
             for batch in self._batches:
                 batch.draw(shader)
             half = max(scale, 1.0)
+            # Lines have one pixel on some cards, so the playhead is a strip.
             line = [(x + side, y) for y in (0.0, chart.height) for side in (-half, half)]
             content = {"pos": line, "color": [_PLAYHEAD] * 4}
             batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
@@ -289,6 +283,7 @@ class ChartView:
         from ..timeline import value_chart
 
         colours, scale = PALETTES[palette], bpy.context.preferences.system.ui_scale
+        # Viewports of different sizes keep charts of different sizes.
         key = (id(record), *colours.values(), width, height, scale)
         if key not in self._charts:
             if len(self._charts) > 8:

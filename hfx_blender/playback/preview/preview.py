@@ -37,28 +37,18 @@ Scripts and drivers change the scene without an update; a record includes the mo
 _SHORT_S, _REST = 0.01, 10.0
 """Duration above which checks pause, seconds; pause as a multiple of the duration."""
 
+# Time slice for preparing the preview between two events of Blender, seconds.
 _PIECE_S = 0.004
-"""Time slice for preparing the preview between two events of Blender, seconds."""
 
 
 class ViewportPreview:
-    """Preview of the open scene in all 3D viewports.
-
-    Attributes
-    ----------
-    is_drawn : bool
-        True from a drawing until the next change.
-    is_describing : bool
-        True while the scene is read; depsgraph updates then are no edits.
-    cannot_draw : bool
-        True after an exception while drawing, until another file or an undo.
-    on_scene_checked : list of callable
-        Called after each :meth:`check_scene`.
-    """
+    """Preview of the open scene in all 3D viewports."""
 
     def __init__(self) -> None:
-        self.is_drawn = self.is_describing = self.cannot_draw = False
-        self.on_scene_checked: list[Callable[[], None]] = []
+        self.is_drawn = False  # True from a drawing until the next change
+        self.is_describing = False  # the scene is read: depsgraph updates are no edits
+        self.cannot_draw = False  # after an exception, until another file or an undo
+        self.on_scene_checked: list[Callable[[], None]] = []  # called after each check_scene()
         self._described_s = 0.0
         self._checked_s = self._check_duration_s = 0.0  # end and duration of the last check
         self._content: Preview | None = None
@@ -127,8 +117,7 @@ class ViewportPreview:
 
     def switched(self) -> None:
         """Apply a change of the preview's switches: invalidate, redraw, and schedule the timers of
-        a visible preview.
-        """
+        a visible preview."""
         self.invalidate()
         if self.is_on:
             call_soon(self.check_scene)
@@ -156,9 +145,8 @@ class ViewportPreview:
         if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
             return  # nothing may be tagged; the next drawing looks again
         begun = time.perf_counter()
-        unreported.tag(
-            bpy.context.scene, bpy.context.view_layer
-        )  # Blender evaluates tagged objects after this timer
+        # Blender evaluates tagged objects after this timer.
+        unreported.tag(bpy.context.scene, bpy.context.view_layer)
         self._checked_s = time.perf_counter()
         self._check_duration_s = self._checked_s - begun
         for function in self.on_scene_checked:
@@ -199,7 +187,7 @@ class ViewportPreview:
         from . import drawing
 
         manager, settings = bpy.context.window_manager, scene.hfx
-        # Only a valid record: an outdated one would show the scene before the last edit.
+        # Only a valid record: an outdated record would show the scene before the last edit.
         now = settings.palette, recorder.valid, scene.frame_current_final
         if manager.hfx_preview:
             layers = self.content.layers(*now)
@@ -211,8 +199,7 @@ class ViewportPreview:
     @persistent
     def on_frame(self, _scene: bpy.types.Scene, *_: object) -> None:
         """Invalidate after a frame change; check the scene at most every 0.25 s (1 s with a
-        record). No effect while the scene is described or stepped.
-        """
+        record). No effect while the scene is described or stepped."""
         if self.is_describing or stepping.is_stepping():
             return
         self.invalidate()
@@ -245,22 +232,11 @@ class ViewportPreview:
     @persistent
     def on_load(self, *_: object) -> None:
         """Discard all data after an undo, a redo or the opening of a file, and schedule a check and
-        a record for a visible preview.
-        """
+        a record for a visible preview."""
         self.forget()
         if self.is_on:
             call_soon(self.check_scene)
             call_soon(self._record)
-
-    def _check_after_drawing(self) -> None:
-        """Schedule a check: at once, or after a pause of ten times the duration of a slow check."""
-        # Checks compare all effects: in large scenes, limit their share of the time.
-        rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
-        left_s = self._checked_s + rest_s - time.perf_counter()
-        if left_s > 0.0:
-            call_soon(self.schedule_check, left_s)
-        else:
-            self.schedule_check()
 
     def reread(self) -> None:
         """Timer, run once after an edit that Blender evaluated during reading: discard record and
@@ -273,8 +249,7 @@ class ViewportPreview:
 
     def _record(self) -> float | None:
         """Timer: record a piece of the values over time; returns the pause in seconds, None at the
-        end.
-        """
+        end."""
         if not self.is_on or not recorder.has_work:
             return None
         if is_held(bpy.context):
@@ -314,8 +289,16 @@ class ViewportPreview:
         return 0.02 + 2.0 * (time.perf_counter() - begun)
 
     def _draw(self) -> None:
+        """Draw handler: schedule a check of the scene, at once or after a pause of ten times the
+        duration of a slow check, and draw. After an exception drawing stops, with a fault."""
         if not bpy.context.screen.is_animation_playing:  # playback checks at intervals, in on_frame
-            self._check_after_drawing()
+            # Checks compare all effects: in large scenes, limit their share of the time.
+            rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
+            left_s = self._checked_s + rest_s - time.perf_counter()
+            if left_s > 0.0:
+                call_soon(self.schedule_check, left_s)
+            else:
+                self.schedule_check()
         self.is_drawn = True
         space = bpy.context.space_data
         if space is None or not space.overlay.show_overlays or self.cannot_draw:
@@ -340,10 +323,6 @@ class ViewportPreview:
 preview = ViewportPreview()
 
 
-def _switched(_self: object, _context: bpy.types.Context) -> None:
-    preview.switched()
-
-
 _SWITCHES: Final = {
     "hfx_preview": ("Show What Is Felt", "Colour the avatar where effects are felt", True),
     "hfx_show_actuators": (
@@ -362,7 +341,10 @@ _SWITCHES: Final = {
 def register() -> None:
     for name, (label, description, is_on) in _SWITCHES.items():
         switch = bpy.props.BoolProperty(
-            name=label, description=description, default=is_on, update=_switched
+            name=label,
+            description=description,
+            default=is_on,
+            update=lambda _self, _context: preview.switched(),
         )
         setattr(bpy.types.WindowManager, name, switch)
     if bpy.app.background:  # no drawing there, and exports step through time

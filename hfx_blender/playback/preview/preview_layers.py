@@ -24,11 +24,11 @@ MOST_BYTES = 96_000_000
 """Memory limit of the cache, bytes; frames beyond the limit are computed when drawn."""
 
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
-"""Coloured parts of all displayed meshes at one time; empty without a visible colour."""
+"""Coloured parts of all displayed meshes at a time; empty without a visible colour."""
 
 
 class PreviewFrameCache:
-    """Cache of coloured mesh parts by sample index of one record, for one palette."""
+    """Cache of coloured mesh parts by sample index of a record, for a palette."""
 
     def __init__(self) -> None:
         self._record: TimelineRecord | None = None
@@ -85,7 +85,7 @@ _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 
 
 class Preview:
-    """Colours and actuators of one scene, cached until a change."""
+    """Colours and actuators of a scene, cached until a change."""
 
     def __init__(self) -> None:
         self._scene: LiveScene | None = None
@@ -136,6 +136,7 @@ class Preview:
         # Bodies, meshes and models may differ from the last description.
         self._spreads, self._meshes = {}, {}
         self._frames.forget()
+        # Contacts of warmth are coloured by another neutral temperature.
         described = () if self._scene is None else self._scene.description.effects
         self._contact = frozenset(effect.id for effect in described if effect.is_contact)
         try:
@@ -150,14 +151,9 @@ class Preview:
     ) -> list[Layer]:
         """Colour layers of the current frame; empty without visible colours, and after an error.
 
-        Parameters
-        ----------
-        palette : str
-            Key of ``colouring.PALETTES``.
-        recorded : TimelineRecord, optional
-            Valid record; its samples at ``frame`` are used instead of an evaluation.
-        frame : float
-            Current frame of the scene.
+        ``palette``: key of ``colouring.PALETTES``.
+        ``recorded``: valid record; its samples at ``frame``, the scene's current frame, are used
+        instead of an evaluation.
         """
         self._take_colours(palette)
         if self._layers is None:
@@ -222,6 +218,7 @@ class Preview:
     def _laid_over(
         self, live: LiveScene, palette: str, recorded: TimelineRecord | None, frame: float
     ) -> list[Layer]:
+        """Colour layers on the posed skins, of a record at ``frame`` or else of the open scene."""
         # Frames outside of the record, and samples beyond its memory limit, are evaluated.
         index = None if recorded is None else recorded.index(frame)
         shown = None
@@ -241,8 +238,7 @@ class Preview:
         self, live: LiveScene, palette: str, recorded: TimelineRecord, index: int
     ) -> Meshes | None:
         """Mesh parts at sample ``index`` of a record, cached; None if the record has no samples
-        there, beyond its memory limit.
-        """
+        there, beyond its memory limit."""
         known = self._frames.at(recorded, palette, index)
         runs = recorded.runs(index) if known is None else None
         if runs is not None:
@@ -251,6 +247,8 @@ class Preview:
         return known
 
     def _shown(self, live: LiveScene, palette: str, runs: list[SampleRun]) -> Meshes:
+        """Coloured parts of the visible avatar meshes for samples; meshes without colour are left
+        out."""
         samples = [sample for run in runs for sample in run]
         visible = []
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
@@ -265,6 +263,8 @@ class Preview:
     def _coloured_mesh(
         self, body: bpy.types.Object, mesh: bpy.types.Object, samples: list[Sample]
     ) -> ColouredMesh:
+        """Cached mesh with interpolations from at least the models of ``samples``; built again for
+        further models, and after an edit of the mesh that changes its number of vertices."""
         models = {sample.stream.model_id for sample in samples}
         known = self._meshes.get(mesh.name_full)
         if known is not None and known.size != len(mesh.data.vertices):  # the mesh was edited
@@ -281,25 +281,20 @@ class Preview:
         return known
 
     def _spread(self, body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
+        """Interpolation from a model's vertices to a mesh's, both at rest; cached."""
         key = (mesh.name_full, model_id)
         if key not in self._spreads:
-            self._spreads[key] = _spread(body, mesh, model_id)
+            points, _ = avatar_meshes.rest_surface(mesh, stored_fits.shape_of(body, mesh))
+            # Meshes may have transforms of their own below the body.
+            to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
+            points = points @ to_rest[:3, :3].T + to_rest[:3, 3]
+            self._spreads[key] = spread_between(points, stored_fits.model_of(body, model_id))
         return self._spreads[key]
-
-
-def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
-    """Interpolation from a model's vertices to a mesh's, both at rest."""
-    points, _ = avatar_meshes.rest_surface(mesh, stored_fits.shape_of(body, mesh))
-    to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
-    return spread_between(
-        points @ to_rest[:3, :3].T + to_rest[:3, 3], stored_fits.model_of(body, model_id)
-    )
 
 
 def spread_between(points: F64, model: PerceptualModel) -> Spread:
     """Interpolation from a model's vertices to points (A, 3) in model space, by the nearest few
-    vertices.
-    """
+    vertices."""
     from mathutils.kdtree import KDTree
 
     # mathutils' tree needs no scipy, which the small zip of the extension lacks.

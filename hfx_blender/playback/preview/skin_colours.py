@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of haptic samples on the vertices of one mesh, and the mesh as displayed.
+"""Colours of haptic samples on the vertices of a mesh, and the mesh as displayed.
 
 Equal to the colours of ``engine.colouring``, but computed at coloured vertices only.
 """
@@ -18,27 +18,18 @@ from ...engine.arrays import F32, F64, I32, I64, U8
 from ...engine.colouring import Colour, Spread, colour_name, overlay, strengths
 from ...engine.samples import Sample
 
+# Height of colours over the skin, metres: avoids flicker.
 _ABOVE_SKIN_M = 0.0015
-"""Height of colours over the skin, metres: avoids flicker."""
 
 Numbers = npt.NDArray[np.integer]
 
 
 class Incidence:
-    """Index of the occurrences of V vertices in a table.
+    """Index of the occurrences of ``vertex_count`` vertices in ``table``, vertex indices of any
+    shape.
 
-    Parameters
-    ----------
-    table : (...) of int
-        Vertex indices.
-    vertex_count : int
-        V.
-
-    Attributes
-    ----------
-    places : (E,) int64
-        Indices into the flattened table, sorted by vertex. Data of the table's entries is reordered
-        by these once, then selected by :meth:`of`.
+    The attribute ``places`` (E,) has indices into the flattened table, sorted by vertex. Data of
+    the table's entries is reordered by these once, then selected by :meth:`of`.
     """
 
     def __init__(self, table: Numbers, vertex_count: int) -> None:
@@ -65,13 +56,13 @@ class _Spreading:
 
     def __init__(self, spread: Spread, vertex_count: int) -> None:
         self._where = Incidence(spread.nearest, vertex_count)
+        # Entry e of the flattened table belongs to mesh vertex e // K, of K neighbours each.
         self._coloured = self._where.places // spread.nearest.shape[1]
         self._shares = spread.shares.ravel()[self._where.places]
 
     def of(self, sample: Sample, is_contact: bool) -> tuple[I64, F64]:
         """Mesh vertices (E,) of a sample, repeated for several model vertices, and the addend of
-        each to the vertex's strength (E,).
-        """
+        each to the vertex's strength (E,)."""
         entries, counts = self._where.of(sample.vertices)
         strength = np.repeat(strengths(sample, is_contact), counts)
         strength *= self._shares.take(entries)
@@ -79,14 +70,9 @@ class _Spreading:
 
 
 class SkinColours:
-    """Colours of a mesh of A vertices.
+    """Colours of a mesh of ``vertex_count`` vertices.
 
-    Parameters
-    ----------
-    vertex_count : int
-        A.
-    spreads : mapping of str to (Spread, int)
-        Model id -> interpolation to the mesh, and number of model vertices.
+    ``spreads``: interpolation to the mesh and number of model vertices, by model id.
     """
 
     def __init__(self, vertex_count: int, spreads: Mapping[str, tuple[Spread, int]]) -> None:
@@ -108,7 +94,12 @@ class SkinColours:
             is_contact = sample.stream.effect_id in contact_effects
             here = self._spreading[sample.stream.model_id].of(sample, is_contact)
             parts_by_colour.setdefault(colour_name(sample, is_contact), []).append(here)
-        shown = self._shown(parts_by_colour)
+        # Flags of all vertices, reset after use, need no sorting and no new arrays.
+        for parts in parts_by_colour.values():
+            for vertices, values in parts:
+                self._is_shown[vertices[values > 0.0]] = True
+        shown = np.flatnonzero(self._is_shown)
+        self._is_shown[shown] = False
         if not len(shown):
             return shown, np.zeros((0, 4))
         # Sum in rows of the coloured vertices only: a contact colours few of many thousands.
@@ -122,31 +113,17 @@ class SkinColours:
             shares[name] = np.sqrt(np.minimum(share, 1.0))
         return shown, overlay(shares, palette)
 
-    def _shown(self, parts_by_colour: Mapping[str, list[tuple[I64, F64]]]) -> I64:
-        flags = self._is_shown
-        for parts in parts_by_colour.values():
-            for vertices, values in parts:
-                flags[vertices[values > 0.0]] = True
-        shown = np.flatnonzero(flags)
-        flags[shown] = False
-        return shown
 
-
+# Modifiers that add vertices behind those of the mesh.
 _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "ARRAY"})
-"""Modifiers that add vertices behind those of the mesh."""
 
 
 class DisplayedSkin:
     """Evaluated mesh at the current frame, copied from Blender.
 
-    Attributes
-    ----------
-    size : int
-        Number of vertices before modifiers add more.
-    positions, normals : (V, 3) float32
-        Mesh space, Blender's units; the first ``size`` are the mesh's own vertices.
-    world : mathutils.Matrix
-        Mesh space to world.
+    Attributes: ``size``, number of vertices before modifiers add more; ``positions`` and
+    ``normals`` (V, 3) float32, mesh space, Blender's units, the mesh's own vertices first;
+    ``world``, matrix from mesh space to world.
     """
 
     def __init__(self, evaluated: bpy.types.Object, size: int) -> None:
@@ -173,7 +150,8 @@ class DisplayedSkins:
     def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> DisplayedSkin | None:
         """Skin of a mesh; None while the mesh is hidden or in another mode than Object Mode.
 
-        Without modifiers if these may renumber the vertices.
+        Without modifiers if these may renumber the vertices. All but the armature count: an
+        armature never changes the number.
         """
         if not mesh.visible_get() or mesh.mode != "OBJECT":
             return None
@@ -181,22 +159,12 @@ class DisplayedSkins:
         if key not in self._known:
             size = len(mesh.data.vertices)
             evaluated = mesh.evaluated_get(graph)
-            if len(evaluated.data.vertices) != size and not _only_adds(mesh, evaluated):
+            count = len(evaluated.data.vertices)
+            types = {m.type for m in mesh.modifiers if m.show_viewport} - {"ARMATURE"}
+            if count < size or (count > size and not types <= _VERTICES_STAY_FIRST):
                 evaluated = mesh  # fall back to the mesh before modifiers
             self._known[key] = DisplayedSkin(evaluated, size)
         return self._known[key]
-
-
-def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
-    modifier_types = {
-        modifier.type
-        for modifier in mesh.modifiers
-        if modifier.show_viewport and modifier.type != "ARMATURE"
-    }
-    return (
-        len(evaluated.data.vertices) > len(mesh.data.vertices)
-        and modifier_types <= _VERTICES_STAY_FIRST
-    )
 
 
 def triangles_of(mesh: bpy.types.Object) -> npt.NDArray[np.int32]:
@@ -214,7 +182,7 @@ class Shown:
     """Visible part of a mesh, N vertices, with colours."""
 
     vertices: I64  # (N,) of the mesh, ascending
-    triangles: I32  # (F, 3) of the N; the same array as long as they are the same
+    triangles: I32  # (F, 3) of the N; the same array while unchanged
     colours: U8  # (N, 4) straight alpha, 255 is one
 
     @property
@@ -237,10 +205,7 @@ class Layer:
 class ColouredMesh:
     """A mesh of A vertices, coloured by samples of perceptual models.
 
-    Parameters
-    ----------
-    spreads : mapping of str to (Spread, int)
-        Model id -> interpolation to the mesh, and number of model vertices.
+    ``spreads``: interpolation to the mesh and number of model vertices, by model id.
     """
 
     def __init__(self, mesh: bpy.types.Object, spreads: Mapping[str, tuple[Spread, int]]) -> None:
@@ -272,6 +237,7 @@ class ColouredMesh:
         if not np.array_equal(coloured, self._coloured):
             self._choose(coloured)
         bytes_ = np.zeros((len(self._drawn), 4), np.uint8)
+        # Neighbours of coloured vertices are drawn, too, without opacity: colours fade out.
         bytes_[self._place.take(coloured)] = colours * 255.0 + 0.5
         return Shown(self._drawn, self._indices, bytes_)
 
@@ -316,6 +282,7 @@ def _sagitta(mesh: bpy.types.Object, triangles: I32) -> float:
     points, normals = np.empty((2, len(mesh.data.vertices) * 3), np.float32)
     mesh.data.vertices.foreach_get("co", points)
     mesh.data.vertex_normals.foreach_get("vector", normals)
+    # Angle between the normals along each edge: the turn of the arc over the edge.
     corners = points.reshape(-1, 3).take(triangles, axis=0)
     outward = normals.reshape(-1, 3).take(triangles, axis=0)
     chords = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)

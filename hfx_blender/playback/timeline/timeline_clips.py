@@ -23,14 +23,13 @@ _WANTED_ROWS = 4
 
 _RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
 _POINTS = 96
+# Height from which on a row has the effect's name, pixels.
 _TEXT_ROW = 11.0
-"""Height from which on a row has the effect's name, pixels."""
 
 
 def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
     """Effects with clips, by effect or group name: the selected effects, or all without a
-    selection.
-    """
+    selection."""
     scene = context.scene
     listed = swarms.listed_effects(scene)
     return _rows([e for e in listed if swarms.is_selected(scene, e)] or listed)
@@ -46,8 +45,7 @@ def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
 
 def wanted_height(context: bpy.types.Context) -> float:
     """Height of a timeline region for the rows of all clips, at most four, pixels; 0 without
-    clips.
-    """
+    clips."""
     rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
     scale = context.preferences.system.ui_scale
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
@@ -128,16 +126,10 @@ def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
 
 
 class TimelineClips:
-    """Drawing of clips in all timelines.
-
-    Attributes
-    ----------
-    has_failed : bool
-        True after an exception; drawing stops then.
-    """
+    """Drawing of clips in all timelines."""
 
     def __init__(self) -> None:
-        self.has_failed = False
+        self.has_failed = False  # True after an exception; drawing stops then
         self._handle: object = None
 
     def begin_drawing(self) -> None:

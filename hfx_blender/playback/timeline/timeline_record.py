@@ -53,7 +53,7 @@ class NeedsSteppingError(HfxError):
 
 @dataclass(eq=False)
 class EffectRecord:
-    """Strength of one effect on one body at T times."""
+    """Strength of an effect on a body at T times."""
 
     name: str
     stream: Stream
@@ -96,9 +96,8 @@ class TimelineRecord:
         return first, floor(self.frames[self._kept_count - 1]) if self._kept_count else first - 1
 
     def rows(self) -> list[EffectRecord]:
-        """Values of the effects; effects of one group, body and modality are merged into their
-        maximum.
-        """
+        """Values of the effects; effects of equal group, body and modality are merged into their
+        maximum."""
         rows: dict[tuple[str, ...], EffectRecord] = {}
         for effect in self.effects:
             stream, group = effect.stream, self.groups.get(effect.name, "")
@@ -114,8 +113,7 @@ class TimelineRecord:
 
     def index(self, frame: float) -> int | None:
         """Index of the sample nearest to a frame; None more than a sample outside of the
-        timeline.
-        """
+        timeline."""
         # A sample more than the ends: frame `last + 0.9` still belongs to the last frame's sample.
         position, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
         return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None
@@ -156,20 +154,13 @@ def record(
 ) -> Iterator[TimelineRecord | None]:
     """Record a scene in pieces: yields None after each block, and the record at the end.
 
-    Parameters
-    ----------
-    may_step : bool
-        Allow setting frames of scenes. The generator must then run to its end without a pause, as
-        its end restores the frame.
-    with_positions : bool
-        Record positions of samples, for devices in the room.
+    ``may_step``: allow setting frames of scenes. The generator must then run to its end without a
+    pause, as its end restores the frame.
+    ``with_positions``: record positions of samples, for devices in the room.
 
-    Raises
-    ------
-    NeedsSteppingError
-        Frames have to be set but ``may_step`` is False, or volumes need the slow reference.
-    InputError
-        The scene has no body or effect, or more than :data:`MOST_SAMPLES` frames.
+    Raises NeedsSteppingError: without ``may_step``, frames have to be set, or volumes need the slow
+    reference.
+    Raises InputError: the scene has no body or effect, or more than :data:`MOST_SAMPLES` frames.
     """
     if not may_step and sources_of(scene):  # the reader steps all frames to find instances
         raise NeedsSteppingError(_MUST_STEP)
@@ -203,18 +194,22 @@ def record(
         groups={effect.name: effects.group_of(effect) for effect in swarms.listed_effects(scene)},
     )
     # Latency is not compensated here: drawn values belong to the drawn frame.
-    renderers = _renderers(scene, header, timeline.faults)
+    renderers = [
+        (device, Renderer(header, device, load_model, body_id=body.id, compensates_latency=False))
+        for device in devices_of(scene, timeline.faults)
+        for body in header.bodies
+    ]
     recorded = ("positions",) if with_positions else ()
     engine = Engine(described, record=recorded, tolerance=tolerance)
     for block in reader.blocks():
         runs = engine.evaluate(block)
         timeline.add(runs)
-        for renderer in renderers[:]:
+        for pair in renderers[:]:
             try:
-                renderer[1].add(runs)
+                pair[1].add(runs)
             except InputError as error:
                 timeline.faults.append(str(error))
-                renderers.remove(renderer)
+                renderers.remove(pair)
         yield None
     timeline.devices = [(device, renderer.raster()) for device, renderer in renderers]
     timeline.notes = notes_of([device for device, _ in timeline.devices])
@@ -222,13 +217,8 @@ def record(
 
 
 def _rate(scene: bpy.types.Scene) -> Fraction:
-    """Sampling rate in Hz: the scene's rate (1000 at most), or its frame rate for long timelines.
-
-    Raises
-    ------
-    InputError
-        More than :data:`MOST_SAMPLES` frames.
-    """
+    """Sampling rate in Hz: the scene's rate (1000 at most), or its frame rate if that gives more
+    than :data:`MOST_SAMPLES` samples. InputError for more frames."""
     time = time_base(scene)
     rate: Fraction = min(time.rate_hz, Fraction(1000))
     if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
@@ -237,19 +227,6 @@ def _rate(scene: bpy.types.Scene) -> Fraction:
     if count > MOST_SAMPLES:
         raise InputError(f"The timeline is too long to show values over it ({count} frames).")
     return rate
-
-
-def _renderers(
-    scene: bpy.types.Scene, header: TrackHeader, faults: list[str]
-) -> list[tuple[DeviceConfig, Renderer]]:
-    renderers = []
-    for device in devices_of(scene, faults):
-        for body in header.bodies:
-            renderer = Renderer(
-                header, device, load_model, body_id=body.id, compensates_latency=False
-            )  # the drawing belongs to the displayed frame
-            renderers.append((device, renderer))
-    return renderers
 
 
 def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
@@ -272,19 +249,17 @@ def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
 
 
 def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecord:
+    """Record of an effect in a stream, with ``count`` values of 0."""
     modality = MODALITIES[effect.modality]
-    unit = next(
-        parameter.unit for parameter in modality.parameters if parameter.name == modality.strength
-    )
     is_warmth = modality.name == "temperature"
     neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0
+    unit = modality.strength_parameter.unit
     return EffectRecord(effect.name, stream, unit, neutral, np.zeros(count))
 
 
 def _peaks(run: SampleRun, neutral: float) -> F64:
     """Largest strength of each sample of a run over all vertices, (n,); for temperatures the signed
-    difference from neutral. 0 for samples without vertices.
-    """
+    difference from neutral. 0 for samples without vertices."""
     modality = MODALITIES[run.stream.modality]
     strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
     starts = run.offsets[:-1]
@@ -293,5 +268,6 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
     filled = np.diff(run.offsets) > 0
     if filled.any():
         weights[filled] = np.maximum.reduceat(run.weights, starts[filled])
+    # `set_of` is the vertex set of each sample, as several samples may share a set.
     peaks: F64 = weights[run.set_of] * run.levels * (strength - neutral)
     return peaks

@@ -23,41 +23,26 @@ if TYPE_CHECKING:
 QUIET_S = 0.5
 """Time without an edit before recording starts, seconds."""
 
+# Types of data without influence on haptic samples.
 _CHANGES_NOTHING = frozenset(
     "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush "
     "Image".split()
 )
-"""Types of data without influence on haptic samples."""
 
 
 class TimelineRecorder:
-    """Newest record of a scene, with validity.
+    """Newest record of a scene, with validity."""
 
-    Attributes
-    ----------
-    result : TimelineRecord or None
-        Newest record, also when outdated.
-    is_fresh : bool
-        True until the next edit.
-    must_step : bool
-        The scene needs *Update Values*; ``fault`` gives the reason.
-    fault : str
-        Error of the last recording; empty without an error.
-    count : int
-        Number of finished records.
-    is_wanted_by_devices : bool
-        Set by live devices with latency compensation.
-    """
-
-    count = 0
-    is_wanted_by_devices = False
+    # On the class, as `forget` runs `__init__` again.
+    count = 0  # number of finished records
+    is_wanted_by_devices = False  # set by live devices with latency compensation
 
     def __init__(self) -> None:
-        self.result: TimelineRecord | None = None
-        self.is_fresh = False
-        self.must_step = False
+        self.result: TimelineRecord | None = None  # newest record, also when outdated
+        self.is_fresh = False  # True until the next edit
+        self.must_step = False  # the scene needs *Update Values*; `fault` gives the reason
         self._is_settled = False
-        self.fault = ""
+        self.fault = ""  # error of the last recording; empty without an error
         self._key: tuple[object, ...] = ()
         self._changed_s = 0.0
         self._running: Iterator[TimelineRecord | None] | None = None
@@ -76,8 +61,7 @@ class TimelineRecorder:
 
     def invalidate(self) -> None:
         """Mark the record as outdated and stop recording; recording resumes after
-        :data:`QUIET_S`.
-        """
+        :data:`QUIET_S`."""
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
@@ -94,8 +78,7 @@ class TimelineRecorder:
 
     def check_settings(self, scene: bpy.types.Scene) -> None:
         """Invalidate the record after a change of frame range, rate, units, devices or
-        tolerance.
-        """
+        tolerance."""
         key = _key_of(scene)
         if key != self._key:
             self._key = key
@@ -107,7 +90,7 @@ class TimelineRecorder:
         return not self._is_settled
 
     def work(self, scene: bpy.types.Scene) -> float:
-        """Record one block of frames, unless the last edit is newer than :data:`QUIET_S`.
+        """Record a block of frames, unless the last edit is newer than :data:`QUIET_S`.
 
         Returns the seconds until the next call. Errors become :attr:`fault`.
         """
@@ -132,10 +115,7 @@ class TimelineRecorder:
 
         The scene's frame is restored. Blender is blocked during the recording.
 
-        Raises
-        ------
-        HfxError
-            The scene has no body or effect, or is too long; the last record is kept.
+        Raises HfxError: the scene has no body or effect, or is too long; the last record is kept.
         """
         from .timeline_record import record
 
@@ -161,6 +141,10 @@ class TimelineRecorder:
             self._is_working = False
 
     def _piece(self, scene: bpy.types.Scene) -> None:
+        """Record the next block, or start a recording: settled without a record for a scene without
+        effects or bodies, and with :attr:`must_step` for a scene that needs stepping. HfxError as
+        of :func:`.timeline_record.record`.
+        """
         from .timeline_record import NeedsSteppingError, record
 
         # Each call advances the generator by a block. An edit closes the generator (`_stop`), as

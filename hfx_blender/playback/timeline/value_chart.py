@@ -61,16 +61,8 @@ def chart(
 ) -> Chart:
     """Lay out a record's values from the top: effects, then actuators below their device's name.
 
-    Rows without room are left out and counted.
-
-    Parameters
-    ----------
-    palette : mapping
-        Colours by modality.
-    width, height : float
-        Available size, pixels.
-    scale : float
-        Interface scale of Blender.
+    Rows without room are left out and counted. ``palette``: colours by modality. ``width``,
+    ``height``: available size, pixels. ``scale``: interface scale of Blender.
     """
     left = min(190.0 * scale, 0.35 * width)
     columns = max(int(width - left), 1)
@@ -83,6 +75,8 @@ def chart(
             hidden += 1
             continue
         full_colour = MODALITIES[effect.stream.modality].full_colour
+        # A weak effect looks weak: rows are relative to full strength, and larger only for stronger
+        # values.
         full = max(full_colour, float(np.abs(effect.values).max()))
         shares = _columns(effect.values, columns) / full
         quads.append(
@@ -106,6 +100,7 @@ def chart(
                 continue
             shares = _columns(values, columns) / max(strength.reach, 1e-9)
             tints = _tints(shares, actuator.type.modality, palette)
+            # The root keeps weak values visible, as on the skin; off is a faint row, not a gap.
             tints[:, 3] = np.maximum(np.sqrt(np.abs(shares)), _LOWEST_ALPHA)
             quads.append(_bars(np.ones(len(shares)), tints, at, row - 1.0, left))
             at += row
@@ -134,6 +129,7 @@ def _columns(values: F64, count: int) -> F64:
 
 
 def _tints(shares: F64, modality: str, palette: Mapping[str, Colour]) -> F64:
+    """Opaque colours (n, 4) of a modality; of coldness where a temperature's share is negative."""
     colours = np.ones((len(shares), 4))
     colours[:, :3] = palette[modality]
     if modality == "temperature":
@@ -157,9 +153,11 @@ def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> 
 
 
 def _triangles(quads: list[tuple[F64, F64]]) -> tuple[F32, F32]:
+    """Split boxes (n, 4) with colours (n, 4) into two triangles each: corners (6n, 2), colours."""
     if not quads:
         return np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
     boxes = np.concatenate([quad for quad, _ in quads])
+    # Left top, right top, right bottom; left top, right bottom, left bottom.
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
     colours = np.repeat(np.concatenate([quad for _, quad in quads]), 6, axis=0)
     return corners.astype(np.float32), colours.astype(np.float32)

@@ -85,7 +85,7 @@ class Tally:
         """The bytes of a stop arrive after a delay."""
         self.pass_time(played_s)
         self._is_on = False
-        self.guard.record_silence(played_s, now_s)
+        self.guard.time_on.end(played_s, now_s)
 
 
 def share_of(tally: Tally) -> float:
@@ -181,7 +181,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
     account = DutyBudget()
     tally = Tally(limited(maximum_on_s, rest_s), (account,))
     now_s = 1000.0
-    tally.guard.record_rest(now_s)
+    tally.guard.time_on.record_rest(now_s)
     tally.guard.reset()
     longest_step_s = 0.0
     for action, amplitude, step_s, times in actions:
@@ -201,7 +201,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
             if action == "wait":
                 now_s += step_s * times
                 tally.pass_time(step_s * times)
-            tally.guard.record_rest(now_s)
+            tally.guard.time_on.record_rest(now_s)
             tally.guard.reset()
     # Values hold until the next: the last step of each stretch may be longer than foreseen.
     assert tally.longest_s <= maximum_on_s + longest_step_s + 1e-6
@@ -215,7 +215,7 @@ def test_two_connections_of_one_device_share_one_account(pieces):
     account = DutyBudget()
     one, alternative = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
     for tally in (one, alternative):
-        tally.guard.record_rest(1000.0)
+        tally.guard.time_on.record_rest(1000.0)
         tally.guard.reset()
     on_s = off_s = 0.0
     for first, second, times in pieces:
@@ -233,18 +233,18 @@ def used(folder: Path, seconds: float, clock: FakeClock) -> DutyBudgetStore:
     """Return the budgets of a device after a given time on and a stop."""
     store, now_s = DutyBudgetStore(folder, clock), clock.now()
     tally = Tally(limited(2.0, 1.0), (store.budget("it"),))
-    tally.guard.record_rest(now_s)
+    tally.guard.time_on.record_rest(now_s)
     tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
         tally.step(15.0)
-    tally.guard.record_silence(0.0, now_s)
+    tally.guard.time_on.end(0.0, now_s)
     return store
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
     """Return the time on left to the device in a new process."""
     tally = Tally(limited(2.0, 1.0), (DutyBudgetStore(folder, clock).budget("it"),))
-    tally.guard.record_rest(clock.now())
+    tally.guard.time_on.record_rest(clock.now())
     tally.guard.reset()
     steps = 0
     while steps < 1000 and tally.step(15.0):
@@ -292,7 +292,7 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotoni
 def test_a_killed_process_counts_as_on(tmp_path, clock, wall):
     budget_store = DutyBudgetStore(tmp_path, clock)
     tally = Tally(limited(2.0, 1.0), (budget_store.budget("it"),))
-    tally.guard.record_rest(1000.0)
+    tally.guard.time_on.record_rest(1000.0)
     tally.guard.reset()
     tally.step(15.0)
     budget_store.save()  # and no more
@@ -474,12 +474,12 @@ def test_time_on_in_another_process_counts(tmp_path, clock, wall):
         with process.claimed(actual) as uses:
             guard = Guard(device)
             guard.share(uses)
-            guard.record_rest(clock.now())
+            guard.time_on.record_rest(clock.now())
             guard.reset()
             expected = np.tile([15.0, 100.0], 8)
             done = [bool(guard.limited(expected, STEP_S)[0]) for _ in range(steps)]
             on_s.append(STEP_S * (done.index(False) if False in done else steps))
-            guard.record_silence(0.0, clock.now())
+            guard.time_on.end(0.0, clock.now())
     assert on_s == pytest.approx([0.8, 0.7, 0.5])
 
 
@@ -495,7 +495,7 @@ def test_two_devices_behind_one_port_keep_their_own_time(tmp_path, clock, wall):
         one, alternative = Guard(device), Guard(device)
         for guard, uses in ((one, a), (alternative, b)):
             guard.share(uses)
-            guard.record_rest(clock.now())
+            guard.time_on.record_rest(clock.now())
             guard.reset()
         first = [bool(one.limited(expected, STEP_S)[0]) for _ in range(201)]
         second = []
