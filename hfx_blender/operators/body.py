@@ -302,9 +302,9 @@ class _BonesOperator(HfxOperator):
         raise NotImplementedError
 
     def fill(self, armature: bpy.types.Object, *, keep_corrections: bool) -> str:
-        """Detect the bones of all joints, or of rows not edited by the user; returns the report.
+        """Detect the bones of all joints; ``keep_corrections`` leaves rows edited by the user.
 
-        An armature without known bones gives a warning, and "" as report.
+        Returns the report. An armature without known bones is a warning, and the report is "".
         """
         from ..avatars import bone_table
 

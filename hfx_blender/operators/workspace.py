@@ -129,7 +129,7 @@ def _retry(step: Callable[[], bool]) -> None:
 
 
 def _arrange_when_shown(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> bool:
-    """Arrange a window that shows a workspace; False if it shows another workspace."""
+    """Arrange a window that shows a workspace; False if it shows another workspace yet."""
     try:
         if window.workspace != workspace:
             return False

@@ -59,7 +59,7 @@ def skin() -> SkinPaths:
 def add_spot(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """Add a point on the skin of a body, without a position and path.
+    """Add a point on the skin of a body: a disc of 3 cm radius, without a position and path.
 
     Raises InputError for an object that is no body, and for wind.
     """
@@ -230,12 +230,15 @@ def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
 
 
 def reverse(effect: bpy.types.Object) -> None:
-    """Reverse path and control points. Keyframes are unchanged: the motion runs backwards."""
+    """Reverse path and control points. Keyframes are unchanged: the motion runs backwards.
+
+    A temporary extension becomes part of the path, so callers remove an extension first.
+    """
     set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Mirror path and control points at the body's middle, x -> -x; drops an extension."""
+    """Mirror path and control points at the body's middle, x -> -x; see :func:`reverse`."""
     import numpy as np
 
     mirrored = np.array([-1.0, 1.0, 1.0])
@@ -243,7 +246,10 @@ def mirror(effect: bpy.types.Object) -> None:
 
 
 def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> PathRecipe:
-    """Path and motion of an effect, for a path file; InputError without a path."""
+    """Control points and motion of an effect, for a path file; InputError without a path.
+
+    A path of unknown kind is "traced". Points are rounded to micrometres.
+    """
     import numpy as np
 
     knots = knots_of(effect)
@@ -252,7 +258,6 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
     kind = str(effect.get(KIND, "traced"))
     return PathRecipe(
         name=name,
-        # Micrometres: far below the model's spacing, and files stay short.
         points_m=tuple((x, y, z) for x, y, z in np.round(knots, 6).tolist()),
         kind=kind if kind in KINDS else "traced",
         is_closed=bool(effect.get(CLOSED, 0)),
@@ -292,7 +297,9 @@ def motion_keys(
 def apply(
     scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
 ) -> float:
-    """Draw a recipe's path, with the motion from a frame on; return the length in metres."""
+    """Draw a recipe's path; return the length in metres. A motion in the recipe replaces the
+    keyframes, and starts at ``frame``; without a motion, keyframes stay.
+    """
     import numpy as np
 
     places = np.array(recipe.points_m, np.float64)

@@ -231,7 +231,7 @@ def nodes_of(
 
 
 def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
-    """Warning about a map at full strength on half of the area; empty without a fault.
+    """Warning about a map at full strength on half of the area or more; empty without a fault.
 
     The usual cause is a Bump node with its default distance of 1 m (until Blender 4.3), or a
     Displacement node with its default scale of 1 m, which look plausible when rendered.

@@ -247,7 +247,7 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 
 def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
     """Layer of an imported map, (rows, columns), clipped to 0 to 1. Raises InputError: values are
-    outside of 0 to 1, or NaN.
+    outside of 0 to 1 by more than 0.001, or NaN.
     """
     import numpy as np
 
@@ -333,7 +333,10 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 
 
 def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> None:
-    """Store an imported map as the object's surface, with its size, frequencies and amplitude."""
+    """Store an imported map as the object's surface, with its size, frequencies and amplitude.
+
+    The source becomes "MAP", and ``note`` the text in the panel. The relief image is unchanged.
+    """
     from ...engine.texture.haptic_map import STANDARD_GRAVITY
 
     settings = obj.hfx.surface

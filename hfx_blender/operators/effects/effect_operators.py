@@ -43,7 +43,7 @@ def active_vector(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
-    """Show wires in object colours, which encode the modality, instead of the theme's colours."""
+    """Show wires in object colours, which encode the modality, if in the theme's colour."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D":
         if space.shading.wireframe_color_type == "THEME":

@@ -50,7 +50,7 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 
 
 def hidden_by(canvas: bpy.types.Object) -> set[str]:
-    """Full names of the objects hidden during painting."""
+    """Full names of the objects hidden during painting, as far as they still exist."""
     # Earlier versions stored names, or marked the avatar's meshes.
     marked = {obj.name_full for obj in bpy.data.objects if obj.get(_HIDDEN) is True}
     stored = canvas.get(_HIDDEN, ())
