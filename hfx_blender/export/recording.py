@@ -67,6 +67,7 @@ class Recorded:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
+        """Facts from :meth:`as_json` data, also after JSON, in which the notes are a list."""
         return cls(**{**data, "notes": tuple(data["notes"])})
 
     @classmethod
@@ -164,6 +165,7 @@ def record_track(
     touching = {effect.id for effect in effects if effect.is_contact}
 
     def counted() -> Iterator[AnimationBlock]:
+        """Yield the blocks, and count their samples in ``read``, warm-up blocks excluded."""
         nonlocal read
         for block in blocks:
             if block.own_indices[-1] >= first:
@@ -173,11 +175,15 @@ def record_track(
     def work(
         unread_blocks: Iterator[AnimationBlock],
     ) -> Generator[list[AnimationBlock], None, None]:
+        """Evaluate and write blocks; yields the blocks of each written chunk, and empty lists."""
         with closing(engine.evaluated(unread_blocks)) as evaluated:
-            header = _header(reader.description, settings, tools)
+            description = reader.description
+            models = {e.model_id: load_model(e.model_id) for e in description.effects}
+            header = TrackHeader.of(description, models, settings=settings, tools=tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
                 for chunk in _chunks(_without_warm_up(evaluated, first, engine.counters)):
+                    # Renderers get the runs as stored: quantised, and joined to whole chunks.
                     runs = writer.append(joined_runs((runs for _, runs in chunk), header.streams))
                     for _, renderer in renderers:
                         renderer.add(runs)
@@ -203,13 +209,6 @@ def record_track(
     return finished
 
 
-def _header(
-    scene: SceneDescription, settings: Mapping[str, Any], tools: Mapping[str, str]
-) -> TrackHeader:
-    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
-    return TrackHeader.of(scene, models, settings=settings, tools=tools)
-
-
 def _without_warm_up(
     blocks: Iterator[BlockSamples], first: int, counters: Counters
 ) -> Iterator[BlockSamples]:
@@ -224,19 +223,16 @@ def _without_warm_up(
 def _chunks(blocks: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:
     """Group blocks by chunk of the track; yields an empty list for each block within a chunk."""
     chunk: list[BlockSamples] = []
+    number = -1  # of the chunk in the track
     for pair in blocks:
-        if chunk and _chunk(chunk[-1]) != _chunk(pair):
-            yield chunk
-            chunk = [pair]
-        else:
-            chunk.append(pair)
-            yield []
+        # The last sample decides: the first ones may be read for motion only.
+        next_number = int(pair[0].indices[-1]) // SAMPLES_PER_CHUNK
+        # An empty list lets the caller report progress and stop within a chunk.
+        yield chunk if chunk and number != next_number else []
+        chunk = [*chunk, pair] if number == next_number else [pair]
+        number = next_number
     if chunk:
         yield chunk
-
-
-def _chunk(pair: BlockSamples) -> int:
-    return int(pair[0].indices[-1]) // SAMPLES_PER_CHUNK
 
 
 class SceneRecorders:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Report of an export: felt and unfelt effects, effects without a device, files, warnings."""
+"""Report of an export: felt and unfelt effects, effects without a device, files, warnings; and its
+text for the terminal and the popup."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,12 @@ from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files.hashes import sha256_of
+from ..text import MOST_LINES, named, printable, shortened
 from .result_files import listed
 
 REPORT_SUFFIX = ".report.json"
+_FILES = 12
+"""Largest number of files that are listed line by line."""
 _LARGEST_REPORT = 2**26
 
 
@@ -120,16 +125,12 @@ def effect_facts(
 ) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Facts of each effect for the report, and warnings about effects that are not felt.
 
-    The facts are the times at which any body feels the effect, or the reason of silence.
+    The facts are the times at which any body feels the effect, or the reason of silence. ``unfelt``
+    are reasons known before the recording, by effect name. Effects named in ``warnings`` of the
+    recording get no second warning.
 
     Parameters
     ----------
-    track : TrackReader
-        Track of all samples.
-    unfelt : mapping
-        Reasons known before the recording, by effect name.
-    warnings : sequence of str
-        Warnings of the recording; an effect with a warning gets no second warning.
     is_part : bool
         Some frames of the scene were not recorded, so silence of effects is expected. Reasons that
         depend on time name the exported frames.
@@ -160,15 +161,23 @@ def effect_facts(
         known = unfelt.get(effect.name)
         if known is None and spans is None:
             is_one_of_many = effect.id in instances and effect.id.rpartition(":")[0] in swarms
-            # The most specific reason first: a failed driver explains missing samples, too.
-            if (reason := _driver_fault(warnings, effect.name)) is None:
-                reason = (
-                    powerless_reason(effect.modality, effect.is_contact)
-                    if effect.id in powerless
-                    else _why_missed(effect, times, answering, seen_on, warnings)
+            failed_drivers = [
+                driver.removeprefix("the driver of ")
+                for driver, failed, _ in (
+                    text.partition(f" of object '{effect.name}' cannot be evaluated")
+                    for text in warnings
                 )
-                if is_part and (effect.id in powerless or reason in _OF_TIME):
-                    reason = f"{reason} in the exported frames"
+                if failed and driver.startswith("the driver of ")
+            ]
+            # The most specific reason first: a failed driver explains missing samples, too.
+            if failed_drivers:
+                reason = f"has a driver that cannot be evaluated, that of {failed_drivers[0]}"
+            elif effect.id in powerless:
+                reason = powerless_reason(effect.modality, effect.is_contact)
+            else:
+                reason = _why_missed(effect, times, answering, seen_on, warnings)
+            if not failed_drivers and is_part and (effect.id in powerless or reason in _OF_TIME):
+                reason = f"{reason} in the exported frames"
             is_warned = any(f"'{effect.name}'" in text for text in warnings)
             known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
             if not (known.is_expected or known.is_warned):
@@ -199,20 +208,6 @@ _SEVERAL = {
 }
 
 
-def _is_flat(warnings: Sequence[str], name: str) -> bool:
-    """Test for a volume that could not be evaluated, at any sample."""
-    return any(text.startswith(f"effect '{name}' {FLATTENED}:") for text in warnings)
-
-
-def _driver_fault(warnings: Sequence[str], name: str) -> str | None:
-    """Reason why an effect is not felt, if one of its drivers failed; None otherwise."""
-    for text in warnings:
-        driver, failed, _ = text.partition(f" of object '{name}' cannot be evaluated")
-        if failed and driver.startswith("the driver of "):
-            return f"has a driver that cannot be evaluated, that of {driver[14:]}"
-    return None
-
-
 def _why_missed(
     effect: TrackEffect,
     times: FeltTimes | None,
@@ -220,7 +215,8 @@ def _why_missed(
     seen_on: Collection[str],
     warnings: Sequence[str],
 ) -> str:
-    """Reason for an effect without samples, as a predicate."""
+    """Predicate why an effect has no samples: its values, never on, a response without output, or
+    no contact. ``times``, ``answering`` and ``seen_on`` as of :func:`effect_facts`."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
             quantity = times.no_number[effect.id]
@@ -233,7 +229,10 @@ def _why_missed(
     if has_response and times is not None and effect.id in times.touched:
         return _NO_ANSWER
     reason = _MISSED.get(effect.kind, _NEVER_ON)
-    return FLATTENED if reason == _NO_TOUCH and _is_flat(warnings, effect.name) else reason
+    # A volume flattened at any sample could not be evaluated there.
+    flat = f"effect '{effect.name}' {FLATTENED}:"
+    is_flat = any(text.startswith(flat) for text in warnings)
+    return FLATTENED if reason == _NO_TOUCH and is_flat else reason
 
 
 def _felt_or_not(
@@ -318,29 +317,88 @@ def read(path: Path) -> dict[str, Any] | None:
 
 
 def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
-    """Unchanged files of devices (by id) from an earlier export to ``folder/stem.*``."""
+    """Files of devices (by id) from an earlier export to ``folder/stem.*``, with the content stated
+    in its report; without links, changed files and invalid entries of the report."""
     report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
+    files = (report or {}).get("files")
+    stale = []
+    for entry in files if isinstance(files, list) else ():
+        path = listed(folder, entry.get("name")) if isinstance(entry, dict) else None
+        if path is None or not path.name.startswith(f"{stem}."):
+            continue
+        if not any(f".{device}." in path.name.removeprefix(stem) for device in devices):
+            continue
+        # Only unchanged files are ours: a user may have edited or replaced an exported file.
+        with suppress(OSError):
+            if not path.is_symlink() and path.is_file() and sha256_of(path) == entry.get("sha256"):
+                stale.append(path)
+    return tuple(stale)
+
+
+def describe(report: ExportReport) -> str:
+    """Text of an export for the terminal: files with sizes (above 12 their number), warnings,
+    notes, felt effects, unplayed and unfelt effects."""
+    sizes = [path.stat().st_size for path in report.files]
+    if len(sizes) <= _FILES:
+        pairs = zip(report.files, sizes, strict=True)
+        written = [f"wrote {path} ({_size(size)})" for path, size in pairs]
+    else:
+        lists = (path for path in report.files if path.name.endswith(REPORT_SUFFIX))
+        where = "".join(f", listed in {path}" for path in lists)
+        written = [f"wrote {len(sizes)} files ({_size(sum(sizes))}) to {report.folder}{where}"]
+    lines = [f"Scene '{report.scene}'", *(f"  {text}" for text in written)]
+    already_said = set(report.silent_devices)  # printed by the command separately
+    warnings = (text for text in report.warnings if text not in already_said)
+    lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
+    lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
+    lines += [f"  {text}" for text in felt_lines(report)]
+    lines += [
+        f"  {lost['effect']}: {lost['seconds']:.2f} s of it ({lost['share']:.0%}) felt by "
+        f"{lost['body']} but played by no device"
+        for lost in report.unrendered
+    ]
+    lines += [f"  {text}" for text in unfelt_lines(report)]
+    return "\n".join(map(printable, lines))
+
+
+def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
+    """Lines with the times of felt effects for each body; effects without any body are left out."""
+    unfelt = {line["effect"] for line in report.effects if not line["felt"]}
+    texts = []
+    for line in report.felt:
+        title = f"{line['effect']} ({line['modality']})"
+        if line["effect"] in unfelt:
+            continue
+        if not line["seconds"]:
+            texts.append(f"{title} was not felt by {line['body']}")
+            continue
+        texts.append(
+            f"{title} felt by {line['body']} from {line['first_s']:.2f} to {line['last_s']:.2f} s, "
+            f"for {line['seconds']:.2f} s, on {line['mean_vertices']:.0f} vertices on average"
+        )
+    return shortened(texts, most)
+
+
+def unfelt_lines(
+    report: ExportReport, most: int | None = None, *, is_expected: bool = False
+) -> tuple[str, ...]:
+    """Lines on effects that no body feels: one line per reason, with ``most`` names (None: all).
+
+    ``is_expected`` leaves out effects named in warnings.
+    """
+    reasons: dict[str, list[str]] = {}
+    for line in report.effects:
+        if not line["felt"] and (line.get("expected") or not is_expected):
+            title = f"{line['effect']} ({line['modality']})" if "modality" in line else None
+            reasons.setdefault(line["reason"], []).append(title or line["effect"])
     return tuple(
-        path
-        for path, digest in _listed(report or {}, folder)
-        if path.name.startswith(f"{stem}.")
-        and any(f".{device}." in path.name.removeprefix(stem) for device in devices)
-        and _is(path, digest)
+        f"{names[0]} was not felt: it {why}"
+        if len(names) == 1
+        else f"{len(names)} effects were not felt: each {why}: {named(names, most or len(names))}"
+        for why, names in reasons.items()
     )
 
 
-def _listed(report: Mapping[str, Any], folder: Path) -> Iterator[tuple[Path, str]]:
-    """Yield path and SHA-256 of each valid file entry of a report."""
-    files = report.get("files")
-    for entry in files if isinstance(files, list) else ():
-        if isinstance(entry, dict):
-            path, digest = listed(folder, entry.get("name")), entry.get("sha256")
-            if path is not None and isinstance(digest, str):
-                yield path, digest
-
-
-def _is(path: Path, digest: str) -> bool:
-    try:
-        return not path.is_symlink() and path.is_file() and sha256_of(path) == digest
-    except OSError:
-        return False
+def _size(count: int) -> str:
+    """Number of bytes in MB from 1 MB on, else in kB, at least 0.1."""
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"

@@ -65,39 +65,28 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
     if target == "INTENSITY":
         # Activation multiplies the baked intensity, so clips are divided out.
         shares = np.divide(levels, base, out=np.zeros_like(levels), where=base > 0.0)
-        intensity = effect.hfx.intensity if not _is_animated(effect, "hfx.intensity") else 1.0
+        # A constant intensity stays the value at full contact; keyframes replace an animated one.
+        is_animated = compat.fcurve_of(effect, "hfx.intensity") is not None
+        intensity = 1.0 if is_animated else effect.hfx.intensity
         values = [float(shares[a : max(b, a + 1)].max()) * intensity for a, b in pairs]
     else:
         values = [float(levels[a : max(b, a + 1)].max()) for a, b in pairs]
     keyed = animation_frames(scene, every.astype(np.float64)).tolist()
-    keys = _without_repeats(list(zip(keyed, values, strict=True)))
-    for owner, path in _owners(effect, target):
+    last_row = len(values) - 1
+    keys = [
+        (frame, value)
+        for k, (frame, value) in enumerate(zip(keyed, values, strict=True))
+        if k in (0, last_row) or not values[k - 1] == value == values[k + 1]
+    ]
+    owners: list[tuple[bpy.types.ID, str]] = [(effect, f"hfx.{target.lower()}")]
+    if target == "SPEAKER":
+        owners = [(child.data, "volume") for child in effect.children if child.type == "SPEAKER"]
+        if not owners:
+            raise InputError(f"'{effect.name}' has no speaker. Parent one to it first.")
+    for owner, path in owners:
         compat.set_keys(compat.own_fcurve(owner, path, "Response"), keys)
     if target == "INTENSITY":
         for response_filter in effect.hfx.response:
             response_filter.is_muted = True
     effect.update_tag()
     return len(keys)
-
-
-def _owners(effect: bpy.types.Object, target: str) -> list[tuple[bpy.types.ID, str]]:
-    """Owners and data paths of the baked property; InputError for a volume without speakers."""
-    if target == "SPEAKER":
-        speakers = [child.data for child in effect.children if child.type == "SPEAKER"]
-        if not speakers:
-            raise InputError(f"'{effect.name}' has no speaker. Parent one to it first.")
-        return [(speaker, "volume") for speaker in speakers]
-    return [(effect, f"hfx.{target.lower()}")]
-
-
-def _is_animated(effect: bpy.types.Object, path: str) -> bool:
-    return any(curve.data_path == path for curve in compat.fcurves(effect))
-
-
-def _without_repeats(keys: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Drop keys with the value of both neighbours."""
-    return [
-        key
-        for k, key in enumerate(keys)
-        if k in (0, len(keys) - 1) or not keys[k - 1][1] == key[1] == keys[k + 1][1]
-    ]

@@ -144,6 +144,7 @@ class SceneExport:
             _refuse((*self._warnings, *self._settings.missing.values()))
 
     def _recorders(self) -> SceneRecorders:
+        """Recorders for the formats of this export; none for other formats than glb and clip."""
         return SceneRecorders(
             self.reader.description, self._settings.formats, self._settings.clip_detail
         )
@@ -214,8 +215,13 @@ class SceneExport:
             track = stage / (stem + SUFFIX)
             merge([part.track for part in parts], track)
             recorders = self._recorders()
+
+            def blocks_at(sample: int) -> Iterable[AnimationBlock]:
+                start = sample // BLOCK_SIZE * BLOCK_SIZE
+                return self.reader.blocks((start, start + BLOCK_SIZE))
+
             if recorders.is_any:
-                recorders.join([part.volumes for part in parts], self._blocks_at)
+                recorders.join([part.volumes for part in parts], blocks_at)
             with TrackReader(track) as whole:
                 rendered = finish(
                     rendering(whole, renderers_of_track(whole, self._settings.devices))
@@ -230,6 +236,8 @@ class SceneExport:
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
     ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
+        """Record samples ``part`` (None: all) into ``track``, in steps; returns the facts of the
+        recording, and the renderers of ``devices`` with these samples."""
         settings = self._settings
         engine = Engine(
             self.reader.description,
@@ -251,18 +259,6 @@ class SceneExport:
         )
         return Recorded.of(self.reader, engine, times), renderers
 
-    def _blocks_at(self, sample: int) -> Iterable[AnimationBlock]:
-        start = sample // BLOCK_SIZE * BLOCK_SIZE
-        return self.reader.blocks((start, start + BLOCK_SIZE))
-
-    def _responding_ids(self) -> set[str]:
-        """Ids of volumes with a contact response."""
-        return {
-            effect.id
-            for effect in self.reader.description.effects
-            if isinstance(effect.area, HapticVolume) and effect.area.response
-        }
-
     def _finish(
         self,
         track: Path,
@@ -275,6 +271,11 @@ class SceneExport:
         """Write the files and the report of a recorded track, and move them into ``folder``."""
         settings = self._settings
         stem = track.with_name(track.name.removesuffix(SUFFIX))
+        answering = {
+            effect.id
+            for effect in self.reader.description.effects
+            if isinstance(effect.area, HapticVolume) and effect.area.response
+        }
         with TrackReader(track) as whole:
             effects, missed = effect_facts(
                 whole,
@@ -283,7 +284,7 @@ class SceneExport:
                 is_part=self.reader.is_part,
                 instances=self.reader.instance_ids,
                 times=recorded.times,
-                answering=self._responding_ids(),
+                answering=answering,
                 seen_on=recorded.reading.get("on", {}),
             )
             unfelt = {line["effect"] for line in effects if not line["felt"]}
@@ -300,8 +301,9 @@ class SceneExport:
             short = shortfalls(whole.header, rasters)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
+        new_warnings = *recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out
         if settings.strict:
-            _refuse((*recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out))
+            _refuse(new_warnings)
         new = {folder / path.relative_to(stem.parent) for path in written.files}
         earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
         removed = tuple(f"{path.name} of an earlier export is removed" for path in earlier)
@@ -312,16 +314,7 @@ class SceneExport:
             felt=felt_lines,
             effects=effects,
             unrendered=lost,
-            warnings=shortened(
-                (
-                    *self._warnings,
-                    *recorded.warnings,
-                    *missed,
-                    *rendered.warnings,
-                    *silent,
-                    *written.left_out,
-                )
-            ),
+            warnings=shortened((*self._warnings, *new_warnings)),
             left_out=written.left_out,
             silent_devices=silent,
             engine={

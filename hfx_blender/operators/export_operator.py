@@ -190,7 +190,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         return SceneExport(scene, settings).steps(path.parent, path.stem)
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
-        from ..export.summary import felt_lines, unfelt_lines
+        from ..export.report import felt_lines, unfelt_lines
 
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))

@@ -31,6 +31,7 @@ class _Scene:
 
     @property
     def share(self) -> float:
+        """Finished share, 0..1: the mean of all parts, 1 with an outcome."""
         if self.outcome is not None:
             return 1.0
         return sum(self.shares.values()) / len(self.shares)
@@ -46,20 +47,10 @@ def run(
 ) -> list[Outcome]:
     """Process a batch of scenes and return the outcomes in the order of the units.
 
-    A failed scene does not stop the batch.
-
-    Parameters
-    ----------
-    units : sequence of Unit
-        Of the kinds ``scene``, ``piece`` and ``join``.
-    workers : Workers
-        Not closed by this function.
-    resume : bool
-        Take unchanged results of an earlier run instead of a new export.
-    progress : callable
-        Called with the finished share of the batch, 0..1.
-    tell : callable
-        Called with each unit and the outcome, in order of completion.
+    A failed scene does not stop the batch. ``units`` are of the kinds ``scene``, ``piece`` and
+    ``join``. ``workers`` is not closed. ``resume`` takes unchanged results of an earlier run
+    instead of a new export. ``progress`` is called with the finished share of the batch, 0..1,
+    ``tell`` with each unit and the outcome, in order of completion.
     """
     batch = _Batch([_Scene(unit) for unit in units], workers, progress, tell)
     if resume:
@@ -68,6 +59,11 @@ def run(
 
 
 class _Batch:
+    """State of a batch: scenes that wait, parts and merges that are ready, and running units.
+
+    Ready parts and merges go before waiting scenes.
+    """
+
     def __init__(
         self, scenes: list[_Scene], workers: Workers, progress: Progress, tell: Tell
     ) -> None:
@@ -81,14 +77,24 @@ class _Batch:
 
     def leave_out_finished(self) -> None:
         """Finish scenes with unchanged earlier results, by the journal."""
+
+        def results(scene: _Scene) -> Outcome:
+            """Report of the scene, which includes its pieces, or record of the piece; or empty."""
+            report = journal.finished(scene.unit)
+            if report is not None:
+                return {"report": report}
+            record = pieces.finished(scene.unit) if scene.unit.kind == "piece" else None
+            return {} if record is None else {"piece": record}
+
         with ThreadPoolExecutor() as pool:  # hashing releases Python's lock
-            outcomes = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
-        for scene, outcome in zip(self._scenes, outcomes, strict=True):
-            if outcome is not None:
-                self._finish(scene, outcome)
+            earlier_results = list(pool.map(results, self._scenes))
+        for scene, earlier in zip(self._scenes, earlier_results, strict=True):
+            if earlier:
+                self._finish(scene, {"input": scene.unit.title, **earlier, "unchanged": True})
         self._waiting = deque(scene for scene in self._scenes if scene.outcome is None)
 
     def run(self) -> list[Outcome]:
+        """Execute all units; returns the outcomes of the scenes in order."""
         self._fill()
         while self._running:
             # The timeout lets the main thread check for signals while workers are busy.
@@ -119,8 +125,8 @@ class _Batch:
 
     def _take(self, scene: _Scene, number: int, unit: Unit, outcome: Outcome) -> None:
         """Handle the outcome of a unit: queue parts or the merge of all parts, or finish."""
-        if scene.outcome is not None:  # another part of the scene has failed
-            return
+        if scene.outcome is not None:
+            return  # another part of the scene has failed
         if "split" in outcome:
             cut = outcome["split"]
             scene.shares = dict.fromkeys(range(len(cut)), 0.0)
@@ -135,6 +141,7 @@ class _Batch:
                 ordered = tuple(scene.parts[k] for k in sorted(scene.parts))
                 self._ready.appendleft((scene, 0, replace(unit, kind="merge", done=ordered)))
         else:
+            # Parts still in the queue are useless if one of them has failed.
             self._ready = deque(entry for entry in self._ready if entry[0] is not scene)
             self._finish(scene, outcome)
 
@@ -145,14 +152,3 @@ class _Batch:
 
     def _show(self) -> None:
         self._progress(sum(scene.share for scene in self._scenes) / max(len(self._scenes), 1))
-
-
-def _finished(unit: Unit) -> Outcome | None:
-    """Outcome of an earlier run with unchanged inputs and results; None otherwise."""
-    report = journal.finished(unit)
-    if report is not None:  # a finished scene includes its pieces
-        return {"input": unit.title, "report": report, "unchanged": True}
-    record = pieces.finished(unit) if unit.kind == "piece" else None
-    if record is not None:
-        return {"input": unit.title, "piece": record, "unchanged": True}
-    return None

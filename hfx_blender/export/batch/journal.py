@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...devices.configuration import find_file
 from ...devices.configurations import surface_calibration
@@ -25,9 +25,6 @@ from ...version import __version__
 from ..report import REPORT_SUFFIX, read
 from ..result_files import listed
 from .units import Unit
-
-if TYPE_CHECKING:
-    from ...blender.linked_files import LinkedFile
 
 
 def tools() -> dict[str, str | bool]:
@@ -54,8 +51,16 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
         from ...blender.linked_files import linked_files  # needs Blender
 
         for name, linked in linked_files().items():
-            # None counts as a state, because a missing file may come back.
-            files[name] = _state(linked, Path(unit.input))
+            if is_elsewhere(linked.path, Path(unit.input)):
+                files[name] = NOT_READ
+            elif linked.must_be and linked.path.is_dir():
+                files[name] = FOLDER
+            else:
+                try:
+                    # None counts as a state, because a missing file may come back.
+                    files[name] = state_of(linked.path, Path(unit.input))
+                except InputError:  # too many files for a hash
+                    files[name] = TOO_MANY
     return {
         "files": files,
         "devices": {name: device_hash(name) for name in devices},
@@ -71,6 +76,14 @@ def is_still(recorded: Any, unit: Unit) -> bool:
     if unit.input is None or not isinstance(recorded, dict):
         return False
     source = Path(unit.input)
+
+    def has_state(name: str, known: str | None) -> bool:
+        """Test a linked file for a state; a name with ``//`` is relative to the .blend."""
+        path = source.parent / name.removeprefix("//") if name.startswith("//") else Path(name)
+        if known in (TOO_MANY, NOT_READ) or is_elsewhere(path, source):
+            return False  # a state that was not read cannot be compared
+        return path.is_dir() if known == FOLDER else state_of(path, source) == known
+
     try:
         # Cheap comparisons come first: files are hashed only with equal options and versions.
         files = dict(recorded["files"])
@@ -80,32 +93,12 @@ def is_still(recorded: Any, unit: Unit) -> bool:
             and recorded["calibration"] == surface_calibration.load()
             and source.name in files
             and sha256_of(source) == files.pop(source.name)
-            and all(_has_state(name, source, known) for name, known in files.items())
+            and all(has_state(name, known) for name, known in files.items())
             and all(device_hash(name) == known for name, known in recorded["devices"].items())
             and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
         )
     except (KeyError, TypeError, ValueError, AttributeError, OSError, HfxError):
         return False  # not such a record, or a file has vanished
-
-
-def _state(linked: LinkedFile, source: Path) -> str | None:
-    """Hash of a linked file or folder, or a constant of :mod:`.hashes`; None for a missing file."""
-    if is_elsewhere(linked.path, source):
-        return NOT_READ
-    if linked.must_be and linked.path.is_dir():
-        return FOLDER
-    try:
-        return state_of(linked.path, source)
-    except InputError:  # too many files for a hash
-        return TOO_MANY
-
-
-def _has_state(name: str, source: Path, known: str | None) -> bool:
-    """Compare the state of a file; a name that begins with ``//`` is relative to the .blend."""
-    path = source.parent / name.removeprefix("//") if name.startswith("//") else Path(name)
-    if known in (TOO_MANY, NOT_READ) or is_elsewhere(path, source):
-        return False
-    return path.is_dir() if known == FOLDER else state_of(path, source) == known
 
 
 def device_hash(name: str) -> str:

@@ -83,11 +83,14 @@ class UnitWorker:
         return outcome
 
     def _start(self, limit_s: float | None) -> Worker:
+        """Start a process and wait until its Blender runs; the wait is at most 300 s, or for units
+        with a limit below 300 s at most ``limit_s``, but 60 s or more."""
         worker = Worker("export.batch.export_worker", variables=self._variables, keeps_errors=True)
         if not self._closed:
             worker.start()
         self._worker, self._count = worker, 0
-        if self._closed:  # close() ran during the start and missed the new process
+        # close() may run in another thread during the start, and then misses the new process.
+        if self._closed:
             self._end(0.0)
             raise WorkerDiedError("was not started again")
         start_s = START_LIMIT_S
@@ -103,6 +106,8 @@ class UnitWorker:
         return worker
 
     def _answer(self, worker: Worker, end: float | None) -> dict[str, Any]:
+        """Next message of the process; raises TimeLimitError at time ``end`` of the monotonic
+        clock, WorkerDiedError after an end or an invalid message. Each error ends the process."""
         try:
             message = worker.receive(None if end is None else max(end - time.monotonic(), 0.0))
             if message is not None:
@@ -126,6 +131,7 @@ class UnitWorker:
         self._end()
 
     def _end(self, limit_s: float | None = None) -> None:
+        """End the process, if any, killed after ``limit_s`` seconds (None: 10)."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close(limit_s)
@@ -227,7 +233,8 @@ class LocalWorkers:
             outcome = do_or_retry(worker, unit.in_stage(stage), progress, self._limit_s)
             return outcome
         finally:
-            if "error" in outcome:  # a dead process leaves its files
+            # A dead process leaves its files. After success the files of a part stay for the merge.
+            if "error" in outcome:
                 shutil.rmtree(stage, ignore_errors=True)
             self._idle.put(worker)
 

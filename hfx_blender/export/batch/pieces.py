@@ -57,22 +57,12 @@ def keep(
     made_from: Mapping[str, Any],
     files: tuple[Path, ...] = (),
 ) -> dict[str, Any]:
-    """Move a finished piece into the folder of pieces; return the record.
+    """Move a finished piece into the folder of pieces; return the record. ``unit`` is of the kind
+    ``piece``; its ``files`` are finished, on the same file system, and moved.
 
-    Raises OutputError for an unwritable file.
-
-    Parameters
-    ----------
-    unit : Unit
-        Of the kind ``piece``.
-    part : (first, stop) or None
-        Samples of the piece; None for an empty piece of a short scene.
-    recorded : mapping or None
-        Fields of :class:`.Recorded`; None for an empty piece.
-    made_from : mapping
-        See :func:`.journal.made_from`.
-    files : tuple of Path
-        Finished files on the same file system, which are moved.
+    ``part`` are the samples (first, stop) and ``recorded`` the fields of :class:`.Recorded`; both
+    None for an empty piece of a short scene. ``made_from``: see :func:`.journal.made_from`. Raises
+    OutputError for an unwritable file.
     """
     assert unit.piece is not None
     folder = folder_of(unit)
@@ -129,8 +119,11 @@ def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list
             if missing
             else (stale, "made from another state of the scene, or with other options")
         )
+        numbers = ", ".join(map(str, wrong[:10]))
+        if len(wrong) > 10:
+            numbers += f" and {len(wrong) - 10} more"
         raise InputError(
-            f"{folder}: of {count} pieces, {_numbers(wrong)} {'are' if len(wrong) > 1 else 'is'} "
+            f"{folder}: of {count} pieces, {numbers} {'are' if len(wrong) > 1 else 'is'} "
             f"{why}; export with --piece {wrong[0]}/{count} and the same options."
         )
     # Every piece must begin where the piece before ends: pairs (stop, first) at even positions.
@@ -191,20 +184,10 @@ def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
         return None
     samples = record.get("samples")
     is_known = record.get("piece") == list(piece) and isinstance(record.get("made_from"), dict)
-    if not is_known or not (samples is None or _are_samples(samples, record)):
-        return None
-    return record
-
-
-def _are_samples(samples: object, record: Mapping[str, Any]) -> bool:
-    return (
+    is_range = (
         isinstance(samples, list)
         and len(samples) == 2
         and all(isinstance(edge, int) for edge in samples)
         and isinstance(record.get("recorded"), dict)
     )
-
-
-def _numbers(numbers: list[int]) -> str:
-    shown = ", ".join(map(str, numbers[:10]))
-    return f"{shown} and {len(numbers) - 10} more" if len(numbers) > 10 else shown
+    return record if is_known and (samples is None or is_range) else None

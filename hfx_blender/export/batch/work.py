@@ -27,7 +27,6 @@ from .units import ExportOptions, Outcome, Unit, failure
 if TYPE_CHECKING:
     import bpy
 
-    from ...reading.scene_reader import SceneReader
     from ..scene_export import ExportSettings, SceneExport
 
 Progress = Callable[[float], None]
@@ -58,7 +57,8 @@ def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         return done(unit, progress)
     except HfxError as error:
         return failure(unit, str(error), error.exit_code)
-    except BrokenPipeError:  # the parent process has ended
+    # The parent process has ended, and nothing may be written to it.
+    except BrokenPipeError:
         raise
     except OSError as error:
         _state.clear()
@@ -74,20 +74,27 @@ def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
 
 def _defect(unit: Unit, error: Exception) -> Outcome:
+    """Outcome of an unexpected exception, with its traceback; asks for a new worker process."""
     _state.clear()
     reason = f"a defect of hfx ({error!r})"
     return failure(unit, reason, 1, retire=True, traceback=traceback.format_exc())
 
 
 def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Execute a unit; raises HfxError for a scene that cannot be exported or written."""
-    _check_name(unit)
+    """Execute a unit; raises HfxError for a scene that cannot be exported or written, and for a
+    .blend whose results would have too long names."""
+    longest = f"{unit.stem}.report.json.tmp"
+    if len(os.fsencode(longest)) > _LONGEST_NAME:
+        raise InputError(
+            f"{unit.input}: its name is too long: results are named after it, and '{longest}' has "
+            f"more than {_LONGEST_NAME} bytes."
+        )
     blender_session.start()
     _open(unit)
 
     from ..recording import Recorded, why_in_one_go
+    from ..report import describe
     from ..scene_export import SceneExport, ScenePart, scene_named
-    from ..summary import describe
 
     scene = scene_named(unit.options.scene)
     names, devices, missing = _devices(unit.options, scene)
@@ -102,21 +109,33 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     folder, stage = Path(unit.folder), Path(unit.stage)
     remarks = []
     if unit.kind in ("merge", "join"):
-        recorded = _collected(unit, export, made_from) if unit.kind == "join" else unit.done
-        parts = [
-            ScenePart(
-                Path(part["track"]), Recorded.from_json(part["recorded"]), Path(part["volumes"])
-            )
-            for part in recorded
-        ]
+        if unit.kind == "join":
+            parts = []
+            for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
+                files = pieces.files_of(unit, record)
+                volumes = files.get(_VOLUMES, Path())
+                facts = Recorded.from_json(record["recorded"])
+                parts.append(ScenePart(files[TRACK_SUFFIX], facts, volumes))
+        else:
+            parts = [
+                ScenePart(
+                    Path(part["track"]), Recorded.from_json(part["recorded"]), Path(part["volumes"])
+                )
+                for part in unit.done
+            ]
         with progress_shown(progress):
             report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
         if unit.kind == "join":
             pieces.remove(unit)
     else:
-        cut = _parts(unit, export.reader)
+        reader, time = export.reader, export.reader.time
+        if unit.part_frames is None:
+            cut = units.even_parts(reader.sample_indices, time.sample_count, unit.parts)
+        else:
+            size = ceil(unit.part_frames * time.rate_hz / time.fps)
+            cut = units.parts_of(size, time.sample_count)
         if len(cut) > 1:
-            reason = why_in_one_go(export.reader)
+            reason = why_in_one_go(reader)
             if reason is None:
                 return {"split": cut}
             remarks.append(f"exported in one go, not in {len(cut)} parts: {reason}")
@@ -129,18 +148,8 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     }
 
 
-def _check_name(unit: Unit) -> None:
-    """Raise InputError for a .blend whose results would have too long names."""
-    longest = f"{unit.stem}.report.json.tmp"
-    if len(os.fsencode(longest)) > _LONGEST_NAME:
-        raise InputError(
-            f"{unit.input}: its name is too long: results are named after it, and '{longest}' has "
-            f"more than {_LONGEST_NAME} bytes."
-        )
-
-
 def _open(unit: Unit) -> None:
-    """Open the file of a unit; parts reuse an open, unchanged file."""
+    """Open the file of a unit; all kinds but whole scenes reuse an open, unchanged file."""
     if unit.input is None:
         return
     path = Path(unit.input)
@@ -149,6 +158,7 @@ def _open(unit: Unit) -> None:
         now = (unit.input, stat.st_mtime_ns, stat.st_size)
     except OSError:
         now = None
+    # Parts and merges of a scene follow one another in a worker, and reading restores the scene.
     if now is None or now != _state.opened or unit.kind == "scene":
         _state.clear()
         blender_session.open_blend(path)
@@ -175,6 +185,8 @@ def _devices(
 def _settings(
     options: ExportOptions, devices: tuple[DeviceConfig, ...], missing: dict[str, str]
 ) -> ExportSettings:
+    """Settings from options; without formats the track, and CSV files if there are devices. Raises
+    InputError if no format is left without the ``missing`` devices."""
     from ...reading.description.scene_settings import formats_without
     from ..scene_export import ExportSettings
 
@@ -194,17 +206,9 @@ def _settings(
     )
 
 
-def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
-    """Parts (first, stop) of a scene; a single part for a short scene."""
-    time = reader.time
-    if unit.part_frames is not None:
-        size = ceil(unit.part_frames * time.rate_hz / time.fps)
-        return units.parts_of(size, time.sample_count)
-    return units.even_parts(reader.sample_indices, time.sample_count, unit.parts)
-
-
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
-    """Record the samples of a part; returns paths and facts as plain data."""
+    """Record the samples of a part into the unit's stage; returns "track" and "volumes" (paths; the
+    latter may be missing) and "recorded" (fields of :class:`.Recorded`)."""
     assert unit.part is not None
     # A random name: a retry after a lost worker must not meet the files of the first attempt.
     track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"
@@ -249,20 +253,3 @@ def _piece(
         record = pieces.keep(unit, part, recorded["recorded"], made_from, files)
         text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
     return {"input": unit.title, "piece": record, "text": text, "remarks": remarks}
-
-
-def _collected(
-    unit: Unit, export: SceneExport, made_from: dict[str, Any]
-) -> tuple[dict[str, Any], ...]:
-    """Collect the pieces of a scene as parts for the merge."""
-    parts = []
-    for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
-        files = pieces.files_of(unit, record)
-        parts.append(
-            {
-                "track": str(files[TRACK_SUFFIX]),
-                "volumes": str(files.get(_VOLUMES, "")),
-                "recorded": record["recorded"],
-            }
-        )
-    return tuple(parts)

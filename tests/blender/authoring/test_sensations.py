@@ -11,8 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import clips
-from hfx_blender.authoring.areas import painting
+from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError

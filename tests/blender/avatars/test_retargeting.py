@@ -17,7 +17,7 @@ bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 from own_avatar import mark, own_avatar  # noqa: E402
 
-from hfx_blender.authoring.areas import painting  # noqa: E402
+from hfx_blender.authoring import painting  # noqa: E402
 from hfx_blender.avatars import bodies, stored_fits  # noqa: E402
 from hfx_blender.engine.stepwise import finish  # noqa: E402
 

@@ -22,8 +22,8 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
+from hfx_blender.export.report import describe
 from hfx_blender.export.scene_export import ExportSettings, SceneExport, export_scene
-from hfx_blender.export.summary import describe
 from hfx_blender.files import resources
 from hfx_blender.files.hashes import sha256_of
 from hfx_blender.formats.rasters import npz_raster

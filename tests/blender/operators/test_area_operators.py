@@ -10,8 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import clips
-from hfx_blender.authoring.areas import painting
+from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from mathutils import Vector
 
-from hfx_blender.authoring import clips
-from hfx_blender.authoring.areas import painting
+from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model

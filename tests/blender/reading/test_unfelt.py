@@ -16,8 +16,7 @@ from hfx_blender import cli
 from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
-from hfx_blender.export.report import ExportReport
-from hfx_blender.export.summary import describe, felt_lines, unfelt_lines
+from hfx_blender.export.report import ExportReport, describe, felt_lines, unfelt_lines
 from hfx_blender.text import MOST_LINES
 
 bpy = pytest.importorskip("bpy")
