@@ -35,22 +35,12 @@ def add_clip(
     repeat: float = 1.0,
     curves: Mapping[str, Sequence[Key]] | None = None,
 ) -> bpy.types.NlaStrip:
-    """Add a clip to the timeline of an effect.
+    """Add a clip from ``frame_start`` to ``frame_end`` to the timeline of an effect.
 
-    Parameters
-    ----------
-    frame_start, frame_end : float
-        Span of the clip, frames.
-    fade_in, fade_out : float
-        Lengths of the fades, frames, applied to the whole clip including repetitions.
-    profile : sequence of (frame, activation)
-        Activation over a repetition, from frame 0; empty: always 1.
-    repeat : float
-        Number of repetitions within the clip.
-    curves : mapping of str to sequence of (frame, value), optional
-        Keyframes of further properties by data path, which move with the clip.
-
-    Raises InputError: the clip has no length, is shorter than the fades, or has too many
+    Fades have lengths in frames, and apply to the whole clip with its ``repeat`` repetitions.
+    ``profile`` is the activation over a repetition, (frame, activation) from frame 0; empty: always
+    1. ``curves`` are keyframes (frame, value) of further properties by data path, which move with
+    the clip. Raises InputError: the clip has no length, is shorter than the fades, or has too many
     repetitions.
     """
     length = frame_end - frame_start
@@ -71,9 +61,8 @@ def add_clip(
     for path, values in {**(curves or {}), DATA_PATH: keys}.items():
         compat.set_keys(compat.new_fcurve(effect, action, path), values)
     track = _free_track(effect, floor(frame_start), frame_end)
-    strip = track.strips.new(
-        name, floor(frame_start), action
-    )  # the function accepts whole frames only
+    # The function accepts whole frames only; the exact frames are set below.
+    strip = track.strips.new(name, floor(frame_start), action)
     data.action = active_action
     strip.name = name  # Blender before 4.4 uses the action's name
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
@@ -202,7 +191,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
     """
     copied = strips_of(source)
     # Profiles first: a meta strip must raise before anything is copied.
-    profiles = [profile_of(source, strip) for _, strip in copied]  # raises before the first copy
+    profiles = [profile_of(source, strip) for _, strip in copied]
     for (_, strip), keys in zip(copied, profiles, strict=True):
         clip = add_clip(
             target,
@@ -288,9 +277,8 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
     """Move clips and keyframes of effects by ``frames``; clips of a linked file stay."""
     for effect in effects:
         pairs = strips_of(effect)
-        for track, strip in (
-            pairs[::-1] if frames > 0.0 else pairs
-        ):  # in this order no clip collides with a neighbour
+        # The clips in front move first, so that no clip collides with a neighbour.
+        for track, strip in pairs[::-1] if frames > 0.0 else pairs:
             if not _is_of_library(effect, track):
                 strip.frame_start_ui += frames
         for curve in compat.fcurves(effect):

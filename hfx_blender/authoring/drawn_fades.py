@@ -94,11 +94,21 @@ def follow_clips(effect: bpy.types.Object) -> bool:
         return False
     stored_spans = effect[_SPANS].to_dict()
     is_changed = False
-    for strip in _drawn_strips(effect):
+    drawn_strips = _drawn_strips(effect)
+    for strip in drawn_strips:
         span = strip.frame_start, strip.frame_end
         old = stored_spans.get(strip.name)
         # A new or renamed clip has no stored span.
-        if old is None or tuple(old) == span or _is_half(effect, strip):
+        if old is None or tuple(old) == span:
+            continue
+        # A split leaves two clips of one action with a common end. Both halves keep the curve, so
+        # that the fades of the whole clip go on over the cut.
+        if any(
+            half != strip
+            and half.action == strip.action
+            and (half.frame_start == strip.frame_end or half.frame_end == strip.frame_start)
+            for half in drawn_strips
+        ):
             continue
         _fit(curve_of(strip), old, span)
         is_changed = True
@@ -107,6 +117,7 @@ def follow_clips(effect: bpy.types.Object) -> bool:
 
 
 def _drawn_strips(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
+    """Strips of an effect with an animated influence, without strips of a linked file."""
     data = effect.animation_data
     # Strips of a linked file are read-only in an override.
     is_override = effect.override_library is not None
@@ -120,6 +131,8 @@ def _drawn_strips(effect: bpy.types.Object) -> list[bpy.types.NlaStrip]:
 
 
 def _store_spans(effect: bpy.types.Object) -> None:
+    """Store the spans of the clips with drawn fades, by name, if changed; without any such clip the
+    ID property is removed."""
     spans = {strip.name: [strip.frame_start, strip.frame_end] for strip in _drawn_strips(effect)}
     if has_drawn_fades(effect) and effect[_SPANS].to_dict() == spans:
         return
@@ -129,19 +142,9 @@ def _store_spans(effect: bpy.types.Object) -> None:
         del effect[_SPANS]
 
 
-def _is_half(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
-    """Test for another clip with drawn fades and the same action that ends or starts where
-    ``strip`` starts or ends, as after a split.
-    """
-    return any(
-        half != strip
-        and half.action == strip.action
-        and (half.frame_start == strip.frame_end or half.frame_end == strip.frame_start)
-        for half in _drawn_strips(effect)
-    )
-
-
 def _fit(curve: bpy.types.FCurve, old: Sequence[float], new: Sequence[float]) -> None:
+    """Map the keys and handles of a curve linearly from span ``old`` (first, last frame) to
+    ``new``; nothing for an ``old`` span without length."""
     if old[1] <= old[0]:
         return
     # Blender moves the strip, not the curve: frames are mapped linearly from old to new span.

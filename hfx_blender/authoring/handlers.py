@@ -16,8 +16,7 @@ from bpy.app.handlers import persistent
 
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.stored_values import stored_at
-from . import drawn_fades
-from .areas import painting
+from . import drawn_fades, painting
 from .effects import effects, model_migration
 from .surfaces import surface_updates
 

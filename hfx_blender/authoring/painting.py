@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import bmesh
 import bpy
 
-from ...engine.body.parts import PARTS, SIDES
-from ...errors import InputError
-from ...files import resources
-from ...files.atomic import amend_json
-from ..effects import effects
+from ..engine.body.parts import PARTS, SIDES
+from ..errors import InputError
+from ..files import resources
+from ..files.atomic import amend_json
+from .effects import effects
 
 if TYPE_CHECKING:
-    from ...engine.arrays import F64, Bool
-    from ...engine.body.model import PerceptualModel
+    from ..engine.arrays import F64, Bool
+    from ..engine.body.model import PerceptualModel
 
 
 GROUP = "hfx"
@@ -37,7 +37,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
     Raises InputError: the effect has a canvas already, or no body in the scene.
     """
-    from ...avatars import model_mesh, stored_fits
+    from ..avatars import model_mesh, stored_fits
 
     if canvas_of(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
@@ -127,8 +127,8 @@ def transfer_area(effect: bpy.types.Object) -> int:
     """
     import numpy as np
 
-    from ...engine.body import areas
-    from ...engine.body.model import load_model
+    from ..engine.body import areas
+    from ..engine.body.model import load_model
 
     source = load_model(effect.hfx.model_id)
     if source.content_hash != effect.hfx.model_hash:
@@ -207,7 +207,7 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     """
     import numpy as np
 
-    from ...engine.body.regions import region_weights
+    from ..engine.body.regions import region_weights
 
     model = effects.model_of(effect)
     layers = [region_weights(model, part, side) for part in parts]
@@ -292,8 +292,8 @@ def add_saved(effect: bpy.types.Object, name: str) -> int:
     """
     import numpy as np
 
-    from ...engine.body import areas
-    from ...engine.body.model import load_model
+    from ..engine.body import areas
+    from ..engine.body.model import load_model
 
     model = effects.model_of(effect)
     try:

@@ -7,15 +7,15 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ...avatars import avatar_meshes, body_binding
-from ...blender import mesh_arrays
-from ...engine.arrays import F64
-from ...engine.body import areas
-from ...engine.scene import SurfaceAnchors
-from ...errors import InputError
-from ..effects import effects
-from ..surfaces import surface_uv
-from ..surfaces.image_values import pixels_of
+from ..avatars import avatar_meshes, body_binding
+from ..blender import mesh_arrays
+from ..engine.arrays import F64
+from ..engine.body import areas
+from ..engine.scene import SurfaceAnchors
+from ..errors import InputError
+from .effects import effects
+from .surfaces import surface_uv
+from .surfaces.image_values import pixels_of
 
 
 def weights_of_image(
@@ -28,7 +28,18 @@ def weights_of_image(
     such map, or the image has no pixels.
     """
     body, anchors = _anchors(effect)
-    pixels = _pixels(image, channel)
+    colours = pixels_of(image)
+    if channel == "alpha":
+        if image.channels < 4:
+            raise InputError(f"Image '{image.name}' has no alpha channel.")
+        pixels = colours[..., 3].astype(np.float64)
+    else:
+        is_grey = image.channels < 3
+        luma = colours[..., 0] if is_grey else colours[..., :3] @ [0.2126, 0.7152, 0.0722]
+        # HDR images may hold values above 1, and NaN.
+        pixels = np.clip(np.nan_to_num(luma.astype(np.float64)), 0.0, 1.0)
+        if channel == "darkness":
+            pixels = 1.0 - pixels
     corner_uv = _corner_uvs(avatar_meshes.meshes_of(body), uv_map, anchors.corners)
     uv = np.einsum("vc,vci->vi", anchors.weights, corner_uv)
     return areas.from_image(pixels, uv)
@@ -49,23 +60,14 @@ def weights_of_selection(effect: bpy.types.Object) -> F64:
 
 
 def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors]:
+    """Body of an effect, and the avatar's triangles under the vertices of the effect's model.
+    Raises InputError without a body or without an avatar."""
     body = effect.hfx.body
     if body is None:
         raise InputError(f"'{effect.name}' has no body; choose one first.")
     if body.hfx.avatar is None:
         raise InputError(f"Body '{body.name}' has no mesh; add the haptic body with one selected.")
     return body, body_binding.anchors_of(body, effects.model_id_for(effect.hfx.modality))
-
-
-def _pixels(image: bpy.types.Image, channel: str) -> F64:
-    colours = pixels_of(image)
-    if channel == "alpha":
-        if image.channels < 4:
-            raise InputError(f"Image '{image.name}' has no alpha channel.")
-        return colours[..., 3].astype(np.float64)
-    luma = colours[..., :3] @ [0.2126, 0.7152, 0.0722] if image.channels >= 3 else colours[..., 0]
-    brightness = np.clip(np.nan_to_num(luma.astype(np.float64)), 0.0, 1.0)
-    return 1.0 - brightness if channel == "darkness" else brightness
 
 
 def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:

@@ -107,9 +107,16 @@ def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
         for x, y in ((r, 0.0), (0.0, r), (-r, 0.0), (0.0, -r)):
             loops.append([(x, y, -half), (x, y, half)])
     else:
-        half = max(half - r, 0.0)
+        half = max(half - r, 0.0)  # of the capsule's cylinder
         loops = [_ring(r, "xy", z) for z in (-half, half)]
-        loops += [_outline(r, half, axis) for axis in "xy"]
+        # Two closed outlines of half circles: the first and last angle of each half stand twice, at
+        # both ends of the cylinder's sides.
+        halves = [(k, half) for k in range(_SEGMENTS // 2 + 1)]
+        halves += [(k - 1, -half) for k in range(_SEGMENTS // 2 + 1, _SEGMENTS + 2)]
+        turns = [(2 * pi * k / _SEGMENTS, end) for k, end in halves]
+        outline = [(r * cos(angle), r * sin(angle) + end) for angle, end in turns]
+        loops.append([(across, 0.0, along) for across, along in outline])
+        loops.append([(0.0, across, along) for across, along in outline])
     points: list[_Point] = []
     edges: list[_Edge] = []
     for loop in loops:
@@ -121,21 +128,11 @@ def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
 
 
 def _ring(radius: float, axes: str, height: float = 0.0) -> list[_Point]:
+    """Circle of 32 points in the plane of two ``axes`` such as "xy", at ``height`` on the third."""
     points = []
     for k in range(_SEGMENTS):
         point = dict.fromkeys("xyz", height)
         point[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
         point[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
         points.append((point["x"], point["y"], point["z"]))
-    return points
-
-
-def _outline(radius: float, half: float, axis: str) -> list[_Point]:
-    """Closed outline of a capsule, ``half`` its cylinder's half height, in the plane ``axis``-Z."""
-    points = []
-    for k in range(_SEGMENTS + 2):
-        upper = k <= _SEGMENTS // 2
-        angle = 2 * pi * (k if upper else k - 1) / _SEGMENTS
-        across, along = radius * cos(angle), radius * sin(angle) + (half if upper else -half)
-        points.append((across, 0.0, along) if axis == "x" else (0.0, across, along))
     return points

@@ -88,12 +88,9 @@ def _paths_of(blend: Path) -> list[tuple[str, Path]]:
     except faults:
         return []
     folder = os.path.dirname(os.path.abspath(blend))
-    return [(kind, Path(_absolute(path, folder))) for kind, path in paths]
-
-
-def _absolute(path: str, folder: str) -> str:
-    """Absolute form of a stored path; ``//`` begins a path relative to the .blend."""
-    return os.path.normpath(os.path.join(folder, path[2:]) if path.startswith("//") else path)
+    # A path that begins with // is relative to the folder of the .blend.
+    stored = ((k, os.path.join(folder, p[2:]) if p.startswith("//") else p) for k, p in paths)
+    return [(kind, Path(os.path.normpath(path))) for kind, path in stored]
 
 
 def _opened(blend: Path) -> BinaryIO:
@@ -139,6 +136,7 @@ def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes,
 
 
 def _exactly(file: BinaryIO, count: int) -> bytes:
+    """Next ``count`` bytes of a file; raises EOFError if fewer are left, or above 16 MiB."""
     content = file.read(count) if count <= _LARGEST else b""
     if len(content) != count:
         raise EOFError

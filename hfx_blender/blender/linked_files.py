@@ -10,7 +10,9 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import bpy
@@ -36,13 +38,19 @@ def linked_files() -> dict[str, LinkedFile]:
     folder is moved as a whole. An absolute path is the name itself.
     """
     files: dict[str, LinkedFile] = {}
-    for owner, raw, must_be in _paths():
+    listed = _paths_listed_by_blender(), _paths_of_objects(), _paths_of_nodes(), _paths_of_caches()
+    for owner, raw, must_be in chain(*listed):
         path = Path(bpy.path.abspath(raw, library=owner.library))
-        # A sequence names a file of many; the digits become a placeholder.
-        if _is_sequence(owner, path):
+        # A numbered sequence names one file of many. The last digits become a placeholder.
+        is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
+        if is_row and re.search(r"\d", path.name):
             path = path.with_name(re.sub(r"\d+(?=\D*$)", FRAMES, path.name, count=1))
         user = f"{owner.bl_rna.name.lower()} '{owner.name}'"
-        name = _name_of(raw, path)
+        name = str(path)
+        if raw.startswith("//") and bpy.data.filepath:
+            with suppress(ValueError):  # a path on another drive stays absolute
+                relative = os.path.relpath(path, Path(bpy.data.filepath).parent)
+                name = "//" + Path(relative).as_posix()
         must_be = must_be or (name in files and files[name].must_be)
         files[name] = LinkedFile(path, user, must_be)
     return dict(sorted(files.items()))
@@ -103,16 +111,9 @@ _Path = tuple[bpy.types.ID, str, bool]
 """Datablock with a path, the path as stored, and a flag for files that must exist."""
 
 
-def _paths() -> Iterator[_Path]:
-    """Paths of all external files, with repetitions."""
-    yield from _paths_listed_by_blender()
-    yield from _paths_of_objects()
-    yield from _paths_of_nodes()
-    yield from _paths_of_caches()
-
-
 def _paths_listed_by_blender() -> Iterator[_Path]:
-    # Blender lists bake folders too, which need not exist.
+    """Yield the paths of Blender's own list, without texts and packed files. Folders of bakes and
+    point caches are listed too, and need not exist."""
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj in bpy.data.objects
@@ -189,19 +190,3 @@ def _folders_of(obj: bpy.types.Object) -> set[str]:
         if system.point_cache.use_external:
             folders.add(system.point_cache.filepath)
     return folders - {""}
-
-
-def _is_sequence(owner: bpy.types.ID, path: Path) -> bool:
-    """Test for an image or cache of a numbered sequence whose file name has a digit."""
-    is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
-    return bool(is_row) and re.search(r"\d", path.name) is not None
-
-
-def _name_of(raw: str, path: Path) -> str:
-    if not raw.startswith("//") or not bpy.data.filepath:
-        return str(path)
-    try:
-        relative = os.path.relpath(path, Path(bpy.data.filepath).parent)
-    except ValueError:  # on another drive
-        return str(path)
-    return "//" + Path(relative).as_posix()

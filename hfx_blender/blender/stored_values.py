@@ -75,6 +75,8 @@ def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ..
 def _bad_of(
     group: bpy.types.PropertyGroup, stored: Mapping[str, Any], prefix: str
 ) -> Iterator[BadValue]:
+    """Yield the bad values among the ``stored`` values of a group and its nested groups, paths
+    after ``prefix``; values of unknown names are ignored."""
     for definition in group.bl_rna.properties:
         name, kind = definition.identifier, definition.type
         if name == "rna_type" or name not in stored:
@@ -101,15 +103,13 @@ def _bad_of(
                 taken = None if isinstance(value, bpy.types.ID) else "none"
                 yield BadValue(path, _described(value), f"a datablock {id_type}", taken)
         elif kind == "COLLECTION":
-            yield from _bad_entries(getattr(group, name), value, path)
-
-
-def _bad_entries(entries: Any, stored: Any, path: str) -> Iterator[BadValue]:
-    if not isinstance(stored, list) or len(stored) != len(entries):
-        yield BadValue(path, _described(stored), "a list of entries", "an empty list")
-        return
-    for k, (entry, stored_entry) in enumerate(zip(entries, stored, strict=True)):
-        yield from _bad_of(entry, stored_entry, f"{path}[{k}].")
+            # RNA may show fewer entries than a damaged list stores, so lengths are compared first.
+            entries = getattr(group, name)
+            if not isinstance(value, list) or len(value) != len(entries):
+                yield BadValue(path, _described(value), "a list of entries", "an empty list")
+                continue
+            for k, (entry, stored_entry) in enumerate(zip(entries, value, strict=True)):
+                yield from _bad_of(entry, stored_entry, f"{path}[{k}].")
 
 
 def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadValue | None:
@@ -143,16 +143,20 @@ def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadVal
 
 
 def _is_within(definition: bpy.types.Property, value: float) -> bool:
+    """Test for a finite number within a property's hard limits, up to float32 rounding."""
     low, high = definition.hard_min, definition.hard_max
     rounding = 1e-6 * max(abs(value), 1e-30)  # limits are 32-bit floats, a value may have 64
     return math.isfinite(value) and low - rounding <= value <= high + rounding
 
 
 def _nearest(definition: bpy.types.Property, value: float) -> float:
+    """Value clamped to a property's hard limits."""
     return min(max(value, definition.hard_min), definition.hard_max)
 
 
 def _allowed(definition: bpy.types.Property) -> str:
+    """Allowed values of a number or menu property, for messages; "a finite number" without
+    limits."""
     if definition.type == "ENUM":
         return "one of " + ", ".join(item.identifier for item in definition.enum_items)
     if definition.type == "BOOLEAN":
@@ -166,6 +170,8 @@ def _allowed(definition: bpy.types.Property) -> str:
 
 
 def _described(value: Any) -> str:
+    """Stored value for messages: text (40 letters), datablock, number, length of a list, or "of
+    another kind"."""
     if isinstance(value, str):
         return f"the text '{value[:40]}'"
     if isinstance(value, bpy.types.ID):

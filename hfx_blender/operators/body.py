@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..authoring.areas import painting
+from ..authoring import painting
 from ..authoring.effects import effects
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES

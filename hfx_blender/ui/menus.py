@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import clips
-from ..authoring.areas import painting
+from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
 from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import active_armature, active_body, active_effect

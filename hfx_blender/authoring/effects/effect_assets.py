@@ -68,21 +68,17 @@ def nearest_body(
 
     (None, inf) without a body.
     """
-    nearest: tuple[bpy.types.Object | None, float] = (None, float("inf"))
-    for body in effects.bodies_of(scene):
-        objects = avatar_meshes.meshes_of(body) or [body]
-        distance = min(_distance(obj, point) for obj in objects)
-        if distance < nearest[1]:
-            nearest = body, distance
-    return nearest
-
-
-def _distance(obj: bpy.types.Object, point: Sequence[float]) -> float:
-    """Distance of a point from an object's bounding box, world axes; 0 inside."""
     import numpy as np
 
     from ...blender import mesh_arrays
 
     position = np.array(point, np.float64)
-    box = mesh_arrays.world_box(obj)
-    return float(np.linalg.norm(position - np.clip(position, box[0], box[1])))
+    nearest: tuple[bpy.types.Object | None, float] = (None, float("inf"))
+    for body in effects.bodies_of(scene):
+        for obj in avatar_meshes.meshes_of(body) or [body]:
+            # The nearest point of a box is the point clipped to the box; 0 inside.
+            lowest, highest = mesh_arrays.world_box(obj)
+            distance = float(np.linalg.norm(position - np.clip(position, lowest, highest)))
+            if distance < nearest[1]:
+                nearest = body, distance
+    return nearest

@@ -18,8 +18,7 @@ from ...engine.body.model import load_model
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
-from .. import clips, drawn_fades, responses
-from ..areas import painting
+from .. import clips, drawn_fades, painting, responses
 from ..paths import paths, vector_sensations
 from . import effects, model_migration, swarms
 from .effect_file import (
@@ -60,15 +59,8 @@ def place_sensation(
 ) -> list[bpy.types.Object]:
     """Add all effects of a sensation to a scene; nothing is added if an error is raised.
 
-    Parameters
-    ----------
-    body : bpy.types.Object, optional
-        Body of painted effects, points and vectors.
-    frame : float
-        Frame of time 0 of clips and paths.
-    origin : (3,)
-        World position of the volumes' origin, Blender units.
-
+    ``body`` is the body of painted effects, points and vectors, ``frame`` the frame of time 0 of
+    clips and paths, ``origin`` (3,) the world position of the volumes' origin in Blender units.
     Raises InputError: a body is missing, or an area was painted on another model.
     """
     # All checks come first, as a failed effect must not leave an incomplete sensation.
@@ -86,7 +78,11 @@ def place_sensation(
         elif isinstance(recipe.where, SpotRecipe):
             assert body is not None
             effect = paths.add_spot(scene, recipe.modality, body, name)
-            _apply_spot(scene, effect, recipe.where, frame)
+            spot = recipe.where
+            effect.hfx.radius = spot.radius_m / metres_of(scene)
+            effect.hfx.falloff, effect.hfx.falloff_share = spot.falloff, spot.falloff_share
+            effect.hfx.path_position = spot.position
+            paths.apply(scene, effect, spot.path, frame)
         elif isinstance(recipe.where, ActuatorsRecipe):
             assert body is not None
             effect = vector_sensations.add_named(
@@ -177,16 +173,6 @@ def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
     return areas.smooth(model, is_in_parts.astype(np.float64), where.smooth)
 
 
-def _apply_spot(
-    scene: bpy.types.Scene, effect: bpy.types.Object, spot: SpotRecipe, frame: float
-) -> None:
-    effect.hfx.radius = spot.radius_m / metres_of(scene)
-    effect.hfx.falloff = spot.falloff
-    effect.hfx.falloff_share = spot.falloff_share
-    effect.hfx.path_position = spot.position
-    paths.apply(scene, effect, spot.path, frame)
-
-
 def _apply_volume(
     scene: bpy.types.Scene,
     effect: bpy.types.Object,
@@ -228,11 +214,12 @@ def sensation_of(
         raise InputError("Select the effects to save first.")
     fps = fps_of(scene)
     starts = [strip.frame_start for obj in chosen for _, strip in clips.strips_of(obj)]
+    animated = ("hfx.drive[", "hfx.response[")  # besides location and path position
     starts += [
         key.co[0]
         for obj in chosen
         for curve in compat.fcurves(obj)
-        if _is_animation(curve)
+        if curve.data_path in ("location", paths.POSITION) or curve.data_path.startswith(animated)
         for key in curve.keyframe_points
     ]
     starts += [
@@ -241,8 +228,22 @@ def sensation_of(
     # Time 0 of the file is the first event of the selection.
     first = min(starts, default=0.0)
     origin_m = [x * metres_of(scene) for x in origin]
-    recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
-    return Sensation(name, "", tuple(_relative_to(recipe, origin_m) for recipe in recipes))
+    recipes = []
+    for effect in chosen:
+        hfx = effect.hfx
+        controls = MODALITIES[hfx.modality].controls
+        strips = clips.strips_of(effect)
+        recipe = EffectRecipe(
+            name=effect.name,
+            modality=hfx.modality,
+            parameters={c.name: float(getattr(hfx, c.prop)) for c in controls},
+            where=_where_recipe(scene, effect, first, fps),
+            intensity=float(hfx.intensity),
+            temperature_reference=hfx.temperature_reference,
+            clips=tuple(_clip_recipe(effect, strip, first, fps) for _, strip in strips),
+        )
+        recipes.append(_relative_to(recipe, origin_m))
+    return Sensation(name, "", tuple(recipes))
 
 
 def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
@@ -264,33 +265,22 @@ def _relative_to(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecip
     return replace(recipe, where=where)
 
 
-def _recipe(
-    scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
-) -> EffectRecipe:
-    hfx = effect.hfx
-    controls = MODALITIES[hfx.modality].controls
-    return EffectRecipe(
-        name=effect.name,
-        modality=hfx.modality,
-        parameters={c.name: float(getattr(hfx, c.prop)) for c in controls},
-        where=_where_recipe(scene, effect, first, fps),
-        intensity=float(hfx.intensity),
-        temperature_reference=hfx.temperature_reference,
-        clips=tuple(
-            _clip_recipe(effect, strip, first, fps) for _, strip in clips.strips_of(effect)
-        ),
-    )
-
-
 def _where_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
 ) -> PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe:
+    """Area, volume, spot or actuators of an effect, times in seconds from frame ``first``. Raises
+    InputError for a surface, and for a volume with the shape of a mesh."""
     if effect.hfx.kind == "SURFACE":
         raise InputError(
             f"'{effect.name}' is a surface, which stays with its object; export its map instead."
         )
     if effect.hfx.kind == "PAINTED":
-        return _area_recipe(effect)
+        weights = painting.weights_of(effect)
+        vertices = np.flatnonzero(weights > 0.0)
+        model = effects.model_of(effect)
+        rounded = (round(weight, 6) for weight in weights[vertices].tolist())
+        painted = tuple(vertices.tolist())
+        return VertexArea(model.id, model.content_hash, painted, tuple(rounded))
     if effect.hfx.kind == "SPOT":
         path = paths.recipe_of(scene, effect, "")
         return SpotRecipe(
@@ -304,18 +294,6 @@ def _where_recipe(
         curves = vector_sensations.curves_of(effect, first, fps)
         return ActuatorsRecipe(effect.hfx.device, curves)
     return _volume_recipe(scene, effect, first, fps)
-
-
-def _area_recipe(effect: bpy.types.Object) -> VertexArea:
-    weights = painting.weights_of(effect)
-    vertices = np.flatnonzero(weights > 0.0)
-    model = effects.model_of(effect)
-    return VertexArea(
-        model.id,
-        model.content_hash,
-        tuple(vertices.tolist()),
-        tuple(round(float(weight), 6) for weight in weights[vertices]),
-    )
 
 
 def _volume_recipe(
@@ -356,12 +334,6 @@ def _volume_recipe(
         response=responses.response_recipe(effect, unit_m, first, fps),
         swarm=swarms.swarm_recipe(scene, effect, unit_m, first, fps),
     )
-
-
-def _is_animation(curve: bpy.types.FCurve) -> bool:
-    """Test that an F-curve animates location, path position, actuators or contact response."""
-    path = curve.data_path
-    return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 
 
 def _clip_recipe(

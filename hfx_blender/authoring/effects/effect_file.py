@@ -307,7 +307,14 @@ def from_text(text: str) -> Sensation:
 
 def text_of(sensation: Sensation) -> str:
     """JSON text of a sensation in the format of effect files, indented, with a final newline."""
-    return json.dumps(_document(sensation), indent=1) + "\n"
+    document = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": sensation.name,
+        **({"description": sensation.description} if sensation.description else {}),
+        "effects": [_effect_document(effect) for effect in sensation.effects],
+    }
+    return json.dumps(document, indent=1) + "\n"
 
 
 def _read(node: Node) -> Sensation:
@@ -352,17 +359,9 @@ def where_of(effect: EffectRecipe) -> str:
     return kinds[type(effect.where)]
 
 
-def _document(sensation: Sensation) -> dict[str, Any]:
-    return {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "name": sensation.name,
-        **({"description": sensation.description} if sensation.description else {}),
-        "effects": [_effect_document(effect) for effect in sensation.effects],
-    }
-
-
 def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
+    """JSON object of an effect. Members of a volume that its shape does not have, and empty
+    responses, swarms, paths and curves of clips, are left out."""
     where = effect.where
     document: dict[str, Any] = {
         "name": effect.name,

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...blender import compat
 from ...blender.scene_info import fps_of
-from ...engine.body.model import PerceptualModel, load_model
+from ...engine.body.model import load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
 from ...files.strict_json import read_bytes
@@ -128,18 +128,30 @@ def _add_effects(
     animated from ``frame``. ``is_own``: HFX wrote the file, so its vertices are those of a model.
     """
     model = load_model(effects.model_id_for(modality))
-    vertices = _vertices(envelope, model, is_own)
-    # Strength is unsigned: warmth and cold are separate effects.
+    if is_own and envelope.vertices:
+        vertices = sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})
+    else:
+        # Without own vertices the body part mask selects an area.
+        masks = vertex_masks(model) & np.uint32(envelope.body_part_mask or _WHOLE_BODY)
+        vertices = np.flatnonzero(masks).tolist()
+    # An intensity is unsigned: warmth and cold are separate effects. Keyframes at zero crossings
+    # let each begin where the other ends.
+    crossed = with_crossings(envelope.strength, 0.0)
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
     created = []
     for sign in signs:
-        curve = _positive_part(envelope.strength, sign)
+        curve = Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
         peak = float(curve.values.max())
         if peak <= 0.0:
             continue
         effect = effects.add_painted(scene, modality, body, envelope.channel)
         effects.set_area(effect, vertices, [1.0] * len(vertices))
-        _set_strength(effect, modality, sign, peak, envelope.full_scale)
+        full = envelope.full_scale
+        if modality == "temperature":
+            effect.hfx.temperature = AMBIENT_NEUTRAL_C + sign * peak * (full or _WARMER_K)
+        else:
+            strength = MODALITIES[modality].strength_parameter.prop
+            setattr(effect.hfx, strength, peak * (full or getattr(effect.hfx, strength)))
         _animate(scene, effect, "hfx.intensity", Curve(curve.times_s, curve.values / peak), frame)
         if envelope.frequency_hz is not None:
             effect.hfx.frequency = float(envelope.frequency_hz.values[0])
@@ -149,33 +161,10 @@ def _add_effects(
     return created
 
 
-def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[int]:
-    if is_own and envelope.vertices:
-        return sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})
-    # Without own vertices the body part mask selects an area.
-    masks = vertex_masks(model)
-    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask or _WHOLE_BODY)).tolist()
-
-
-def _positive_part(curve: Curve, sign: float) -> Curve:
-    """Curve times ``sign``, negative values as 0, with keyframes added at zero crossings."""
-    crossed = with_crossings(curve, 0.0)
-    return Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
-
-
-def _set_strength(
-    effect: bpy.types.Object, modality: str, sign: float, peak: float, full: float | None
-) -> None:
-    name = MODALITIES[modality].strength_parameter.prop
-    if modality == "temperature":
-        effect.hfx.temperature = AMBIENT_NEUTRAL_C + sign * peak * (full or _WARMER_K)
-    else:
-        setattr(effect.hfx, name, peak * (full or getattr(effect.hfx, name)))
-
-
 def _animate(
     scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
 ) -> None:
+    """Replace the keyframes of a property by a curve, with time 0 s at ``frame``."""
     fps = fps_of(scene)
     keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
     compat.set_keys(compat.own_fcurve(effect, path, ""), keys)

@@ -61,9 +61,14 @@ def add_rain(
     remove(body, name)
     model = load_model(effects.model_id_for("vibration"))
     generator = random.Random(seed)
-    centres = model.vertices[
-        _nearest_order(model, _draw_vertices(model, min(count, MAX_PLACES), generator))
-    ]
+    remaining = _draw_vertices(model, min(count, MAX_PLACES), generator)
+    # Each position is followed by the nearest remaining one: short jumps keep the path, and so its
+    # storage, short.
+    ordered = [remaining.pop(0)]
+    while remaining:
+        distances = np.linalg.norm(model.vertices[remaining] - model.vertices[ordered[-1]], axis=1)
+        ordered.append(remaining.pop(int(np.argmin(distances))))
+    centres = model.vertices[ordered]
     knots = paths.skin().on_skin(centres.astype(np.float64))
     path, shares = paths.skin().traced(knots)
     times = sorted(generator.uniform(0.0, duration_s) for _ in range(count))
@@ -127,16 +132,6 @@ def _add_clip(
         profile=levels,
         curves={paths.POSITION: positions},
     )
-
-
-def _nearest_order(model: PerceptualModel, vertices: list[int]) -> list[int]:
-    """Order vertex ids from the first: each is followed by the nearest remaining vertex."""
-    ordered, remaining = vertices[:1], vertices[1:]
-    # Short jumps keep the path, and so its storage, short.
-    while remaining:
-        distances = np.linalg.norm(model.vertices[remaining] - model.vertices[ordered[-1]], axis=1)
-        ordered.append(remaining.pop(int(np.argmin(distances))))
-    return ordered
 
 
 def remove(body: bpy.types.Object, name: str) -> int:

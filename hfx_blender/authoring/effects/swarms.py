@@ -74,17 +74,20 @@ def swarm_recipe(
     systems = emitters(scene, effect)
     if not systems:
         return None
+    from ...blender import mesh_arrays  # needs numpy, which Blender's start does not
+
     emitter, system = systems[0]
     settings = system.settings
-    centre, radii = _extent(emitter)
+    lowest, highest = mesh_arrays.world_box(emitter)
+    centre, radii = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
     return SwarmRecipe(
         count=settings.count,
         seed=system.seed,
         born_from_s=(settings.frame_start - first) / fps,
         born_until_s=(settings.frame_end - first) / fps,
         lifetime_s=settings.lifetime / fps,
-        location_m=tuple(unit_m * x for x in centre),  # type: ignore[arg-type]
-        radii_m=tuple(unit_m * x for x in radii),  # type: ignore[arg-type]
+        location_m=tuple(unit_m * x for x in centre.tolist()),  # type: ignore[arg-type]
+        radii_m=tuple(unit_m * x for x in radii.tolist()),  # type: ignore[arg-type]
         normal_speed_m_s=settings.normal_factor * unit_m,
         random_speed_m_s=settings.factor_random * unit_m,
         brownian=settings.brownian_factor,
@@ -92,14 +95,6 @@ def swarm_recipe(
         damping=settings.damping,
         gravity=settings.effector_weights.gravity,
     )
-
-
-def _extent(emitter: bpy.types.Object) -> tuple[list[float], list[float]]:
-    """Centre and half edge lengths of an object's bounding box, world axes."""
-    from ...blender import mesh_arrays  # needs numpy, which Blender's start does not
-
-    lowest, highest = mesh_arrays.world_box(emitter)
-    return (0.5 * (lowest + highest)).tolist(), (0.5 * (highest - lowest)).tolist()
 
 
 def add_swarm(

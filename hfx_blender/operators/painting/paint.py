@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
-from ...authoring.areas import painting
+from ...authoring import painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...engine.body.parts import REGIONS, SIDES
@@ -286,7 +286,7 @@ class HFX_OT_area_from_image(_PaintedOperator):
         layout.prop(self, "uv_map")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.areas import picture_areas
+        from ...authoring import picture_areas
 
         effect = painted_effect(context)
         picture = bpy.data.images.get(self.image)
@@ -307,7 +307,7 @@ class HFX_OT_area_from_selection(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
 
-        from ...authoring.areas import picture_areas
+        from ...authoring import picture_areas
 
         effect = painted_effect(context)
         if painting.canvas_of(effect) is not None:

@@ -18,7 +18,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from idprop.types import IDPropertyGroup
 from mathutils import Vector
 
-from ...authoring.areas import painting
+from ...authoring import painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...blender.events import add_handlers, call_soon, remove_handlers

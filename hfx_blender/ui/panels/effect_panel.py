@@ -6,8 +6,8 @@ from __future__ import annotations
 import bpy
 
 from ...authoring import responses
-from ...authoring.areas.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.effects import effects
+from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
 from ...engine.modality import MODALITIES
