@@ -83,10 +83,8 @@ def add_heartbeat(
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """Add a clip of a heartbeat: a strong and a weak pulse per beat.
-
-    The clip has 1 or more whole beats, and ends near ``frame_end``.
-    """
+    """Add a clip of a heartbeat: a strong and a weak pulse per beat. The clip has 1 or more whole
+    beats, and ends near ``frame_end``."""
     scene = bpy.context.scene
     fps = fps_of(scene)
     beat = 60.0 * fps / beats_per_minute
@@ -105,10 +103,8 @@ def add_heartbeat(
 
 
 def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
-    """Activation over a clip as (frame, value), with repetitions, fades and drawn fades.
-
-    There are ``count`` evenly spaced frames from start to end of the clip, and the keyframes.
-    """
+    """Activation over a clip as (frame, value), with repetitions, fades and drawn fades. There are
+    ``count`` evenly spaced frames from start to end of the clip, and the keyframes."""
     curve = curve_in(strip, DATA_PATH)
     influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
     start, length = strip.frame_start, strip.frame_end - strip.frame_start
@@ -146,10 +142,8 @@ def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
 
 
 def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
-    """Keyframes (scene frame, value) of a property in all repetitions of a clip.
-
-    Empty for a property without an F-curve, and for a reversed clip.
-    """
+    """Keyframes (scene frame, value) of a property in all repetitions of a clip. Empty for a
+    property without an F-curve, and for a reversed clip."""
     curve = curve_in(strip, data_path)
     if curve is None or strip.use_reverse:
         return []
@@ -167,8 +161,7 @@ def keys_in(strip: bpy.types.NlaStrip, data_path: str) -> list[Key]:
 
 def _action_frame(strip: bpy.types.NlaStrip, offset: float) -> float:
     """Frame in a strip's action at ``offset`` frames after the strip's start, by scale, repetitions
-    and reversal; the strip's end is the end of the last repetition.
-    """
+    and reversal; the strip's end is the end of the last repetition."""
     length = max(strip.action_frame_end - strip.action_frame_start, 1e-6)
     played = offset / max(strip.scale, 1e-6)
     # The last repetition may be cut; the end belongs to that repetition.
@@ -185,10 +178,8 @@ def _fade(offset: float, fade: float) -> float:
 
 
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
-    """Copy the clips of an effect to another effect at the same times; return their number.
-
-    Raises InputError for a meta strip, before any clip is copied.
-    """
+    """Copy the clips of an effect to another effect at the same times; return their number. Raises
+    InputError for a meta strip, before any clip is copied."""
     copied = strips_of(source)
     # Profiles first: a meta strip must raise before anything is copied.
     profiles = [profile_of(source, strip) for _, strip in copied]
@@ -209,9 +200,8 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
 
 
 def profile_of(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> list[Key]:
-    """Keyframes (frame of the action, activation) of a clip; empty without an F-curve.
-    Raises InputError: the clip is a meta strip.
-    """
+    """Keyframes (frame of the action, activation) of a clip; empty without an F-curve. Raises
+    InputError: the clip is a meta strip."""
     if strip.action is None:
         raise InputError(
             f"Clip '{strip.name}' of '{effect.name}' is a group of clips; take it apart first "
@@ -232,10 +222,8 @@ def outside(
     start: float, end: float, first: float, stop: float, tolerance: float = 0.0
 ) -> str | None:
     """Part of a span of frames outside of the frames from ``first`` up to, not including, ``stop``.
-
     "before" or "after" for the whole span; "early" for the beginning; "beyond" for an end that
-    exceeds ``stop`` by more than ``tolerance``; None for no part.
-    """
+    exceeds ``stop`` by more than ``tolerance``; None for no part."""
     if end <= first - _ROUNDING:
         return "before"
     if start >= stop - _ROUNDING:
@@ -247,8 +235,7 @@ def outside(
 
 def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | None:
     """Part of a clip's played frames outside of a scene's, as of :func:`outside`; an end beyond by
-    less than a sample is allowed. None also for a clip that is muted or extrapolated.
-    """
+    less than a sample is allowed. None also for a clip that is muted or extrapolated."""
     if strip.mute or strip.extrapolation != "NOTHING":
         return None
     start, end = played_span(scene, strip.frame_start, strip.frame_end)
@@ -259,10 +246,8 @@ def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | No
 
 
 def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) -> bool:
-    """Extend a scene's frame range to include the clips of effects.
-
-    Returns False if a clip is still outside, as no scene starts before frame 0.
-    """
+    """Extend a scene's frame range to include the clips of effects. Returns False if a clip is
+    still outside, as no scene starts before frame 0."""
     strips = [strip for effect in effects for _, strip in strips_of(effect)]
     # Only clips outside change the range: a scene is never shortened.
     for strip in strips:
@@ -287,10 +272,8 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:
-    """Remove a clip, and the track if empty then.
-
-    Raises InputError: the effect has no clip of that name, or the clip belongs to a linked file.
-    """
+    """Remove a clip, and the track if empty then. Raises InputError: the effect has no clip of that
+    name, or the clip belongs to a linked file."""
     for track, strip in strips_of(effect):
         if strip.name == name:
             if _is_of_library(effect, track):
@@ -308,8 +291,7 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
     """Lowest track of an effect with no strip, muted or not, in a span of frames; else a new track
     "Clips" on top. Strips may touch the span. Tracks of a linked file are passed over. The effect
-    must have animation data.
-    """
+    must have animation data."""
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):

@@ -88,8 +88,7 @@ def has_drawn_fades(effect: bpy.types.Object) -> bool:
 
 def follow_clips(effect: bpy.types.Object) -> bool:
     """Stretch the drawn fades of an effect to changed spans of its clips, but not after a split or
-    of a linked effect; True if any moved.
-    """
+    of a linked effect; True if any moved."""
     if not has_drawn_fades(effect) or effect.library is not None:
         return False
     stored_spans = effect[_SPANS].to_dict()

@@ -23,10 +23,8 @@ _SCREEN_BEHIND = 1.5
 
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
-    """Add a sound to the scene's sequencer, and synchronise playback to sound.
-
-    Raises InputError: the file is missing or has no sound.
-    """
+    """Add a sound to the scene's sequencer, and synchronise playback to sound. Raises InputError:
+    the file is missing or has no sound."""
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
@@ -45,10 +43,8 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 
 
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
-    """Add a screen with a video or picture behind the first body, or behind the 3D cursor.
-
-    Raises InputError: the file is missing, or no picture or video.
-    """
+    """Add a screen with a video or picture behind the first body, or behind the 3D cursor. Raises
+    InputError: the file is missing, or no picture or video."""
     image = _image(path)
     screen = bpy.data.objects.new(path.stem, None)
     screen.empty_display_type = "IMAGE"
@@ -138,8 +134,7 @@ def _play(
 ) -> None:
     """Play a video from a frame on at the video's frame rate, independent of the scene's. Blender
     advances a picture per scene frame. A driver of the frame offset corrects this. The start is an
-    ID property: a driver that reads the driven image user is a dependency cycle.
-    """
+    ID property: a driver that reads the driven image user is a dependency cycle."""
     user = driven.path_resolve(user_path)
     user.frame_start = 1
     user.frame_duration = _LONGEST  # Blender's limit of frames

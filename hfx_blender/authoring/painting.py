@@ -33,10 +33,8 @@ _MOST_BYTES = 64 << 20
 
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
-    """Add a canvas for an effect: the perceptual model as a mesh, ready for Weight Paint.
-
-    Raises InputError: the effect has a canvas already, or no body in the scene.
-    """
+    """Add a canvas for an effect: the perceptual model as a mesh, ready for Weight Paint. Raises
+    InputError: the effect has a canvas already, or no body in the scene."""
     from ..avatars import model_mesh, stored_fits
 
     if canvas_of(effect) is not None:
@@ -60,8 +58,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
     """Distance of neighbouring vertices of a canvas, Blender units, from the area of ``vertex``; of
-    the median area for None or a vertex not in the model.
-    """
+    the median area for None or a vertex not in the model."""
     import numpy as np
 
     model = effects.model_of(effect)
@@ -80,8 +77,7 @@ def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
 
 def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
     """Blender units per metre on a canvas: longest box edge over that of the model, times the mean
-    scale of the object.
-    """
+    scale of the object."""
     import numpy as np
 
     size_m = float(np.ptp(model.vertices, axis=0).max())
@@ -111,8 +107,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
     """Replace an effect's area by ``weights`` (V,), stored and on a canvas; return the number of
-    weights above 0. Raises InputError, before any change, if the canvas was edited.
-    """
+    weights above 0. Raises InputError, before any change, if the canvas was edited."""
     canvas = canvas_of(effect)
     if canvas is not None:
         _read_group(effect, canvas)  # raises an error for an edited mesh
@@ -122,9 +117,7 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 def transfer_area(effect: bpy.types.Object) -> int:
     """Transfer an area to the model of the effect's present modality; return the vertex count.
-
-    Raises InputError: the area was painted on another edition of the model, or is invalid.
-    """
+    Raises InputError: the area was painted on another edition of the model, or is invalid."""
     import numpy as np
 
     from ..engine.body import areas
@@ -157,11 +150,9 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 
 def store_all_painted() -> None:
-    """Store the painted weights of every canvas, except linked canvases, as its effect's area.
-
-    The canvases stay. Where the mesh of a canvas was edited (vertex count or group changed), the
-    effect keeps the area stored before; no error is raised.
-    """
+    """Store the painted weights of every canvas, except linked canvases, as its effect's area. The
+    canvases stay. Where the mesh of a canvas was edited (vertex count or group changed), the effect
+    keeps the area stored before; no error is raised."""
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
@@ -185,8 +176,7 @@ def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def end(effect: bpy.types.Object) -> int:
     """Store the painted weights, remove the canvas and return the number of painted vertices.
-    Raises InputError: the effect has no canvas, or the canvas was edited; nothing changes then.
-    """
+    Raises InputError: the effect has no canvas, or the canvas was edited; nothing changes then."""
     canvas = canvas_of(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
@@ -286,10 +276,8 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 
 def add_saved(effect: bpy.types.Object, name: str) -> int:
     """Add a saved area to an effect's area, by the larger weight; return the number of vertices of
-    both. An area saved on another model is transferred.
-
-    Raises InputError: there is no readable area of that name, or the canvas was edited.
-    """
+    both. An area saved on another model is transferred. Raises InputError: there is no readable
+    area of that name, or the canvas was edited."""
     import numpy as np
 
     from ..engine.body import areas

@@ -47,8 +47,7 @@ def weights_of_image(
 
 def weights_of_selection(effect: bpy.types.Object) -> F64:
     """Weights (V,), 0 to 1, of an effect's vertices: barycentric mean of the selection (0 or 1) at
-    the avatar's triangle below each. InputError without a body or mesh.
-    """
+    the avatar's triangle below each. InputError without a body or mesh."""
     body, anchors = _anchors(effect)
     selected = []
     # Vertex numbers run over all meshes, as in the anchors.
@@ -72,9 +71,8 @@ def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors
 
 def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:
     """UVs (V, 3, 2) at mesh vertices ``needed`` (V, 3), three corners of a triangle each; vertex
-    numbers run over all ``meshes``. At seams the UV is that of the triangle.
-    Corners that are no triangle have the UV of any triangle at the vertex, NaN without any.
-    """
+    numbers run over all ``meshes``. At seams the UV is that of the triangle. Corners that are no
+    triangle have the UV of any triangle at the vertex, NaN without any."""
     corners, uvs, of_vertex, first = [], [], [], 0
     for obj in meshes:
         mesh = obj.data

@@ -72,11 +72,9 @@ def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
 
 
 def add_filter(effect: bpy.types.Object, kind: str) -> bpy.types.PropertyGroup:
-    """Add a filter at the end of a volume's stack and make it active; return the filter.
-
-    Named after its kind; "proximity" begins with the operation maximum at influence 0.3.
-    Raises InputError for an effect that is no volume.
-    """
+    """Add a filter at the end of a volume's stack and make it active; return the filter. Named
+    after its kind; "proximity" begins with the operation maximum at influence 0.3. Raises
+    InputError for an effect that is no volume."""
     if effect.hfx.kind != "VOLUME":
         raise InputError(f"'{effect.name}' is not a volume: it has no contact response.")
     added = effect.hfx.response.add()
@@ -115,10 +113,8 @@ def move_filter(effect: bpy.types.Object, index: int, to: int) -> None:
 
 
 def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> None:
-    """Update the data paths of F-curves and drivers to new indices of the filters.
-
-    ``new_indices`` has an item per old index; None removes the animation of that filter.
-    """
+    """Update the data paths of F-curves and drivers to new indices of the filters. ``new_indices``
+    has an item per old index; None removes the animation of that filter."""
     data = effect.animation_data
     if data is None:
         return
@@ -192,9 +188,7 @@ def add_response(
     fps: float,
 ) -> None:
     """Add a recipe's filters, with keyframes on the effect's action, to a volume without filters.
-
-    Time 0 s of the keyframes is ``frame``; lengths in metres are divided by ``unit_m``.
-    """
+    Time 0 s of the keyframes is ``frame``; lengths in metres are divided by ``unit_m``."""
     for index, recipe in enumerate(response):
         kind = FilterKind(recipe.kind)
         item = add_filter(effect, recipe.kind)

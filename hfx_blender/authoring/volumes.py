@@ -55,11 +55,9 @@ def modality_colour(modality: str) -> tuple[float, float, float, float]:
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
-    """Scale (3,) along x, y, z of the unit shape, Blender units.
-
-    Half the edges of a cuboid; radius, radius, half the height of a cylinder; three times the
-    radius of a sphere or capsule; 1 for a mesh.
-    """
+    """Scale (3,) along x, y, z of the unit shape, Blender units. Half the edges of a cuboid;
+    radius, radius, half the height of a cylinder; three times the radius of a sphere or capsule; 1
+    for a mesh."""
     import numpy as np
 
     if hfx.shape == "CUBOID":
@@ -73,10 +71,8 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
 
 
 def refresh_display(effect: bpy.types.Object) -> None:
-    """Update a volume's colour and wireframe after an edit of shape or size.
-
-    Surfaces are unchanged, as their display belongs to the user.
-    """
+    """Update a volume's colour and wireframe after an edit of shape or size. Surfaces are
+    unchanged, as their display belongs to the user."""
     hfx = effect.hfx
     if hfx.kind == "SURFACE":
         return  # an object of the user's scene

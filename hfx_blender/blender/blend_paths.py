@@ -154,8 +154,7 @@ class _Structure(NamedTuple):
 
 def _structures(dna: bytes) -> dict[int, _Structure]:
     """Layouts of the structures named in :data:`_TITLES`, by number, from the content of DNA1;
-    paths are char arrays of 768 bytes or more.
-    """
+    paths are char arrays of 768 bytes or more."""
     # SDNA: names of fields, names of types, sizes of types, then structures by number.
     file = io.BytesIO(dna[4:])
     names = _strings(file, b"NAME")
@@ -188,8 +187,7 @@ def _structures(dna: bytes) -> dict[int, _Structure]:
 
 def _numbers(file: BinaryIO, mark: bytes, layout: str) -> tuple[int, ...]:
     """Numbers by a struct layout at the next part of DNA1, which must begin with ``mark``. Parts
-    are aligned to four bytes. Raises ValueError or EOFError for damaged data.
-    """
+    are aligned to four bytes. Raises ValueError or EOFError for damaged data."""
     file.seek(-file.tell() % 4, os.SEEK_CUR)
     if _exactly(file, 4) != mark:
         raise ValueError(f"DNA1 has no {mark!r}")

@@ -22,9 +22,7 @@ GIZMOS_MAKE_UNDO_STEPS = "use_undo" in bpy.types.Gizmo.bl_rna.properties
 
 def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
     """F-curves of a datablock's assigned action and slot; empty without an action.
-
-    ``Action.fcurves`` shows only the first slot in 4.4 and is removed in 5.0.
-    """
+    ``Action.fcurves`` shows only the first slot in 4.4 and is removed in 5.0."""
     data = owner.animation_data
     if data is None or data.action is None:
         return []
@@ -125,8 +123,7 @@ def place_along_parent_bone(obj: bpy.types.Object) -> float:
 
 def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
     """Settings shared by brushes of Weight Paint, and True if their size is a diameter. Before 5.0
-    settings of the scene, and sizes are radii.
-    """
+    settings of the scene, and sizes are radii."""
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
     return (tools.unified_paint_settings, False) if unified is None else (unified, True)
@@ -181,11 +178,9 @@ def _plain(value: Any) -> object:
 
 
 def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
-    """Paths of external files as stored, by datablock.
-
-    Before 4.4 Blender lists paths without owners: owners are found by their ``filepath``, and
-    further paths (of modifiers and particles) are assigned to the first object.
-    """
+    """Paths of external files as stored, by datablock. Before 4.4 Blender lists paths without
+    owners: owners are found by their ``filepath``, and further paths (of modifiers and particles)
+    are assigned to the first object."""
     if TELLS_OWNERS_OF_PATHS:
         return bpy.data.file_path_map()
     owners = chain(

@@ -36,11 +36,9 @@ def remove_handlers(handlers: Handlers) -> None:
 def call_soon(
     function: Callable[[], Any], delay_s: float = 0.0, *, outlives_load: bool = False
 ) -> None:
-    """Call a function once by a timer, unless a timer for it is pending.
-
-    The function may return seconds until the next call, as Blender's timers; equal methods count as
-    the same function. With ``outlives_load`` the timer stays when a file is loaded.
-    """
+    """Call a function once by a timer, unless a timer for it is pending. The function may return
+    seconds until the next call, as Blender's timers; equal methods count as the same function. With
+    ``outlives_load`` the timer stays when a file is loaded."""
     if is_waiting(function):
         return
     # Blender does not report the end of a timer.
@@ -58,11 +56,8 @@ def is_waiting(function: Callable[[], Any]) -> bool:
 
 
 def push_undo_soon() -> None:
-    """Add an undo step half a second after the last call.
-
-    For properties of the window manager that change the scene, as Blender adds no step there.
-    Nothing happens in background mode.
-    """
+    """Add an undo step half a second after the last call. For properties of the window manager that
+    change the scene, as Blender adds no step there. Nothing happens in background mode."""
     global _changed_s
     _changed_s = time.monotonic()
     if not bpy.app.background:
@@ -119,8 +114,7 @@ _timers: dict[Callable[[], Any], tuple[Callable[[], Any], bool]] = {}
 @bpy.app.handlers.persistent
 def _before_loading(*_: object) -> None:
     """Remove timers that do not outlive loading a file. Blender itself only marks timers for
-    removal, and the Python module 4.5 hangs at exit if marked timers remain.
-    """
+    removal, and the Python module 4.5 hangs at exit if marked timers remain."""
     remove_timers(*[timed for timed, (_, outlives_load) in _timers.items() if not outlives_load])
 
 

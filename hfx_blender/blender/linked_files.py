@@ -32,11 +32,9 @@ class LinkedFile:
 
 
 def linked_files() -> dict[str, LinkedFile]:
-    """External files of the open .blend, sorted by name.
-
-    A relative path is named from ``//``, the folder of the .blend, so names stay valid if the
-    folder is moved as a whole. An absolute path is the name itself.
-    """
+    """External files of the open .blend, sorted by name. A relative path is named from ``//``, the
+    folder of the .blend, so names stay valid if the folder is moved as a whole. An absolute path is
+    the name itself."""
     files: dict[str, LinkedFile] = {}
     listed = _paths_listed_by_blender(), _paths_of_objects(), _paths_of_nodes(), _paths_of_caches()
     for owner, raw, must_be in chain(*listed):
@@ -159,8 +157,7 @@ def _paths_of_nodes() -> Iterator[_Path]:
 
 def _paths_of_caches() -> Iterator[_Path]:
     """Yield the folders ``blendcache_<stem>`` of point caches next to the saved .blend, for the
-    first object, and next to each library; they need not exist.
-    """
+    first object, and next to each library; they need not exist."""
     source = Path(bpy.data.filepath)
     if bpy.data.filepath and bpy.data.objects:
         yield bpy.data.objects[0], f"//blendcache_{source.stem}", False

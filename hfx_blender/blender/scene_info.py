@@ -33,8 +33,7 @@ def frames_per_shown_unit(scene: bpy.types.Scene) -> float:
 
 def shown_time(scene: bpy.types.Scene, frame: float) -> float:
     """Displayed time of a frame of the animation: the frame, or seconds of playback since the
-    scene's first frame, which is time zero of tracks, reports and scripts.
-    """
+    scene's first frame, which is time zero of tracks, reports and scripts."""
     return (frame - _zero_frame(scene)) / frames_per_shown_unit(scene)
 
 

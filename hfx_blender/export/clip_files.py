@@ -27,11 +27,9 @@ def write_clips(
     stem: Path,
     tolerance: float,
 ) -> tuple[Written, Rendered]:
-    """Write separate files for each named clip of a track, each starting at time 0.
-
-    Device scripts restart with each clip. A device whose script fails in any clip is left out of
-    all clips, and is among ``silent`` of the returned rendering. Raises InputError without clips.
-    """
+    """Write separate files for each named clip of a track, each starting at time 0. Device scripts
+    restart with each clip. A device whose script fails in any clip is left out of all clips, and is
+    among ``silent`` of the returned rendering. Raises InputError without clips."""
     clips = named_clips(whole.header)
     if not clips:
         raise InputError(

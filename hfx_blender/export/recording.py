@@ -266,9 +266,7 @@ class SceneRecorders:
         block_at: Callable[[int], Iterable[AnimationBlock]],
     ) -> None:
         """Replace the recordings by the files of :meth:`arrays` of all parts, in order of time.
-
-        ``block_at`` reads the block of a sample, for the shapes of volumes.
-        """
+        ``block_at`` reads the block of a sample, for the shapes of volumes."""
         parts: list[Mapping[str, npt.NDArray[Any]]] = []
         for file in files:
             with np.load(file, allow_pickle=False) as arrays:

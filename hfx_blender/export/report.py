@@ -72,11 +72,9 @@ class ExportReport:
 
 
 def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[dict[str, Any], ...]:
-    """Facts of each stream of a track: name, body, modality, seconds, times and vertices.
-
-    With ``times``, only samples of nonzero strength count for seconds, and for the first and last
-    time (seconds; None without samples).
-    """
+    """Facts of each stream of a track: name, body, modality, seconds, times and vertices. With
+    ``times``, only samples of nonzero strength count for seconds, and for the first and last time
+    (seconds; None without samples)."""
     names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)
@@ -284,10 +282,8 @@ _OTHERWISE = {
 
 def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
     """Notes on modalities that devices lack, and on effects that devices play differently.
-
     :func:`not_played` covers effects without any device. A device away from an effect gets no note,
-    because several devices share a body.
-    """
+    because several devices share a body."""
     effects = {effect.id: effect.name for effect in header.effects}
     notes = []
     for raster in rasters:
@@ -383,9 +379,7 @@ def unfelt_lines(
     report: ExportReport, most: int | None = None, *, is_expected: bool = False
 ) -> tuple[str, ...]:
     """Lines on effects that no body feels: one line per reason, with ``most`` names (None: all).
-
-    ``is_expected`` leaves out effects named in warnings.
-    """
+    ``is_expected`` leaves out effects named in warnings."""
     reasons: dict[str, list[str]] = {}
     for line in report.effects:
         if not line["felt"] and (line.get("expected") or not is_expected):

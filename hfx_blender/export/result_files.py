@@ -29,10 +29,8 @@ _LONGEST_NAME: Final = 1020
 
 
 def distinct(names: Iterable[str]) -> list[str]:
-    """Unique parts of file names for names, in the same order, for any file system.
-
-    Unique without regard to case and to the encoding of accents; repeated names get a number.
-    """
+    """Unique parts of file names for names, in the same order, for any file system. Unique without
+    regard to case and to the encoding of accents; repeated names get a number."""
     taken: set[str] = set()
     parts = []
     for name in names:
@@ -54,10 +52,8 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
 
 
 def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
-    """Path stem of the files of a device on a body, a value of :func:`body_parts`.
-
-    ``scene`` is ``folder/scene``; ``stem`` is equal, or ``folder/scene.clip`` for a clip.
-    """
+    """Path stem of the files of a device on a body, a value of :func:`body_parts`. ``scene`` is
+    ``folder/scene``; ``stem`` is equal, or ``folder/scene.clip`` for a clip."""
     if not body:
         return stem.with_name(f"{stem.name}.{device_id}")
     return scene / body / device_id / f"{stem.name}.{body}.{device_id}"
@@ -70,9 +66,7 @@ def placed(
     stem: Path,
 ) -> list[tuple[Path, DeviceConfig, Raster]]:
     """Pair devices and rasters with the path stems of their files, and make their folders.
-
-    ``scene`` is the stem of the whole scene; ``stem`` is equal, or that of one clip.
-    """
+    ``scene`` is the stem of the whole scene; ``stem`` is equal, or that of one clip."""
     parts = body_parts(whole.bodies)
     entries = []
     for device, raster in played:
@@ -83,10 +77,8 @@ def placed(
 
 
 def listed(folder: Path, name: object) -> Path | None:
-    """Path of a file listed in a report by its name relative to ``folder``.
-
-    None for a name outside the folder, or a name too long for a file system.
-    """
+    """Path of a file listed in a report by its name relative to ``folder``. None for a name outside
+    the folder, or a name too long for a file system."""
     if not isinstance(name, str) or re.search(r"[\\\x00-\x1f]", name):
         return None
     path = PurePosixPath(name)

@@ -64,10 +64,8 @@ _THREADS: Final = 8
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """Settings of an export; repeated formats and devices count once.
-
-    Raises UsageError for formats and devices that no scene could be exported with.
-    """
+    """Settings of an export; repeated formats and devices count once. Raises UsageError for formats
+    and devices that no scene could be exported with."""
 
     formats: tuple[str, ...] = ("track",)
     devices: tuple[DeviceConfig, ...] = ()
@@ -89,9 +87,8 @@ class ExportSettings:
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> ExportSettings:
-        """Return settings without the given devices, mapped to reasons; InputError
-        without output.
-        """
+        """Return settings without the given devices, mapped to reasons; InputError without
+        output."""
         if not missing:
             return self
         devices = tuple(device for device in self.devices if device.id not in missing)
@@ -157,11 +154,9 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> ExportReport:
-        """Export to ``folder/stem.*``; see :func:`export_scene`.
-
-        ``made_from`` is stored in the report. Unfinished files are in a new folder in ``stage_in``,
-        or in ``folder`` by default.
-        """
+        """Export to ``folder/stem.*``; see :func:`export_scene`. ``made_from`` is stored in the
+        report. Unfinished files are in a new folder in ``stage_in``, or in ``folder`` by
+        default."""
         return finish(self.steps(folder, stem, made_from, stage_in), progress)
 
     def steps(
@@ -171,9 +166,8 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> Generator[float, None, ExportReport]:
-        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closed early, no files
-        are left.
-        """
+        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closed early, no files are
+        left."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             recorders = self._recorders()
@@ -207,10 +201,8 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> ExportReport:
-        """Merge parts, in order of time, into the results of :meth:`whole`.
-
-        Devices are rendered here, on the whole track, because devices carry state between samples.
-        """
+        """Merge parts, in order of time, into the results of :meth:`whole`. Devices are rendered
+        here, on the whole track, because devices carry state between samples."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             merge([part.track for part in parts], track)
@@ -340,10 +332,8 @@ class SceneExport:
     def _write(
         self, whole: TrackReader, recorders: SceneRecorders, rendered: Rendered, stem: Path
     ) -> tuple[Written, Rendered]:
-        """Write the files of all formats next to the track; InputError without any result.
-
-        Returns the rendering without devices that failed in a clip.
-        """
+        """Write the files of all formats next to the track; InputError without any result. Returns
+        the rendering without devices that failed in a clip."""
         settings = self._settings
         tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         if settings.per_clip:
@@ -381,10 +371,8 @@ def export_scene(
     settings: ExportSettings,
     progress: Progress = lambda share: None,
 ) -> ExportReport:
-    """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left.
-
-    Raises InputError for an unusable scene, OutputError for an unwritable folder.
-    """
+    """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left. Raises
+    InputError for an unusable scene, OutputError for an unwritable folder."""
     return SceneExport(scene, settings).whole(folder, stem, progress)
 
 
@@ -395,10 +383,8 @@ def _refuse(warnings: Sequence[str]) -> None:
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:
-    """Scene of the open file by name; None: the scene that was active when saved.
-
-    Raises InputError for an unknown name.
-    """
+    """Scene of the open file by name; None: the scene that was active when saved. Raises InputError
+    for an unknown name."""
     if name is None:
         return bpy.context.scene
     if name not in bpy.data.scenes:

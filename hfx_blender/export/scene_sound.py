@@ -46,10 +46,8 @@ class SoundSettings:
 
 
 class SoundRecorder:
-    """Recorder of positions, activation and contact of sound sources, block after block.
-
-    Raises InputError for a scene without volumes, or a first body without bones.
-    """
+    """Recorder of positions, activation and contact of sound sources, block after block. Raises
+    InputError for a scene without volumes, or a first body without bones."""
 
     def __init__(self, scene: SceneDescription, settings: SoundSettings) -> None:
         self._scene = scene
@@ -80,8 +78,7 @@ class SoundRecorder:
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
         """Record positions relative to the listener, activation and contact of a block, in order of
-        time.
-        """
+        time."""
         rows = np.arange(len(block.indices))[block.own]
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
@@ -171,11 +168,9 @@ def write_sound(
     track: Path | None = None,
     progress: Progress = lambda share: None,
 ) -> int:
-    """Write the sound of a scene of the open file; returns the number of sources.
-
-    ``track`` is a recording of exactly this scene; None: the scene is evaluated here. Raises
-    InputError for an unreadable or silent scene, OutputError for an unwritable file.
-    """
+    """Write the sound of a scene of the open file; returns the number of sources. ``track`` is a
+    recording of exactly this scene; None: the scene is evaluated here. Raises InputError for an
+    unreadable or silent scene, OutputError for an unwritable file."""
     reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)
     time = reader.description.time

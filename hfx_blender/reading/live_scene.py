@@ -29,8 +29,7 @@ from .description import area_values, scene_description, visibility
 from .description.scene_description import HapticObjects
 from .stepped import instances
 from .stepped.instances import Key
-from .stepped.scene_rows import EffectRow, PoseRow, effect_block, pose_block
-from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_reading import EffectRow, PoseRow, SteppedReading, effect_block, pose_block
 from .stepped.stepping import Stepper
 
 LONGEST_STEP_S = 0.3

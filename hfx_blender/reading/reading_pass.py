@@ -26,8 +26,7 @@ from .description import response_values
 from .description.scene_description import IN_SCENE, HapticObjects
 from .reading_plan import Plan
 from .stepped import stepping
-from .stepped.scene_rows import SceneRow, effect_block, pose_block, silence
-from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_reading import SceneRow, SteppedReading, effect_block, pose_block, silence
 from .stepped.stepped_rows import SteppedRows, scratch_scenes
 from .stepped.stepped_volumes import FarVolumes
 
@@ -102,10 +101,8 @@ class ReadingPass:
 
     @np.errstate(invalid="ignore", over="ignore")  # the engine reports NaN
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
-        """Read all effects and poses at consecutive sample indices (T,), in index order.
-
-        The first ``history`` and the last ``future`` samples belong to the neighbouring blocks.
-        """
+        """Read all effects and poses at consecutive sample indices (T,), in index order. The first
+        ``history`` and the last ``future`` samples belong to the neighbouring blocks."""
         frames, count = self._frames(indices), len(indices)
         effects = self._from_curves(indices)
         may_be_on = self.far_volumes.may_be_on(frames)

@@ -24,9 +24,8 @@ from .curves.fcurve_kinematics import Parents
 from .curves.presampled_rig import PresampledRig
 from .description.scene_description import HapticObjects
 from .stepped import stepping
-from .stepped.scene_rows import EffectRow, PoseRow, SceneRow, effects_agree
 from .stepped.simulation import has_simulation_anywhere
-from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_reading import EffectRow, PoseRow, SceneRow, SteppedReading, effects_agree
 from .stepped.stepped_rows import objects_of
 
 _PROBES = 5

@@ -35,9 +35,8 @@ from .reading_pass import ReadingPass
 from .reading_plan import Plan, checked, is_same, plan_of
 from .stepped import instances, stepping
 from .stepped.reached import is_instancer
-from .stepped.scene_rows import SceneRow
 from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
-from .stepped.stepped_reading import SteppedReading
+from .stepped.stepped_reading import SceneRow, SteppedReading
 
 BLOCK_SIZE = 64
 """Samples in a block. Blocks start at multiples, so that results are independent of the range."""
@@ -233,9 +232,7 @@ class SceneReader:
 
     def why_in_one_go(self) -> str | None:
         """Reason why all samples must be read in order, starting with the first; None if not.
-
-        Without a reason any part made of whole blocks can be read alone with equal results.
-        """
+        Without a reason any part made of whole blocks can be read alone with equal results."""
         plan = self.plan
         return plan.reason if plan.in_own_scene and plan.in_one_go else None
 

@@ -65,9 +65,7 @@ def nearest_body(
     scene: bpy.types.Scene, point: Sequence[float]
 ) -> tuple[bpy.types.Object | None, float]:
     """Nearest haptic body to a point by the avatar's boxes, and the distance in Blender units.
-
-    (None, inf) without a body.
-    """
+    (None, inf) without a body."""
     import numpy as np
 
     from ...blender import mesh_arrays

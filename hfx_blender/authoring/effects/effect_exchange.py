@@ -120,8 +120,7 @@ def place_sensation(
 
 def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
     """Raise InputError for an effect on a body if ``body`` is None, a spot is wind or its path
-    leaves the skin, or an area is invalid or of an unknown edition of the model. Volumes pass.
-    """
+    leaves the skin, or an area is invalid or of an unknown edition of the model. Volumes pass."""
     where = recipe.where
     if isinstance(where, VolumeRecipe):
         return
@@ -155,8 +154,7 @@ def _transferred(area: VertexArea) -> np.ndarray | None:
 
 def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
     """Weights (V,) of a checked painted effect on the present model: its vertices, transferred from
-    an earlier edition, or its body parts with a softened edge.
-    """
+    an earlier edition, or its body parts with a softened edge."""
     model = load_model(effects.model_id_for(recipe.modality))
     where = recipe.where
     if isinstance(where, VertexArea):

@@ -64,11 +64,9 @@ _VOLUME_MEMBERS: Final = ("falloff", "falloff_share", "location_m", "rotation_de
 
 @dataclass(frozen=True)
 class ClipRecipe:
-    """Clip of an effect, times in seconds.
-
-    ``profile`` is (seconds, activation) over one repetition, ``drawn_fades`` is (seconds, strength)
-    over the whole clip in place of linear fades; both may be empty.
-    """
+    """Clip of an effect, times in seconds. ``profile`` is (seconds, activation) over one
+    repetition, ``drawn_fades`` is (seconds, strength) over the whole clip in place of linear fades;
+    both may be empty."""
 
     start_s: float
     duration_s: float
@@ -82,10 +80,8 @@ class ClipRecipe:
 
 @dataclass(frozen=True)
 class PartsArea:
-    """Painted area of whole body parts, valid for all perceptual models.
-
-    The edge is softened over ``smooth`` steps from vertex to vertex.
-    """
+    """Painted area of whole body parts, valid for all perceptual models. The edge is softened over
+    ``smooth`` steps from vertex to vertex."""
 
     parts: tuple[str, ...]
     side: str = "both"
@@ -293,10 +289,8 @@ _FILE: Final = strict(
 
 
 def load(path: Path) -> Sensation:
-    """Read an effect file and check every field.
-
-    Raises InputError for the first fault, with file, field, found and allowed value.
-    """
+    """Read an effect file and check every field. Raises InputError for the first fault, with file,
+    field, found and allowed value."""
     return _read(read(path, _MOST_BYTES))
 
 
@@ -327,8 +321,7 @@ def _read(node: Node) -> Sensation:
 
 def _check_consistency(effect: Node) -> None:
     """Raise InputError if an area has unequal numbers of vertices and weights, a swarm's last birth
-    precedes its first, or a fade exceeds the clip's duration; returns nothing.
-    """
+    precedes its first, or a fade exceeds the clip's duration; returns nothing."""
     # JSON shapes check members one by one; these rules compare two members.
     if "area" in effect and "vertices" in effect["area"]:
         count = len(effect["area"]["vertices"].value)
@@ -343,10 +336,8 @@ def _check_consistency(effect: Node) -> None:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write an effect file; an existing file is replaced only after a complete write.
-
-    Raises OutputError: the file cannot be written.
-    """
+    """Write an effect file; an existing file is replaced only after a complete write. Raises
+    OutputError: the file cannot be written."""
     with atomic_file(path) as file:
         file.write(text_of(sensation).encode())
 

@@ -42,10 +42,8 @@ def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors (..., 3) along the local Z axis of world matrices (..., 4, 4), for wind.
-
-    (0, 0, 0) for an axis of zero length or NaN, which the engine reports.
-    """
+    """Unit vectors (..., 3) along the local Z axis of world matrices (..., 4, 4), for wind. (0, 0,
+    0) for an axis of zero length or NaN, which the engine reports."""
     axis = world[..., :3, 2]
     lengths = np.linalg.norm(axis, axis=-1, keepdims=True)
     # Division by 1 instead of 0 avoids warnings; the result is replaced below.
@@ -55,8 +53,7 @@ def directions(world: F64) -> F64:
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
     """Matrices (..., 4, 4) from the unit shape to world metres: ``world`` times ``unit_m`` metres,
-    the axes also times the effect's size.
-    """
+    the axes also times the effect's size."""
     scaled = to_metres(world, unit_m)
     scaled[..., :3, :3] *= volumes.shape_scale(hfx)
     return scaled
@@ -86,10 +83,8 @@ class ShapeCache:
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
         """Unit shape, or mesh volume in Blender units (cached by ``part`` for equal positions).
-
         Raises InputError: a mesh is required, and the object has no surface, or a surface without
-        an inside.
-        """
+        an inside."""
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
         if evaluated.type == "MESH" and not evaluated.data.is_editmode:

@@ -58,10 +58,8 @@ def body_or_override(
 
 
 def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
-    """Body of an effect in a scene; None for a deleted or ambiguous body.
-
-    An effect that never had a body belongs to the only body of the scene.
-    """
+    """Body of an effect in a scene; None for a deleted or ambiguous body. An effect that never had
+    a body belongs to the only body of the scene."""
     bodies, body = bodies_of(scene), effect.hfx.body
     if body is None and not effect.hfx.body_name and len(bodies) == 1:
         body = bodies[0]
@@ -113,11 +111,8 @@ def free_group(scene: bpy.types.Scene, name: str) -> str:
 
 
 def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
-    """Assign effects to another body; return the number of changed effects.
-
-    Areas and paths stay valid, as all bodies share the canonical models. Volumes and surfaces are
-    skipped.
-    """
+    """Assign effects to another body; return the number of changed effects. Areas and paths stay
+    valid, as all bodies share the canonical models. Volumes and surfaces are skipped."""
     moved = [obj for obj in objects if obj.hfx.kind in ON_A_BODY and obj.hfx.body != body]
     for effect in moved:
         effect.hfx.body = body
@@ -126,9 +121,7 @@ def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) ->
 
 def is_locked(effect: bpy.types.Object) -> bool:
     """Test for an effect in a system override, made along with another override of the file.
-
-    Blender disables its settings until the override is made editable.
-    """
+    Blender disables its settings until the override is made editable."""
     return effect.override_library is not None and effect.override_library.is_system_override
 
 
@@ -167,10 +160,8 @@ def add_volume(
 def volume_from_mesh(
     scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """Add a volume effect with the shape of a mesh object, parented to that object.
-
-    Raises InputError for another type of object.
-    """
+    """Add a volume effect with the shape of a mesh object, parented to that object. Raises
+    InputError for another type of object."""
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
     # A copy shares the mesh and copies the modifiers, so that edits of the mesh apply to both.
@@ -214,8 +205,7 @@ def add_on_body(
 
 def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
     """Copy an effect with a new id and copied actions into its local collections, or into ``HFX
-    Effects`` of the current scene without any.
-    """
+    Effects`` of the current scene without any."""
     copy = effect.copy()
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
@@ -235,8 +225,7 @@ def _make_effect(
     scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
 ) -> bpy.types.Object:
     """Turn a new object into an effect with a new id, and link it: a volume of ``shape``, or a
-    painted effect for None.
-    """
+    painted effect for None."""
     # Kind and shape first: assigning the modality redraws the wires of that shape.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
@@ -251,8 +240,7 @@ def _make_effect(
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
     """First local collection of a scene whose name starts with ``HFX Effects``, and that the
-    current view layer does not hide; created if missing.
-    """
+    current view layer does not hide; created if missing."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
     hidden = set() if layer is None else set(_hidden(layer.layer_collection))
     for collection in scene.collection.children_recursive:
@@ -278,11 +266,8 @@ def _hidden(parent: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]
 
 
 def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
-    """Store a painted area: vertex ids of the effect's perceptual model, and their weights.
-
-    Raises InputError: an id is not in the model, or a weight is not 0 to 1; the old area is
-    unchanged.
-    """
+    """Store a painted area: vertex ids of the effect's perceptual model, and their weights. Raises
+    InputError: an id is not in the model, or a weight is not 0 to 1; the old area is unchanged."""
     model = model_of(effect)
     ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
     effect[VERTICES] = ids.tolist()
@@ -292,10 +277,8 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
 
 
 def store_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Store weights (V,) of all vertices as an effect's area; return how many are not zero.
-
-    Raises InputError: a weight is not 0 to 1; the old area is unchanged.
-    """
+    """Store weights (V,) of all vertices as an effect's area; return how many are not zero. Raises
+    InputError: a weight is not 0 to 1; the old area is unchanged."""
     vertices = weights.nonzero()[0]
     set_area(effect, vertices.tolist(), weights[vertices].tolist())
     return len(vertices)
@@ -328,11 +311,9 @@ def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
 def checked_area(
     name: str, vertices: list[int], weights: list[float], model_size: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-    """Check an area; return its ids (ascending, int32) and weights without zeros.
-
-    Raises InputError: numbers of ids and weights differ, an id is not in the model or is repeated,
-    or a weight is not 0 to 1.
-    """
+    """Check an area; return its ids (ascending, int32) and weights without zeros. Raises
+    InputError: numbers of ids and weights differ, an id is not in the model or is repeated, or a
+    weight is not 0 to 1."""
     import numpy as np
 
     if len(vertices) != len(weights):
@@ -359,10 +340,8 @@ def checked_area(
 
 def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
     """Unique id of each object by full name, which distinguishes linked files: its ``uid``, or
-    name.
-    Copies share the ``uid``: the first by name has it, further objects ``uid-2``, ``uid-3`` ...,
-    equal on each run.
-    """
+    name. Copies share the ``uid``: the first by name has it, further objects ``uid-2``, ``uid-3``
+    ..., equal on each run."""
     used = {obj.hfx.uid or obj.name for obj in objects}
     # Sorted by name, the original ("Ball") precedes its copies ("Ball.001").
     counts: dict[str, int] = {}

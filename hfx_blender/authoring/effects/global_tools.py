@@ -19,10 +19,8 @@ _MODULATION = "HFX Modulation"
 
 
 def scale_strength(effects: Iterable[bpy.types.Object], factor: float) -> int:
-    """Multiply the strength of effects and their keyframes; return the number of effects.
-
-    For a temperature the deviation from neutral is scaled. Property limits apply.
-    """
+    """Multiply the strength of effects and their keyframes; return the number of effects. For a
+    temperature the deviation from neutral is scaled. Property limits apply."""
     count = 0
     for effect in effects:
         hfx, neutral = effect.hfx, 0.0

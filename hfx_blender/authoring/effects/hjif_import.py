@@ -69,8 +69,7 @@ def import_hjif(
 
 def _with_ticks(envelope: Envelope) -> Envelope:
     """Copy of a vibration envelope with its transients mixed in as falling pulses, simplified if it
-    had any or more than 500 keyframes; unchanged without a frequency.
-    """
+    had any or more than 500 keyframes; unchanged without a frequency."""
     if envelope.frequency_hz is None:
         return envelope
     strength, pitch = envelope.strength, envelope.frequency_hz
@@ -96,8 +95,7 @@ def _with_ticks(envelope: Envelope) -> Envelope:
 
 def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
     """Ids of perceptual models equal by hash to a GLB mesh that the avatars of ``document`` name by
-    a file in ``folder``; unreadable meshes count as different.
-    """
+    a file in ``folder``; unreadable meshes count as different."""
     model_ids = set()
     for avatar in document["avatars"]:
         # Only a file next to the HJIF file is opened, never another path.
@@ -122,11 +120,10 @@ def _add_effects(
     frame: float,
     is_own: bool,
 ) -> list[bpy.types.Object]:
-    """Add painted effects for an envelope; returns them, or [] for a strength without a peak.
-
-    One effect, of a temperature up to two: warmth and cold. Intensity and a varying frequency are
-    animated from ``frame``. ``is_own``: HFX wrote the file, so its vertices are those of a model.
-    """
+    """Add painted effects for an envelope; returns them, or [] for a strength without a peak. One
+    effect, of a temperature up to two: warmth and cold. Intensity and a varying frequency are
+    animated from ``frame``. ``is_own``: HFX wrote the file, so its vertices are those of a
+    model."""
     model = load_model(effects.model_id_for(modality))
     if is_own and envelope.vertices:
         vertices = sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})

@@ -67,9 +67,7 @@ def transferred_area(
     model_id: str, content_hash: str, vertices: list[int], weights: list[float]
 ) -> F64 | None:
     """Weights (V,) of an earlier edition's area on the present model; None for an unknown edition.
-
-    Raises InputError: the area does not fit that edition.
-    """
+    Raises InputError: the area does not fit that edition."""
     import numpy as np
 
     from ...engine.body import areas
@@ -92,10 +90,8 @@ def missing_scipy_reason(model_id: str, content_hash: str) -> str:
 
 
 def update_all() -> list[str]:
-    """Transfer the areas of all effects from earlier editions; return the effects' names.
-
-    Areas with faults are skipped, and reported by exports.
-    """
+    """Transfer the areas of all effects from earlier editions; return the effects' names. Areas
+    with faults are skipped, and reported by exports."""
     names = []
     for effect in bpy.data.objects:
         hfx = effect.hfx

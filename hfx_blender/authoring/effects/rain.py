@@ -93,8 +93,7 @@ def _without_overlaps(
     drops: list[tuple[float, float]], duration_s: float
 ) -> list[tuple[float, float]]:
     """Delay sorted drops (start in seconds, path position) to starts at least 65 ms apart; late
-    drops move forward to end within ``duration_s``.
-    """
+    drops move forward to end within ``duration_s``."""
     starts = np.array([time for time, _ in drops])
     slots = np.arange(len(drops)) * (_DROP_S + _PAUSE_S)
     # Without the slots, drop k may start as soon as drop k - 1 starts: a running maximum.
@@ -113,8 +112,7 @@ def _add_clip(
     duration_s: float,
 ) -> None:
     """Add one clip from ``frame`` with all taps of an effect: per drop (start in seconds, path
-    position) a pulse of 60 ms in the activation, and two keys of the position.
-    """
+    position) a pulse of 60 ms in the activation, and two keys of the position."""
     fps = fps_of(scene)
     levels, positions = [(0.0, 0.0)], []
     for start, share in drops:
@@ -148,8 +146,7 @@ def remove(body: bpy.types.Object, name: str) -> int:
 
 def _draw_vertices(model: PerceptualModel, count: int, generator: random.Random) -> list[int]:
     """Draw ``count`` different vertex ids of head, arms and backs of hands, weighted by area seen
-    from above; fewer if fewer face up, InputError without any.
-    """
+    from above; fewer if fewer face up, InputError without any."""
     # Upward area: cosine of the normal with the sky, times the area of the vertex.
     sky_area = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
     sky_area[~np.isin(model.part, [PARTS.index(part) for part in _PARTS])] = 0.0

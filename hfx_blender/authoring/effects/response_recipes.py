@@ -129,8 +129,7 @@ RESPONSE: Final = Items(
 
 def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]]:
     """JSON objects of filters in order; ``about`` only where the kind has it, ``muted`` only if
-    true, ``keys`` only if present.
-    """
+    true, ``keys`` only if present."""
     documents = []
     for recipe in response:
         document: dict[str, Any] = {"kind": recipe.kind, "operation": recipe.operation}

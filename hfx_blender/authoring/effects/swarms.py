@@ -18,8 +18,7 @@ def emitters(
     scene: bpy.types.Scene, effect: bpy.types.Object
 ) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
     """Pairs of object and particle system of a scene that show ``effect`` as their instance object,
-    or in their instance collection.
-    """
+    or in their instance collection."""
     return [
         (obj, system)
         for obj in scene_objects(scene)
@@ -67,10 +66,8 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """Recipe of the first particle system that emits a volume; None if missing.
-
-    Times are in seconds from frame ``first``, lengths in metres.
-    """
+    """Recipe of the first particle system that emits a volume; None if missing. Times are in
+    seconds from frame ``first``, lengths in metres."""
     systems = emitters(scene, effect)
     if not systems:
         return None
@@ -106,11 +103,9 @@ def add_swarm(
     fps: float,
     origin: Sequence[float],
 ) -> bpy.types.Object:
-    """Add a particle system that emits a new volume; return the emitter.
-
-    The volume is unlinked from the scene into a collection of its own. ``frame`` is time 0 of the
-    recipe and ``origin`` its origin, in Blender units.
-    """
+    """Add a particle system that emits a new volume; return the emitter. The volume is unlinked
+    from the scene into a collection of its own. ``frame`` is time 0 of the recipe and ``origin``
+    its origin, in Blender units."""
     import bmesh
 
     source = bpy.data.collections.new(effect.name)

@@ -59,10 +59,8 @@ def run(
 
 
 class _Batch:
-    """State of a batch: scenes that wait, parts and merges that are ready, and running units.
-
-    Ready parts and merges go before waiting scenes.
-    """
+    """State of a batch: scenes that wait, parts and merges that are ready, and running units. Ready
+    parts and merges go before waiting scenes."""
 
     def __init__(
         self, scenes: list[_Scene], workers: Workers, progress: Progress, tell: Tell

@@ -41,10 +41,8 @@ def tools() -> dict[str, str | bool]:
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
-    """Inputs of the export of the open file, as plain data for a report.
-
-    ``devices`` are names or files, ``models`` ids of body models.
-    """
+    """Inputs of the export of the open file, as plain data for a report. ``devices`` are names or
+    files, ``models`` ids of body models."""
     files: dict[str, str | None] = {}
     if unit.input is not None:
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
@@ -102,10 +100,8 @@ def is_still(recorded: Any, unit: Unit) -> bool:
 
 
 def device_hash(name: str) -> str:
-    """Hash of a device's configuration, and of its script with the state of the approval.
-
-    Raises FileNotFoundError for an unknown device.
-    """
+    """Hash of a device's configuration, and of its script with the state of the approval. Raises
+    FileNotFoundError for an unknown device."""
     path = find_file(name)
     if path is None:
         raise FileNotFoundError(name)
@@ -117,9 +113,7 @@ def device_hash(name: str) -> str:
 
 def finished(unit: Unit) -> dict[str, Any] | None:
     """Report of an earlier export of ``unit`` with equal inputs, options, versions and results.
-
-    None without one, and if a device was left out because its script did not run.
-    """
+    None without one, and if a device was left out because its script did not run."""
     folder = Path(unit.folder)
     report = read(folder / (unit.stem + REPORT_SUFFIX))
     if report is None or not is_still(report.get("made_from"), unit):

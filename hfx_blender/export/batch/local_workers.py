@@ -44,11 +44,9 @@ class TimeLimitError(Exception):
 
 
 class UnitWorker:
-    """Worker process that exports units of a batch, started at the first unit.
-
-    One thread at a time may call :meth:`do`; any thread may call :meth:`close`. ``variables`` are
-    added to the environment.
-    """
+    """Worker process that exports units of a batch, started at the first unit. One thread at a time
+    may call :meth:`do`; any thread may call :meth:`close`. ``variables`` are added to the
+    environment."""
 
     def __init__(self, variables: Mapping[str, str] | None = None) -> None:
         self._variables = {**(variables or {}), "PYTHONUTF8": "1"}
@@ -63,11 +61,9 @@ class UnitWorker:
         return None if worker is None else worker.pid
 
     def do(self, unit: Unit, progress: Progress, limit_s: float | None = None) -> Outcome:
-        """Execute a unit in the worker and return the outcome.
-
-        Raises WorkerDiedError for a process that died, TimeLimitError for a process ended after
-        ``limit_s`` seconds (None: no limit), and HfxError where Blender cannot be started.
-        """
+        """Execute a unit in the worker and return the outcome. Raises WorkerDiedError for a process
+        that died, TimeLimitError for a process ended after ``limit_s`` seconds (None: no limit),
+        and HfxError where Blender cannot be started."""
         if self._count >= RENEW_AFTER:
             self._end()
         worker = self._worker or self._start(limit_s)
@@ -196,9 +192,7 @@ class ThisProcess:
 
 class LocalWorkers:
     """Executor with ``jobs`` worker processes of this machine; a crash or hang costs one unit.
-
-    ``limit_s`` is the time limit of a unit in seconds (None: no limit).
-    """
+    ``limit_s`` is the time limit of a unit in seconds (None: no limit)."""
 
     def __init__(self, jobs: int, limit_s: float | None = None) -> None:
         self.slots = jobs

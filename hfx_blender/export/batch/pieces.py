@@ -97,11 +97,8 @@ def finished(unit: Unit) -> dict[str, Any] | None:
 
 
 def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list[dict[str, Any]]:
-    """Records of all nonempty pieces of a scene, in order of time.
-
-    Raises InputError for missing or damaged pieces, and for pieces recorded from inputs that differ
-    from ``made_from``.
-    """
+    """Records of all nonempty pieces of a scene, in order of time. Raises InputError for missing or
+    damaged pieces, and for pieces recorded from inputs that differ from ``made_from``."""
     folder = folder_of(unit)
     count = _count(folder, unit)
     records, missing, stale = [], [], []
@@ -140,10 +137,8 @@ def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def remove(unit: Unit) -> None:
-    """Remove the merged pieces of all counts (8 pieces, 16 pieces ...).
-
-    Files without a record, and changed files, stay; :func:`remove_folder` removes the folder.
-    """
+    """Remove the merged pieces of all counts (8 pieces, 16 pieces ...). Files without a record, and
+    changed files, stay; :func:`remove_folder` removes the folder."""
     folder = folder_of(unit)
     with suppress(OSError):
         for path in sorted(folder.iterdir()):

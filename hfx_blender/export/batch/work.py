@@ -49,10 +49,8 @@ _state = _OpenFile()
 
 
 def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Execute a unit; every error except BrokenPipeError becomes the outcome.
-
-    A defect, or lack of memory, asks for a new worker process by ``retire``.
-    """
+    """Execute a unit; every error except BrokenPipeError becomes the outcome. A defect, or lack of
+    memory, asks for a new worker process by ``retire``."""
     try:
         return done(unit, progress)
     except HfxError as error:
@@ -168,9 +166,8 @@ def _open(unit: Unit) -> None:
 def _devices(
     options: ExportOptions, scene: bpy.types.Scene
 ) -> tuple[list[str], tuple[DeviceConfig, ...], dict[str, str]]:
-    """Names or files of devices, their configurations, and errors by unusable device of
-    the scene.
-    """
+    """Names or files of devices, their configurations, and errors by unusable device of the
+    scene."""
     from ...reading.description.scene_settings import scene_devices
 
     if options.devices:

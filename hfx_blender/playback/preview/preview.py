@@ -18,7 +18,7 @@ from bpy.app.handlers import persistent
 from ...blender import events
 from ...blender.events import add_handlers, call_soon, remove_handlers, remove_timers
 from ...errors import HfxError
-from ...reading.description import unreported
+from ...reading.description import visibility
 from ...reading.stepped import stepping
 from ..timeline.timeline_recorder import QUIET_S, is_held, recorder
 
@@ -146,7 +146,7 @@ class ViewportPreview:
             return  # nothing may be tagged; the next drawing looks again
         begun = time.perf_counter()
         # Blender evaluates tagged objects after this timer.
-        unreported.tag(bpy.context.scene, bpy.context.view_layer)
+        visibility.tag_unreported(bpy.context.scene, bpy.context.view_layer)
         self._checked_s = time.perf_counter()
         self._check_duration_s = self._checked_s - begun
         for function in self.on_scene_checked:

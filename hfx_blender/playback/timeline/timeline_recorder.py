@@ -12,7 +12,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...errors import HfxError
-from ...reading.description import unreported
+from ...reading.description import visibility
 from ...reading.stepped import stepping
 from ...reading.stepped.reached import has_effects
 from ..evaluation import evaluation
@@ -125,7 +125,7 @@ class TimelineRecorder:
             *_, timeline = record(scene, may_step=True, with_positions=evaluation.with_positions)
             self._done(timeline, "")
             # Stepping wrote animated values of other frames into effects: evaluate these now.
-            unreported.tag(scene, bpy.context.view_layer)
+            visibility.tag_unreported(scene, bpy.context.view_layer)
 
     @contextmanager
     def _working(self) -> Iterator[None]:

@@ -256,11 +256,9 @@ class AnimatedValues:
         return np.unique(np.concatenate([np.zeros(0), *parts]))
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
-        """Values (T, C) at frames of the scene, columns as in ``columns``.
-
-        Tracks are evaluated from bottom to top, then the action. ``single`` uses Blender's
-        float32 arithmetic; see :meth:`KeyedCurves.sample`.
-        """
+        """Values (T, C) at frames of the scene, columns as in ``columns``. Tracks are evaluated
+        from bottom to top, then the action. ``single`` uses Blender's float32 arithmetic; see
+        :meth:`KeyedCurves.sample`."""
         values = np.tile(np.array(self._below, np.float64), (len(frames), 1))
         # A strip with influence below 1 blends with the tracks below; the assigned action replaces
         # all strips, as Blender's NLA does with Replace and an influence of 1.
@@ -282,11 +280,8 @@ class AnimatedValues:
 
 
 def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
-    """Raise NotModelledError for strips other than plain clips.
-
-    A plain clip replaces values, runs forwards at a positive scale, and has no F-modifiers and no
-    animated influence or time.
-    """
+    """Raise NotModelledError for strips other than plain clips. A plain clip replaces values, runs
+    forwards at a positive scale, and has no F-modifiers and no animated influence or time."""
     plain = (
         strip.type == "CLIP"
         and strip.blend_type == "REPLACE"

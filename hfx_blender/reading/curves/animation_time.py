@@ -84,11 +84,8 @@ def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:
 
 @dataclass(frozen=True)
 class ExactFrames:
-    """Conversion of fractional sample indices to animation frames in float64.
-
-    In Blender's float32 speeds over short times would be wrong. Reads nothing from Blender, so
-    any thread may use it.
-    """
+    """Conversion of fractional sample indices to animation frames in float64. In Blender's float32
+    speeds over short times would be wrong. Reads nothing from Blender, so any thread may use it."""
 
     first: float  # animation frame of sample 0
     step: float  # animation frames per sample

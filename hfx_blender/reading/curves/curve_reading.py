@@ -209,10 +209,8 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Cache of sampled effects in chunks of :data:`_CHUNK` samples.
-
-    ``spots`` (n,) ascending: sample these indices together, without chunks.
-    """
+    """Cache of sampled effects in chunks of :data:`_CHUNK` samples. ``spots`` (n,) ascending:
+    sample these indices together, without chunks."""
 
     def __init__(
         self,

@@ -80,11 +80,9 @@ class _LastResult:
 
 
 class PlainObject:
-    """Object with a world matrix defined by F-curves of its own and of the parents.
-
-    ``default(path, index)`` is the value of a property without a playing strip; ``parents`` a
-    shared cache. Raises NotModelledError if another cause moves the object.
-    """
+    """Object with a world matrix defined by F-curves of its own and of the parents. ``default(path,
+    index)`` is the value of a property without a playing strip; ``parents`` a shared cache. Raises
+    NotModelledError if another cause moves the object."""
 
     def __init__(
         self,

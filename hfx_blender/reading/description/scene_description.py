@@ -45,7 +45,6 @@ from . import (
     area_values,
     response_values,
     soundness,
-    unreported,
     visibility,
 )
 
@@ -95,14 +94,12 @@ class HapticObjects:
 
 
 def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
-    """Collect the enabled bodies and effects of a scene, and warnings about excluded ones.
-
-    Updates the view layer, and tags objects with unreported changes. Muted effects are included as
-    silenced. Raises InputError without a body or effect, and if all of either are faulty.
-    """
+    """Collect the enabled bodies and effects of a scene, and warnings about excluded ones. Updates
+    the view layer, and tags objects with unreported changes. Muted effects are included as
+    silenced. Raises InputError without a body or effect, and if all of either are faulty."""
     # Evaluated copies may refer to removed data-blocks; reading such a reference would crash.
     layer.update()
-    if unreported.tag(scene, layer):
+    if visibility.tag_unreported(scene, layer):
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)

@@ -114,10 +114,8 @@ def is_partial(scene: bpy.types.Scene, time: TimeBase) -> bool:
 def _may_be_felt_in_scene(
     scene: bpy.types.Scene, effect: bpy.types.Object, state: Activation
 ) -> bool:
-    """Test for an effect that is not certainly without strength at all frames of the scene.
-
-    Tests only the ends of the scene and of the spans of possible strength, within the scene.
-    """
+    """Test for an effect that is not certainly without strength at all frames of the scene. Tests
+    only the ends of the scene and of the spans of possible strength, within the scene."""
     last = scene.frame_end + 0.999  # the last frame lasts a whole frame
     ends = animation_frames(scene, np.array([scene.frame_start, last]))
     spans = [*state.spans]
@@ -291,9 +289,7 @@ def _neutral_c(effect: bpy.types.Object) -> float | None:
 
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
     """Warnings about instanced bodies, surfaces and further effects without samples there, by name.
-
-    Instances of haptic volumes are felt and give no warning, see :mod:`.instances`.
-    """
+    Instances of haptic volumes are felt and give no warning, see :mod:`.instances`."""
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     if not instancers:
         return ()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Visibility of objects: Blender evaluates enabled objects of the view layer only.
+"""Objects that Blender evaluates: visibility, and changes that its dependency graph did not report.
 
-The monitor icon (`hide_viewport`) may be keyed, so the current frame does not decide. The eye icon
-and the camera icon have no influence.
+Only enabled objects of the view layer are evaluated. The monitor icon (`hide_viewport`) may be
+keyed, so the current frame does not decide. The eye icon and the camera icon have no influence.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...authoring.effects import effects
 from ...blender import compat, scene_info
 
 if TYPE_CHECKING:
@@ -67,3 +68,30 @@ def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
     body); volumes and surfaces have none."""
     ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]
+
+
+def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
+    """Tag effects and bodies of a scene whose stored haptic values differ from the evaluated copy;
+    returns True if there are any."""
+    # Blender's dependency graph does not report values set by scripts, and list items. Other
+    # objects are not tagged, because a tag clears simulation caches.
+    changed = [
+        obj
+        for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
+        if _content(obj) != _content(obj.evaluated_get(layer.depsgraph))
+    ]
+    for obj in changed:
+        obj.update_tag()
+    return bool(changed)
+
+
+def _content(obj: bpy.types.Object) -> str:
+    """Text of an object's haptic property group and its "hfx_" properties, for comparison; as text
+    NaN equals NaN. Data-blocks count by full name."""
+    values = []
+    for key, value in obj.items():
+        if key.startswith("hfx_"):  # "hfx" itself is a property group
+            if isinstance(value, bpy.types.ID):
+                value = value.name_full
+            values.append((key, value.to_list() if hasattr(value, "to_list") else value))
+    return repr((compat.properties(obj), values))

@@ -39,7 +39,7 @@ from ..description import (
 from ..description.scene_description import HapticObjects
 from . import stepping
 from .reached import data_reached_from, data_reaching, is_instancer, is_volume, sources_of
-from .scene_rows import EffectRow, effect_block
+from .stepped_reading import EffectRow, effect_block
 from .stepping import Stepper
 
 MOST = 4096
@@ -317,9 +317,7 @@ class Instances:
 
     def extended(self, block: AnimationBlock, stepper: Stepper) -> AnimationBlock:
         """Copy of a block with the effects of all instances appended, read at the block's samples.
-
-        The level of an instance is 0 at samples without the instance.
-        """
+        The level of an instance is 0 at samples without the instance."""
         rows = [self._rows(index, stepper) for index in block.indices.tolist()]
         absent = EffectRow()
         more = (
@@ -344,11 +342,9 @@ class Instances:
 
 
 def _may_be_brief(sources: Iterable[bpy.types.Object]) -> bool:
-    """Test for sources with instances that may exist between two whole frames only.
-
-    Causes are animated visibility, animated inputs of geometry nodes, nodes that read the scene
-    time, particles that live less than a frame, and frame handlers of other add-ons.
-    """
+    """Test for sources with instances that may exist between two whole frames only. Causes are
+    animated visibility, animated inputs of geometry nodes, nodes that read the scene time,
+    particles that live less than a frame, and frame handlers of other add-ons."""
     reached = data_reached_from(filter(is_instancer, data_reaching(sources)))
     return stepping.foreign_handler() is not None or any(map(_may_be_short, reached))
 

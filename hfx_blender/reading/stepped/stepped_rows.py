@@ -17,8 +17,7 @@ from ..curves.animation_curves import NotModelledError
 from ..curves.presampled_rig import PresampledRig
 from ..description.scene_description import HapticObjects
 from . import stepping
-from .scene_rows import SceneRow
-from .stepped_reading import SteppedReading
+from .stepped_reading import SceneRow, SteppedReading
 from .stepped_volumes import FarVolumes
 from .stepping import Stepper
 

@@ -30,7 +30,7 @@ from ..description.response_values import highest_of
 from ..description.scene_description import HapticObjects
 from ..description.soundness import SIZES
 from ..description.visibility import is_keyed
-from .scene_rows import SceneRow, VolumePlacements
+from .stepped_reading import SceneRow, VolumePlacements
 from .stepping import Stepper
 
 _ROUNDING = 1e-6
@@ -271,11 +271,9 @@ class SkinBoxes:
 
 
 def swept_box(matrices: F64, bounds: F64) -> Box:
-    """World box, two corners (3,), around a moving box at all times and between.
-
-    ``matrices`` (T, 4, 4) map box space to world, ``bounds`` (T, 2, 3) are lowest and highest
-    corners. See :func:`swept_boxes`.
-    """
+    """World box, two corners (3,), around a moving box at all times and between. ``matrices`` (T,
+    4, 4) map box space to world, ``bounds`` (T, 2, 3) are lowest and highest corners. See
+    :func:`swept_boxes`."""
     is_present = np.ones((len(matrices), 1), np.bool_)
     low, high = swept_boxes(matrices[:, None], bounds[:, None], is_present)
     return low[0], high[0]

@@ -157,11 +157,9 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
 
 
 def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
-    """Objects of a scene, in order, that no haptic object depends on; empty list possible.
-
-    Never cameras, metaballs, objects with physics or an animated monitor icon. With a window only
-    dormant effects and instancers of these, unless still required.
-    """
+    """Objects of a scene, in order, that no haptic object depends on; empty list possible. Never
+    cameras, metaballs, objects with physics or an animated monitor icon. With a window only dormant
+    effects and instancers of these, unless still required."""
     objects = scene_objects(found.scene)
     haptic = [o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o not in found.dormant]
     shown = set(filter(is_instancer, data_reaching(haptic)))
@@ -277,11 +275,9 @@ def foreign_handler() -> str | None:
 
 
 def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
-    """Reason why a scratch scene cannot reproduce objects; None if a scratch scene can.
-
-    Physics, use of the scene's camera or clip, or a driver reading a scene, among these objects and
-    dependencies.
-    """
+    """Reason why a scratch scene cannot reproduce objects; None if a scratch scene can. Physics,
+    use of the scene's camera or clip, or a driver reading a scene, among these objects and
+    dependencies."""
     mover = simulations.simulated(objects)
     if mover is not None:
         return f"physics moves '{mover.name}'"
