@@ -112,11 +112,13 @@ def rate_of(path: Path) -> float:
 
 
 def _image(path: Path) -> bpy.types.Image:
+    """Load a picture or video, or return it if loaded; InputError for another file."""
     refuse_no_file(path)
     try:
         image = bpy.data.images.load(str(path), check_existing=True)
     except RuntimeError as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
+    # Blender loads any file as an image; only the size tells that there are no pixels.
     if 0 in tuple(image.size):
         if not image.users:
             bpy.data.images.remove(image)

@@ -62,8 +62,9 @@ def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | No
     import numpy as np
 
     model = effects.model_of(effect)
-    # Cells of an even triangular grid: area = spacing ** 2 * sqrt(3) / 2.
-    is_valid = vertex is not None and vertex < len(model)  # False after edits of the mesh
+    # Cells of an even triangular grid: area = spacing ** 2 * sqrt(3) / 2. After an edit of the mesh
+    # a vertex may be none of the model's.
+    is_valid = vertex is not None and vertex < len(model)
     area_m2 = model.areas_m2[vertex] if is_valid else np.median(model.areas_m2)
     spacing_m = float(np.sqrt(area_m2 * (2.0 / np.sqrt(3.0))))
     return spacing_m * _units_per_metre(canvas, model)
@@ -80,6 +81,8 @@ def _units_per_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
     scale of the object."""
     import numpy as np
 
+    # The canvas has the pose of the avatar, so the ratio of the longest edges is an estimate. The
+    # cube root of the determinant is the mean scale of a matrix.
     size_m = float(np.ptp(model.vertices, axis=0).max())
     size = float(np.ptp(np.array(canvas.bound_box), axis=0).max())
     return size / size_m * abs(canvas.matrix_world.determinant()) ** (1 / 3)
@@ -110,7 +113,8 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
     weights above 0. Raises InputError, before any change, if the canvas was edited."""
     canvas = canvas_of(effect)
     if canvas is not None:
-        _read_group(effect, canvas)  # raises an error for an edited mesh
+        # Reading raises an error for an edited mesh, before anything is written.
+        _read_group(effect, canvas)
         _write_group(canvas, weights)
     return effects.store_weights(effect, weights)
 
@@ -218,6 +222,7 @@ def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both")
 
 
 def _edited_message(canvas: bpy.types.Object, size: int) -> str:
+    """Message about a canvas without its vertex group, or with another number of vertices."""
     return (
         f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
         f"'{GROUP}'. Undo that, or delete it and paint again."
@@ -234,6 +239,7 @@ def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
         raise InputError(_edited_message(canvas, size))
     group = canvas.vertex_groups[GROUP].index
     weights = np.zeros(size)
+    # Vertex groups are sparse, and foreach_get cannot read them.
     for vertex in canvas.data.vertices:
         for element in vertex.groups:
             if element.group == group:
@@ -266,6 +272,7 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
         "weights": np.round(weights[vertices], 4).tolist(),
     }
 
+    # Read again under the lock of the file: another Blender may have saved an area meanwhile.
     def content() -> dict[str, Any]:
         saved = {key: value for key, value in _read_saved().items() if key != name}
         return {**saved, name: area} if len(vertices) else saved
@@ -299,6 +306,7 @@ def add_saved(effect: bpy.types.Object, name: str) -> int:
 
 
 def _read_saved() -> dict[str, Any]:
+    """Saved areas by name; empty if the file is missing, damaged or above 64 MiB."""
     try:
         with open(resources.saved_areas(), "rb") as file:
             saved = json.loads(file.read(_MOST_BYTES))

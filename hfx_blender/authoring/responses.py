@@ -118,6 +118,8 @@ def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> Non
     data = effect.animation_data
     if data is None:
         return
+    # Blender stores the index in the data path, and does not update paths when items move. Curves
+    # are removed from the collection of their action, so a flat list of curves is not enough.
     for curves in (data.drivers, *compat.curve_collections(effect)):
         for curve in list(curves):
             match = PATH.match(curve.data_path)
@@ -157,6 +159,7 @@ def _recipe(
     values: dict[str, float] = {}
     animated: list[tuple[str, Keys]] = []
     for control, name in zip(CONTROLS[kind], properties_of(item), strict=True):
+        # Files are strict about limits, a .blend may hold any number.
         scale, low, high = _scale(name, unit_m), control.minimum, control.maximum
         values[control.name] = min(max(float(getattr(item, name)) * scale, low), high)
         if name in curves:
@@ -189,6 +192,7 @@ def add_response(
 ) -> None:
     """Add a recipe's filters, with keyframes on the effect's action, to a volume without filters.
     Time 0 s of the keyframes is ``frame``; lengths in metres are divided by ``unit_m``."""
+    # A new volume has no filters, so indices of the recipe are indices of the stack.
     for index, recipe in enumerate(response):
         kind = FilterKind(recipe.kind)
         item = add_filter(effect, recipe.kind)

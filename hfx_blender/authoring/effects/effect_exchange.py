@@ -147,6 +147,7 @@ def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
 
 
 def _transferred(area: VertexArea) -> np.ndarray | None:
+    """Weights (V,) of an area of an earlier edition on the present model; None if unknown."""
     return model_migration.transferred_area(
         area.model_id, area.model_hash, list(area.vertices), list(area.weights)
     )
@@ -179,6 +180,8 @@ def _apply_volume(
     origin: Sequence[float],
 ) -> None:
     unit_m = metres_of(scene)
+    # Files hold metres. Sizes are properties and not the object's scale, so that the volume can be
+    # scaled afterwards.
     effect.hfx.radius = volume.radius_m / unit_m
     effect.hfx.height = volume.height_m / unit_m
     effect.hfx.size = [edge / unit_m for edge in volume.size_m]
@@ -304,6 +307,7 @@ def _volume_recipe(
             "it as a .blend and append it."
         )
     unit_m = metres_of(scene)
+    # The world matrix includes parents, which a file does not have.
     location, rotation, scale = effect.matrix_world.decompose()
     moves = [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
     curves = {curve.array_index: curve for curve in moves}
@@ -349,6 +353,7 @@ def _clip_recipe(
             (max((frame - strip.action_frame_start) / fps, 0.0), min(max(value, 0.0), 1.0))
             for frame, value in keys
         ),
+        # Bezier handles are not stored: a drawn fade becomes its values at whole frames.
         drawn_fades=tuple(
             ((frame - strip.frame_start) / fps, value)
             for frame, value in drawn_fades.sampled(strip)

@@ -163,6 +163,7 @@ def _spot(
 
 
 def _effect(**members: Any) -> EffectRecipe:
+    # The JSON shape allows exactly one of these members.
     (where,) = (members.pop(key) for key in _WHERES if key in members)
     return EffectRecipe(where=where, **members)
 
@@ -181,6 +182,7 @@ _DIMENSIONS: Final = {
     "size_m": numbers(3, -1000.0, 1000.0, "m"),
 }
 _LOCATION: Final = numbers(3, -1000.0, 1000.0, "m")
+# A member of another shape, such as the height of a sphere, is refused: it would have no effect.
 _VOLUME: Final = tagged(
     "shape",
     {
@@ -206,6 +208,7 @@ _VOLUME: Final = tagged(
         for shape, dimensions in _SHAPES.items()
     },
 )
+# Parts are valid for every model; vertex numbers only for the edition with this hash.
 _AREA: Final = Either(
     "parts",
     strict(
@@ -397,6 +400,7 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             document["volume"]["path"] = [
                 {"time_s": time, "location_m": place} for time, place in where.path
             ]
+    # Empty profiles and drawn fades mean an even activation and linear fades, and are left out.
     document["clips"] = [
         {"name": clip.name, **{key: value for key, value in vars(clip).items() if value != ()}}
         for clip in effect.clips

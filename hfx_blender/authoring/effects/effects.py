@@ -43,6 +43,7 @@ def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def _by_role(scene: bpy.types.Scene, role: str) -> list[bpy.types.Object]:
+    """Objects of a scene and its background scenes with a role, sorted by name."""
     objects = (obj for obj in scene_objects(scene) if obj.hfx.role == role)
     return sorted(objects, key=lambda obj: obj.name)
 
@@ -81,9 +82,11 @@ def missing_body_reason(effect: bpy.types.Object) -> str:
     name = effect.hfx.body_name if effect.hfx.body is None else effect.hfx.body.name
     if not name:
         return "belongs to no body, and the scene has not exactly one"
+    # Blender clears the pointer to a deleted body, and the stored name stays. A body that has this
+    # name now is another body.
     other = bpy.data.objects.get(name)
     if effect.hfx.body is None and other is not None and other.hfx.role == "BODY":
-        return "belongs to a body that was deleted"  # a copy, which had another name
+        return "belongs to a body that was deleted"
     return f"belongs to body '{name}', which is not in the scene"
 
 
@@ -98,7 +101,8 @@ def store_body_names(objects: Iterable[bpy.types.Object]) -> None:
 
 def group_of(effect: bpy.types.Object) -> str:
     """Name of an effect's group; "" without one."""
-    return str(effect.hfx.group or effect.get("hfx_rain", ""))  # of earlier versions
+    # Earlier versions had groups of rain only, in an ID property.
+    return str(effect.hfx.group or effect.get("hfx_rain", ""))
 
 
 def free_group(scene: bpy.types.Scene, name: str) -> str:
@@ -209,6 +213,7 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
     copy = effect.copy()
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
+        # Object.copy() shares the actions: an edited clip would change on both effects.
         if copy.animation_data.action is not None:
             copy.animation_data.action = copy.animation_data.action.copy()
         for track in copy.animation_data.nla_tracks:
@@ -296,6 +301,8 @@ def has_other_area(effect: bpy.types.Object) -> bool:
 
 
 def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
+    """List in an ID property, [] if missing; raises InputError for another type or for items that
+    are not of ``kind``."""
     stored = effect.get(key, [])
     try:
         values = list(stored)
@@ -330,6 +337,7 @@ def checked_area(
     strengths = np.array(weights, np.float32)
     if not (np.isfinite(strengths).all() and ((strengths >= 0) & (strengths <= 1)).all()):
         raise InputError(f"Effect '{name}': a painted weight is not a number from 0 to 1.")
+    # Equal areas give equal tracks, in whatever order they are stored, and with zeros or without.
     order = np.argsort(ids, kind="stable")
     order = order[strengths[order] > 0]
     ids, strengths = ids[order], strengths[order]

@@ -40,6 +40,8 @@ def scale_frequency(effects: Iterable[bpy.types.Object], factor: float) -> int:
 
 
 def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -> None:
+    """Multiply the distance of a property from ``neutral``, now and in keyframes of the action."""
+
     def scaled(value: float) -> float:
         return neutral + (value - neutral) * factor
 

@@ -46,6 +46,7 @@ def load(model_id: str, content_hash: str) -> EarlierModel | None:
     key = f"{model_id}.{content_hash}"
     if key not in known_editions():
         return None
+    # Coordinates are stored as whole tenths of a millimetre; areas are not stored.
     with np.load(resources.body_models() / FILE) as data:
         places, part = data[f"{key}.places"], data[f"{key}.part"]
     return EarlierModel(

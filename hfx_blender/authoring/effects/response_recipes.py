@@ -104,6 +104,7 @@ def _filter(
 def _filter_shape(kind: FilterKind) -> Record:
     controls = CONTROLS[kind]
     references = references_of(kind)
+    # Keys may precede time 0 of the file.
     keys = {
         control.name: curve(earliest_s=-86_400.0, lowest=control.minimum, highest=control.maximum)
         for control in controls
@@ -146,6 +147,7 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
 
 def refuse_reversed_births(node: Node) -> None:
     """Raise InputError if ``born_until_s`` of a swarm (default 1) is before ``born_from_s``."""
+    # JSON shapes check members one by one; this rule compares two, of which one has a default.
     recipe: SwarmRecipe = node.read(SWARM)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")

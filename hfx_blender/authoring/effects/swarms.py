@@ -56,6 +56,7 @@ def is_selected(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
 
 
 def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
+    """Objects that a particle system shows as instances; empty for other ways of rendering."""
     if settings.render_type == "OBJECT" and settings.instance_object is not None:
         return [settings.instance_object]
     if settings.render_type == "COLLECTION" and settings.instance_collection is not None:
@@ -121,6 +122,7 @@ def add_swarm(
     emitter = bpy.data.objects.new(f"{effect.name} Emitter", mesh)
     scene.collection.objects.link(emitter)
     emitter.location = [o + x / unit_m for o, x in zip(origin, swarm.location_m, strict=True)]
+    # A scale of 0 has no inverse.
     emitter.scale = [max(x / unit_m, 1e-6) for x in swarm.radii_m]
     emitter.display_type = "WIRE"
     emitter.show_instancer_for_render = emitter.show_instancer_for_viewport = False
