@@ -80,7 +80,11 @@ class Console:
         except OSError as error:
             if stream is self._out and not is_unread(error):
                 self.fault = error
-            _write_nowhere(stream)
+            # Python writes the buffered rest at exit and would fail again: to the null device.
+            with suppress(OSError, ValueError):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, stream.fileno())
+                os.close(nowhere)
 
 
 def is_unread(error: OSError) -> bool:
@@ -90,14 +94,6 @@ def is_unread(error: OSError) -> bool:
 
 def _shown(text: str, several_lines: bool) -> str:
     return printable_lines(text) if several_lines else printable(text)
-
-
-def _write_nowhere(stream: TextIO) -> None:
-    """Redirect a stream, with the buffered content, to the null device."""
-    with suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
 
 
 class Progress:
@@ -126,10 +122,6 @@ class Progress:
         bar = "#" * filled + "." * (self._WIDTH - filled)
         left = ""
         if share > 0.02:
-            left = f"  {_duration((now - self._start) * (1 - share) / share)} left"
+            minutes, rest = divmod(round((now - self._start) * (1 - share) / share), 60)
+            left = f"  {minutes} min {rest:02d} s left" if minutes else f"  {rest} s left"
         self._console.show(f"{self._title} [{bar}] {share:4.0%}{left} {text}".rstrip())
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -11,7 +10,7 @@ from typing import Final
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device_config import DeviceConfig
-from ..engine.rendering.raster import Column, Raster, columns_of
+from ..engine.rendering.raster import Raster, columns_of
 from ..engine.rendering.render import renderers_of_track
 from ..engine.stepwise import finish
 from ..engine.track import SUFFIX as TRACK_SUFFIX
@@ -25,7 +24,7 @@ from ..formats.hjif.semantics import is_date
 from ..formats.rasters import csv_raster, raster_rules
 from ..formats.rasters.signal_raster import RATE_HZ, raster_of
 from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
-from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, FrequencyRange, Signal, distinct
+from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal, distinct
 from ..formats.sound import wav
 from ..formats.writing import write, write_signals
 from ..formats.written import Written, part_path
@@ -44,38 +43,23 @@ def convert(
     tolerance: float = DEFAULT_TOLERANCE,
     strict: bool = False,
 ) -> Written:
-    """Write ``source`` in another format; returns the final files, notes and omitted content.
+    """Write a track, a raster (``.raster.npz``, ``.csv``) or a file with vibration envelopes in
+    another format; returns the final files, notes and omitted content.
 
-    A format with a file per actuator appends the actuator's name to the file name, unless the
-    source holds a single signal. Files that ``validate`` would reject are not written.
+    The suffix of ``target`` selects the format, unless ``to``, an id in ``TARGETS``, is given. A
+    format with a file per actuator appends the actuator's name to the file name, unless the source
+    holds a single signal. Files that ``validate`` would reject are not written.
 
-    Parameters
-    ----------
-    source : Path
-        A track, a raster (``.raster.npz``, ``.csv``), or a file with vibration envelopes.
-    target : Path
-        The suffix selects the format, unless ``to``, an id in ``TARGETS``, is given.
-    device : str, optional
-        Name or file. Required for device formats of tracks and rasters, and for envelopes in
-        formats of a whole device (csv, npz, wav, tact). With a device, envelopes become its output
-        in any format; HJIF then has the actuators and positions of the device.
-    body : str, optional
-        Name or id of the wearer; required for tracks with several bodies.
-    tolerance : float
-        Largest error of simplified curves, share of full scale.
-    strict : bool
-        Treat omitted content as an error.
+    ``device`` is a name or a file: required for device formats of tracks and rasters, and for
+    envelopes in formats of a whole device (csv, npz, wav, tact). With a device, envelopes become
+    its output in any format; HJIF then has the actuators and positions of the device. ``body`` is
+    name or id of the wearer, required for tracks with several bodies; ``tolerance`` the largest
+    error of simplified curves, a share of full scale; ``strict`` makes omitted content an error.
 
-    Raises
-    ------
-    UsageError
-        The formats cannot be converted into each other, or an option is missing.
-    InputError
-        The source cannot be read, exceeds a limit of :mod:`.limits`, or does not fit the target.
-    OutputError
-        A file cannot be written.
-    ScriptError
-        The device's script is not approved, or has failed.
+    Raises UsageError for formats that cannot be converted into each other, or a missing option;
+    InputError for a source that cannot be read, exceeds a limit of :mod:`.limits` or does not fit
+    the target; OutputError for an unwritable file; ScriptError for a device's script that is not
+    approved, or has failed.
     """
     refuse_device(target)  # with --to, a suffix may be added to it
     if to is not None:
@@ -90,7 +74,15 @@ def convert(
             written = _of_track(source, info, stage / stem, device, body, tolerance)
         else:
             written = _of_file(source, info, stage / stem, device, tolerance)
-        written += Written(notes=_ignored_options(source, info, device, body))
+        is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(info.write_track)
+        notes = []
+        if body is not None and not is_track:
+            notes.append("--body says nothing here: the file is of no body")
+        elif body is not None and is_of_track:
+            notes.append("--body says nothing here: what each body feels is written")
+        if device is not None and is_track and is_of_track and not info.write_raster:
+            notes.append(f"--device says nothing here: {info.id} holds what is felt")
+        written += Written(notes=tuple(notes))
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
@@ -118,6 +110,7 @@ def _of_track(
             return target.function("write_track")(track, devices, stem, tolerance)  # type: ignore[no-any-return]
         config = _device(device, target)
         _refuse_long(track, config)
+        # A name is accepted in place of the id.
         ids = (wearer.id for wearer in track.header.bodies if body in (wearer.id, wearer.name))
         renderers = renderers_of_track(track, (config,), [next(ids, body)])
         rendered = finish(rendering(track, renderers)).complete()
@@ -133,7 +126,9 @@ def _of_track(
 def _of_file(
     source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: float
 ) -> Written:
-    """Convert a raster or envelopes, for a device where given or needed; else UsageError."""
+    """Convert a raster or envelopes, for a device where given or needed. Files of a single signal
+    without a device get exactly the requested name. Raises UsageError for an impossible pair of
+    formats or a missing device, InputError for a file without vibration."""
     info = format_of(source)
     if not info.read_raster and not info.decode:
         raise UsageError(
@@ -159,7 +154,23 @@ def _of_file(
         signals = [replace(signal, is_kept=True) for signal in signals]
     if config is not None:
         return _played(source, signals, target, config, stem, tolerance) + remarks
-    return _as_envelopes(source, signals, frequencies, target, stem, tolerance) + remarks
+    credits, held = signals[0].credits, target.credits
+    if target.id == "hjif" and not is_date(credits.created):
+        held -= {"created"}
+    remarks = Written(notes=_lost_credits(credits, target, held, source)) + remarks
+    written = write_signals(target, distinct(signals), frequencies, stem, tolerance)
+    if len(signals) == 1:
+        # A file per actuator has the signal's name in its own, which a single file does not need:
+        # it gets the requested name.
+        long = part_path(stem, signals[0].name, "").name
+        files = tuple(
+            path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
+            if path.name.startswith(f"{long}.")
+            else path
+            for path in written.files
+        )
+        written = replace(written, files=files)
+    return written + remarks
 
 
 def _played(
@@ -170,8 +181,15 @@ def _played(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Render envelopes for a device, and write the result."""
-    _refuse_unfolding(signals, device, target, source)
+    """Render envelopes for a device, and write the result. Raises TooLargeError for a small file
+    that would expand to a huge table or sound, and InputError for signals that the device cannot
+    play."""
+    # A small file of envelopes may expand to a huge table or sound.
+    duration_s = max(signal.duration_s for signal in signals)
+    per_s = 8.0 * RATE_HZ * len(device.controls)
+    if target.id == "wav":
+        per_s = 2.0 * wav.RATE_HZ * len(device.actuators)
+    limits.check_unfolded(duration_s * per_s, source.stat().st_size, str(source))
     raster, left_out, notes = raster_of(signals, device, str(source))
     if device.script is not None:
         notes += (
@@ -180,25 +198,6 @@ def _played(
         )
     notes = (*_lost_credits(signals[0].credits, target, frozenset(), source), *notes)
     return write(target.id, raster, device, stem, tolerance) + Written((), left_out, notes)
-
-
-def _as_envelopes(
-    source: Path,
-    signals: list[Signal],
-    frequencies: FrequencyRange,
-    target: FormatInfo,
-    stem: Path,
-    tolerance: float,
-) -> Written:
-    """Write envelopes without a device; a single signal gets exactly the requested file name."""
-    credits, held = signals[0].credits, target.credits
-    if target.id == "hjif" and not is_date(credits.created):
-        held -= {"created"}
-    notes = _lost_credits(credits, target, held, source)
-    written = write_signals(target, distinct(signals), frequencies, stem, tolerance)
-    if len(signals) == 1:
-        written = _named_as_asked(written, signals[0].name, stem)
-    return written + Written(notes=notes)
 
 
 def _lost_credits(
@@ -210,27 +209,9 @@ def _lost_credits(
     return credits.lost(held, target.title)
 
 
-def _ignored_options(
-    source: Path, target: FormatInfo, device: str | None, body: str | None
-) -> tuple[str, ...]:
-    """Notes on options without effect on this conversion."""
-    is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(target.write_track)
-    notes = []
-    if body is not None and not is_track:
-        notes.append("--body says nothing here: the file is of no body")
-    elif body is not None and is_of_track:
-        notes.append("--body says nothing here: what each body feels is written")
-    if device is not None and is_track and is_of_track and not target.write_raster:
-        notes.append(f"--device says nothing here: {target.id} holds what is felt")
-    return tuple(notes)
-
-
 def _refuse_invalid(source: Path, path: Path, final: Path) -> None:
-    """Raise InputError for a written file that our own validation rejects.
-
-    Tables and sound files above ``_READ_AGAIN`` bytes are not read again: their rows were checked
-    before writing.
-    """
+    """Raise InputError for a written file that our own validation rejects. Tables and sound files
+    above ``_READ_AGAIN`` bytes are not read again: their rows were checked before writing."""
     size = path.stat().st_size
     if not path.name.endswith(wav.SUFFIX):  # readers load the header only
         limits.MEMORY.check(size, str(final), "it would have")
@@ -241,17 +222,6 @@ def _refuse_invalid(source: Path, path: Path, final: Path) -> None:
         raise InputError(
             f"{source}: cannot be converted to {final.name}, which would not be valid: {fault}."
         )
-
-
-def _refuse_unfolding(
-    signals: Sequence[Signal], device: DeviceConfig, target: FormatInfo, source: Path
-) -> None:
-    """Raise TooLargeError for a small file of envelopes that expands to a huge table or sound."""
-    duration_s = max(signal.duration_s for signal in signals)
-    columns = len(device.controls)
-    is_sound = target.id == "wav"
-    per_s = 2.0 * wav.RATE_HZ * len(device.actuators) if is_sound else 8.0 * RATE_HZ * columns
-    limits.check_unfolded(duration_s * per_s, source.stat().st_size, str(source))
 
 
 def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
@@ -266,18 +236,6 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
     limits.MEMORY.check(rows_bytes, name, clause)
 
 
-def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
-    """Rename files of the only signal: leave out the signal's name."""
-    long = part_path(stem, signal, "").name
-    files = tuple(
-        path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
-        if path.name.startswith(f"{long}.")
-        else path
-        for path in written.files
-    )
-    return replace(written, files=files)
-
-
 def _device(device: str | None, target: FormatInfo) -> DeviceConfig:
     if device is None:
         raise UsageError(f"{target.id} holds what a device plays: choose one with --device")
@@ -289,20 +247,15 @@ def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
     raster: Raster = info.function("read_raster")(source)
     expected = columns_of(device)
     if raster.columns != expected:
+        difference = f"it has {len(raster.columns)}, expected are {len(expected)}"
+        for number, pair in enumerate(zip(raster.columns, expected, strict=False), start=1):
+            if pair[0] != pair[1]:
+                names = [csv_raster.column_name(column) for column in pair]
+                difference = f"column {number} is '{names[0]}', expected is '{names[1]}'"
+                break
         raise InputError(
-            f"{source}: its columns are not those of the device '{device.id}'"
-            f"{_first_difference(raster.columns, expected)}."
+            f"{source}: its columns are not those of the device '{device.id}': {difference}."
         )
     if info.id != "csv" and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
-
-
-def _first_difference(columns: Sequence[Column], expected: Sequence[Column]) -> str:
-    for number, (column, expected_column) in enumerate(
-        zip(columns, expected, strict=False), start=1
-    ):
-        if column != expected_column:
-            names = [csv_raster.column_name(item) for item in (column, expected_column)]
-            return f": column {number} is '{names[0]}', expected is '{names[1]}'"
-    return f": it has {len(columns)}, expected are {len(expected)}"

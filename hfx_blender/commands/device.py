@@ -134,6 +134,7 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
         console.warn(f"hfx: {fault}")
     approved = sorted(approval.approved().items(), key=lambda entry: entry[1])
     entries = [{"script": path, "hash": mark, "is_approved": True} for mark, path in approved]
+    # The fingerprint covers every byte: a changed script is another one, not approved.
     now = {script.fingerprint: script for script in _own_scripts(console)}
     for mark, script in now.items():
         if not script.is_approved:
@@ -205,6 +206,7 @@ def _revoke(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live import approval
 
     digits = options.name.lower()
+    # Shorter texts are names of devices, even of hexadecimal digits alone.
     is_long = len(digits) >= _SHORTEST_HASH
     marks = [mark for mark in approval.approved() if is_long and mark.startswith(digits)]
     if len(marks) > 1:

@@ -41,12 +41,21 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     options.scenes = expanded(options.scenes)
     export_options.check(options)
+    # Blender starts before the staging folder is made: a missing bpy leaves no folder behind.
     in_process = _in_process(options)
     if in_process:
         blender_session.start()
     outcomes: list[Outcome] = []
     reporter = _Reporter(console, outcomes, _given_paths(options))
-    with staging(_stage_folder(options), "hfx-export") as stage:
+    # The hidden folder for unfinished files is in the output folder. For a piece, and a merge with
+    # pieces, it is in the folder of pieces: jobs of a farm may be killed, and the removal of that
+    # folder after the merge removes their unfinished files as well.
+    folder: Path = options.output
+    if len(options.scenes) == 1:
+        pieces = pieces_folder(options.output, options.scenes[0].stem)
+        if options.piece is not None or (options.merge and pieces.is_dir()):
+            folder = pieces
+    with staging(folder, "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
         workers: Workers = (
@@ -64,6 +73,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             reporter.interrupted(len(units))
             raise
         finally:
+            # The report comes last, also of an interrupted or failed batch: it lists what is
+            # complete.
             workers.close()
             results = [_result(outcome) for outcome in outcomes]
             if options.report is not None and results:
@@ -86,19 +97,6 @@ def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
     return codes.pop() if len(failed) == len(results) and len(codes) == 1 else SOME_FAILED
 
 
-def _stage_folder(options: argparse.Namespace) -> Path:
-    """Folder in which the hidden folder for unfinished files is made: the output folder.
-
-    For a piece, and a merge with pieces, the folder of pieces: jobs of a farm may be killed, and
-    the removal of this folder after the merge removes their unfinished files as well.
-    """
-    output: Path = options.output
-    if len(options.scenes) != 1:
-        return output
-    pieces = pieces_folder(output, options.scenes[0].stem)
-    return pieces if options.piece is not None or (options.merge and pieces.is_dir()) else output
-
-
 def _in_process(options: argparse.Namespace) -> bool:
     """Test that this process exports; a single scene gains nothing from a worker process."""
     if blender_session.inside_blender():
@@ -108,6 +106,7 @@ def _in_process(options: argparse.Namespace) -> bool:
 
 
 def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
+    # Cores are shared evenly among the processes that run at a time.
     workers = 1 if _in_process(options) else options.jobs
     cores_of_each = max((options.cores or cores()) // workers, 1)
     settings = ExportOptions(

@@ -4,17 +4,38 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..blender.scene_info import fps_of
 from ..errors import InputError, refuse_no_file
-from ..files.kinds import title_of
+from ..export.result_files import listed
+from ..files import kinds
+from ..files.json_shapes import PRINTABLE, Anything, Items, Number, Record, Table, Text, read
 from ..processes import blender_session
 from ..text import printable
 from .arguments import add_json, add_largest
 from .console import Console
-from .own_files import kind_of
+
+_REPORT_SUFFIX: Final = ".report.json"
+_MOST_BYTES: Final = 64 << 20
+_LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
+_MOST: Final = 1 << 20  # of a list
+_FILE: Final = Record(
+    {"name": PRINTABLE, "bytes": Number(0, 1 << 50, is_whole=True)},
+    unknown="ignore",
+    title="an object with 'name' and 'bytes'",
+)
+_PLAIN: Final = Items(Table(Anything(), 1, title="an object with at least one member"), 0, _MOST)
+_SENTENCES: Final = Items(Text(pattern=r"[^\x00-\x1f]*", note="a sentence"), 0, _MOST)
+_REPORT: Final = Record(
+    {"scene": Anything(), "files": Items(_FILE, 0, _MOST)},
+    {key: _SENTENCES if key in ("warnings", "notes") else _PLAIN for key in _LISTS},
+    unknown="ignore",
+    title="an export's report",
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -44,7 +65,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         )
     with console.reading(path):
         facts = readers[path.suffix](path)
-    console.say(_as_text(facts), several_lines=True)
+    console.say("\n".join(map(printable, _lines(facts, 0))), several_lines=True)
     console.result(facts)
     return 0
 
@@ -147,13 +168,12 @@ def _model(path: Path) -> dict[str, Any]:
 
 def _device(path: Path) -> dict[str, Any]:
     from ..devices.configuration import load_device
-    from ..files.json_shapes import read
 
     content = read(path).value
     if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):
         raise InputError(
-            f"{path}: is {title_of(path)}; expected a device configuration, an export's report "
-            "(.report.json), or a format of hfx export."
+            f"{path}: is {kinds.title_of(path)}; expected a device configuration, an export's "
+            "report (.report.json), or a format of hfx export."
         )
     return describe_device(load_device(path))
 
@@ -169,12 +189,10 @@ def describe_device(device: Any) -> dict[str, Any]:
     }
 
 
-def _as_text(value: Any) -> str:
-    """Format nested facts as indented lines."""
-    return "\n".join(map(printable, _lines(value, 0)))
-
-
 def _lines(value: Any, indent: int) -> list[str]:
+    """Lines "key: value" of a dict of facts, nested facts indented; empty dicts are left out. Of a
+    list of dicts, the first value is a title above the further ones; other lists are a line, "none"
+    without items."""
     pad = "  " * indent
     lines: list[str] = []
     for key, entry in value.items():
@@ -190,3 +208,87 @@ def _lines(value: Any, indent: int) -> list[str]:
         else:
             lines.append(f"{pad}{key}: {entry}")
     return lines
+
+
+@dataclass(frozen=True)
+class OwnFile:
+    """Kind of file; ``facts`` reads a file and raises ``InputError`` for the first fault."""
+
+    name: str
+    title: str
+    facts: Callable[[Path], dict[str, Any]]
+
+
+def kind_of(path: Path) -> OwnFile | None:
+    """Kind of a file by name; None for unknown names."""
+    name = path.name.lower()
+    return next((kind for suffix, kind in _KINDS.items() if name.endswith(suffix)), None)
+
+
+def _effect(path: Path) -> dict[str, Any]:
+    from ..authoring.effects import effect_file
+
+    sensation = effect_file.load(path)
+    return {
+        "file": str(path),
+        "sensation": sensation.name,
+        "description": sensation.description,
+        "effects": [
+            {
+                "effect": effect.name,
+                "modality": effect.modality,
+                "where": effect_file.where_of(effect),
+                "clips": len(effect.clips),
+            }
+            for effect in sensation.effects
+        ],
+    }
+
+
+def _path(path: Path) -> dict[str, Any]:
+    from ..authoring.paths import path_file
+
+    recipe = path_file.load(path)
+    return {
+        "file": str(path),
+        "path": recipe.name,
+        "description": recipe.description,
+        "kind": recipe.kind,
+        "closed": "yes" if recipe.is_closed else "no",
+        "points": len(recipe.points_m),
+        "motion_s": recipe.motion[-1][0] if recipe.motion else 0.0,
+    }
+
+
+def facts_of_report(path: Path) -> dict[str, Any]:
+    """Content of an export's report, with the state of each listed file.
+
+    A state is "there", "missing" or "of another size". Raises InputError for an invalid report.
+    """
+    document = read(path, _MOST_BYTES)
+    kinds.refuse_another(document.value, document.file, "report")
+    report = document.hold(_REPORT)
+    files = []
+    for node in report["files"].items():
+        name, size = node.get("name"), node.get("bytes")
+        result = listed(path.parent, name)
+        if result is None:
+            node["name"].fail("the name of a file in its folder, or in folders below")
+        state = "missing"
+        if result.is_file():
+            state = "there" if result.stat().st_size == size else "of another size"
+        files.append({"name": name, "bytes": size, "state": state})
+    return {
+        "file": str(path),
+        "scene": report.get("scene"),
+        "complete": "yes" if all(file["state"] == "there" for file in files) else "no",
+        "files": files,
+        **{key: report.get(key, []) for key in _LISTS},
+    }
+
+
+_KINDS = {
+    _REPORT_SUFFIX: OwnFile("report", "report of an export", facts_of_report),
+    kinds.EFFECT_SUFFIX: OwnFile("effect", "effects", _effect),
+    kinds.PATH_SUFFIX: OwnFile("path", "path on the skin", _path),
+}

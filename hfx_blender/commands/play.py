@@ -90,8 +90,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live.track_playback import fault_of, play
     from ..files import resources
 
+    write_note = console.warn if console.as_json else console.say
     names = list(dict.fromkeys(options.device))
-    _check_outputs(options, names)
+    addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
+    if options.to == "log" and options.path is None:
+        raise UsageError("--to log: give the file with --path")
+    if len(names) > 1 and addresses:
+        raise UsageError(f"--{addresses[0]} is of one device; give one --device")
     with ExitStack() as stack:
         address_note, progress = "", console.progress(options.file.name)
         with console.reading(options.file):
@@ -126,7 +131,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 from_s=options.begin,
                 offset_s=offset_ms / 1000.0,
                 progress=progress,
-                connected=lambda: _write_note(address_note, console),
+                connected=lambda: write_note(address_note) if address_note else None,
             )
         except DeviceError as error:
             raise _fault_of_log(options.path, client) or error from error
@@ -141,15 +146,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
-    """Raise UsageError for ``--to log`` without a file, and several devices for one address."""
-    of_one = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
-    if options.to == "log" and options.path is None:
-        raise UsageError("--to log: give the file with --path")
-    if len(names) > 1 and of_one:
-        raise UsageError(f"--{of_one[0]} is of one device; give one --device")
-
-
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
     """OutputError for an unwritable file of ``--path``; None if the log is not the cause."""
     fault = f"{path} cannot be written"
@@ -157,12 +153,6 @@ def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
         if path is not None and state.state == "lost" and state.text.startswith(fault):
             return OutputError(f"{state.text.removesuffix('.')}.")
     return None
-
-
-def _write_note(text: str, console: Console) -> None:
-    """Write a note before playback; with ``--json`` to standard error."""
-    if text:
-        (console.warn if console.as_json else console.say)(text)
 
 
 def _no_progress(share: float) -> None:
@@ -178,6 +168,7 @@ def _listening(
 
     if not options.file.name.lower().endswith(SUFFIX) or options.begin is not None:
         raise UsageError("--listen is of a game clip, without --from")
+    # The token is secret: an environment variable does not show in the list of processes.
     given = os.environ.get(_TOKEN, "")
     try:
         token = bytes.fromhex(given) or None
@@ -209,6 +200,7 @@ def _opened(
     if options.file.suffix.lower() == ".json":
         title = kinds.title_of(options.file)
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
+    # A track is rendered here, by the device's script if it has one; a clip is rendered already.
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_settings.named(name) for name in names}
     devices = [device for device, _ in targets.values()]

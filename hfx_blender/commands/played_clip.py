@@ -43,14 +43,9 @@ class PlayedClip:
     """Value source for live devices, by the rules of ``docs/formats/clip.md``, "Playing".
 
     ``devices`` maps names at the client to configurations; ``body`` names the wearer (None: the
-    first body with the device). Raises InputError for an invalid clip, or a device without values.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        Time of the first row, and time after the last row, on the recorded scene's clock.
-    sample_s : float
-        Duration of a row.
+    first body with the device). ``start_s`` and ``end_s`` are the times of the first row and after
+    the last row on the recorded scene's clock, ``sample_s`` is the duration of a row. Raises
+    InputError for an invalid clip, or a device without values.
     """
 
     is_rendered = False
@@ -119,6 +114,7 @@ def _check_columns(sections: Sections, record: Any, device: DeviceConfig, path: 
     actuators = texts_at(sections, sections["ACTR"]["id"][columns["actuator"]])
     theirs = list(zip(actuators, texts_at(sections, columns["parameter"]), strict=True))
     ours = [(column.actuator, column.parameter) for column in columns_of(device)]
+    # The first difference says more than the lists.
     for recorded, configured in zip(theirs, ours, strict=False):
         if recorded != configured:
             raise InputError(
@@ -133,6 +129,8 @@ def _check_columns(sections: Sections, record: Any, device: DeviceConfig, path: 
 
 
 def _rows_of(sections: Sections, actuator: int) -> _Rows:
+    """Rows of the actuator with this record number; the distance is of the first column's number
+    in the file from the neutral one."""
     at = sections["ACTR"][actuator]
     rows, values = baked.values_of(sections, actuator)
     first, columns = int(at["first_value"]), int(at["columns"])

@@ -246,6 +246,7 @@ def path_table(path: Path) -> Any:
         except ValueError as error:
             if number > 1:
                 raise InputError(f"{path}: line {number} has no numbers: '{line[:60]}'.") from error
+        # The first row of numbers decides between positions and positions with times.
         if rows and (len(rows[-1]) != len(rows[0]) or len(rows[0]) not in (2, 3)):
             raise InputError(f"{path}: line {number}: expected x,y or time,x,y in every line.")
     if len(rows) < 2:

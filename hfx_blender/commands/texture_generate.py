@@ -17,7 +17,6 @@ from .arguments import add_json
 from .console import Console
 
 if TYPE_CHECKING:
-    from ..formats.written import Written
     from ..generation.generated import Generated
 
 BACK_ENDS: Final = ("library", "folder", "diffusers")
@@ -97,19 +96,20 @@ def _run(options: argparse.Namespace, console: Console) -> int:
     has_pictures = options.watch is not None or options.picture is not None
     if (options.back_end == "folder") != has_pictures:
         raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
-    if has_pictures:
-        return _of_pictures(options, console)
+    if options.watch is not None and options.picture is not None:
+        raise UsageError("give --watch or --picture, not both")
+    if options.watch is not None:
+        return _watch(options, console)
+    if options.picture is not None:
+        refuse_no_file(options.picture)
+        console.result({"made": [_keep(_of_picture(options.picture, options), options, console)]})
+        return 0
     diffusers = left_out.module(_DIFFUSERS) if options.back_end == "diffusers" else None
     if diffusers is not None:
         return _make_all(diffusers.maker(options, console), options, console)
-    return _library(options, console)
-
-
-def _library(options: argparse.Namespace, console: Console) -> int:
-    from ..generation import library_search
-
     if not options.words.strip():
         raise UsageError('give the words, as in: hfx texture generate "coarse grey gravel" -o DIR')
+    from ..generation import library_search
 
     def make(seed: int) -> Generated:
         return library_search.generate(
@@ -126,7 +126,7 @@ def _library(options: argparse.Namespace, console: Console) -> int:
 def _make_all(
     make: Callable[[int], Generated], options: argparse.Namespace, console: Console
 ) -> int:
-    """Generate and write all variations."""
+    """Generate and write all variations, the surfaces of successive seeds; returns 0."""
     progress = console.progress("Generating")
     results: list[dict[str, Any]] = []
     for number in range(options.variations):
@@ -137,18 +137,9 @@ def _make_all(
     return 0
 
 
-def _of_pictures(options: argparse.Namespace, console: Console) -> int:
-    """Convert a picture, or the pictures of a folder; returns 5 if a picture could not be read."""
-    if options.watch is not None and options.picture is not None:
-        raise UsageError("give --watch or --picture, not both")
-    if options.picture is not None:
-        refuse_no_file(options.picture)
-        console.result({"made": [_keep(_of_picture(options.picture, options), options, console)]})
-        return 0
-    return _watch(options, console)
-
-
 def _watch(options: argparse.Namespace, console: Console) -> int:
+    """Convert the pictures of a folder, until Ctrl-C or with ``--once`` all present ones; returns
+    5 if a picture could not be read, else 0."""
     from ..generation.picture_folder import WatchedFolder, is_made
 
     watched = WatchedFolder(options.watch)
@@ -161,6 +152,8 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
         time.sleep(_LOOK_S)
         for picture in watched.settled():
             try:
+                # A picture with results in the output folder is skipped: a watch can be started
+                # again.
                 if not is_made(picture, options.output):
                     with inputs_kept([picture]):
                         results.append(_keep(_of_picture(picture, options), options, console))
@@ -202,7 +195,14 @@ def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> 
     from ..generation import generated
 
     written = generated.write(surface, options.output, __version__)
-    files = [*written.files, *_blend(written, options)]
+    files = [*written.files]
+    if not options.no_blend:
+        from ..processes import blender_session
+
+        blender_session.start()
+        from ..authoring.surfaces import generated_surfaces
+
+        files.append(generated_surfaces.write_blend(written.files[-1]))
     for path in files:
         console.say(f"wrote {path}")
     for note in surface.notes:
@@ -215,14 +215,3 @@ def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> 
         "unknown_words": list(surface.record.get("unknown_words", ())),
         "kind": surface.record.get("kind"),
     }
-
-
-def _blend(written: Written, options: argparse.Namespace) -> tuple[Path, ...]:
-    if options.no_blend:
-        return ()
-    from ..processes import blender_session
-
-    blender_session.start()
-    from ..authoring.surfaces import generated_surfaces
-
-    return (generated_surfaces.write_blend(written.files[-1]),)

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, UsageError, refuse_no_file
-from ..files.kinds import title_of
-from ..files.suffixes import PICTURES
+from ..files.kinds import PICTURE_SUFFIXES, TEXTURE_MAP_SUFFIX, title_of
 from ..processes import blender_session
 from .arguments import add_largest, checked, pair_of
 
@@ -131,8 +130,12 @@ def read(options: argparse.Namespace) -> TextureSource:
     if name in MATERIALS:
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
         return _built(name, field, roughness, (), options)
-    if name.endswith(".texture.json"):
-        return _map(path)
+    if name.endswith(TEXTURE_MAP_SUFFIX):
+        from ..formats.pictures import texture_map
+
+        return TextureSource(
+            path.name.removesuffix(TEXTURE_MAP_SUFFIX), texture_map.read(path), None
+        )
     if path.suffix == ".blend":
         return _object(path, options)
     if not path.is_file():
@@ -155,12 +158,6 @@ def check_numbers(options: argparse.Namespace) -> None:
                 raise UsageError(f"--{option} {value:.10g}: expected {allowed}")
 
 
-def _map(path: Path) -> TextureSource:
-    from ..formats.pictures import texture_map
-
-    return TextureSource(path.name.removesuffix(".texture.json"), texture_map.read(path), None)
-
-
 def _file(path: Path, options: argparse.Namespace) -> TextureSource:
     blender_session.start()
     from ..authoring.surfaces import image_values, surface_sources
@@ -169,14 +166,14 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
     full = Path(os.path.abspath(path))
     suffix = path.suffix.lower()
-    if suffix not in (*PICTURES, *point_cloud.SUFFIXES):
-        pictures = ", ".join(PICTURES)
+    if suffix not in (*PICTURE_SUFFIXES, *point_cloud.SUFFIXES):
+        pictures = ", ".join(PICTURE_SUFFIXES)
         clouds = ", ".join(point_cloud.SUFFIXES)
         raise InputError(
             f"{path}: is {title_of(path)}; expected a map (.texture.json), a picture ({pictures}), "
             f"a point cloud ({clouds}), a .blend, or the name of a material."
         )
-    if suffix not in PICTURES:
+    if suffix not in PICTURE_SUFFIXES:
         relief = surface_sources.read_scan(
             full,
             unit_mm=options.unit,
@@ -188,6 +185,7 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
     else:
         if options.reading == "relief":
             return _estimated(full, options)
+        # Heights are the raw numbers of a picture, without conversion of colours.
         grey = picture(full, "brightness" if options.reading == "sobel" else "data")
         grey, notes = image_values.without_holes(grey, path.name)
         height, width = grey.shape
@@ -244,6 +242,7 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
         obj = scene.objects.get(options.object)
         if obj is None:
             raise InputError(f"{path}: has no object '{options.object}'.")
+    # An object without a surface gets one for this command; the file is not saved.
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj)
         obj.hfx.surface.resolution = options.resolution

@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import InputError
 from .arguments import add_json, add_largest, expanded
 from .console import Console
-from .own_files import OwnFile, kind_of
+from .info import kind_of
 
 SOME_FAILED = 5
 
@@ -62,52 +62,38 @@ def _known_in(folder: Path) -> list[Path]:
 
 
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
+    """Check a file and print its findings and verdict, or the reason why it cannot be read; of a
+    report also the listed files. Returns the result for ``--json``."""
+    from ..files.findings import Finding
     from ..formats.files import validate
 
-    if own := kind_of(path):
-        return _check_own(path, own, console)
+    own = kind_of(path)
     try:
-        with console.reading(path):
-            info, findings = validate(path)
+        if own is not None:
+            id, title, unchecked = own.name, own.title, ""
+            findings = [
+                Finding("REPORT-FILE", f"files[{k}]", f"'{entry['name']}' is {entry['state']}")
+                for k, entry in enumerate(own.facts(path).get("files", ()))
+                if entry["state"] != "there"
+            ]
+        else:
+            with console.reading(path):
+                info, findings = validate(path)
+            id, title, unchecked = info.id, info.title, info.unchecked
     except InputError as error:
         console.warn(f"hfx: {error}")
-        return {"file": str(path), "format": None, "is_valid": False, "error": str(error)}
+        id = None if own is None else own.name
+        return {"file": str(path), "format": id, "is_valid": False, "error": str(error)}
     for finding in findings:
         console.say(f"{path}: {finding}")
+    # Warnings count as faults with --strict only.
     is_valid = not any(strict or finding.severity == "error" for finding in findings)
-    verdict = "valid" if is_valid else "not valid"
-    count = len(findings)
-    details = f", {count} findings" if count else ""
-    details += f"; {info.unchecked}" if info.unchecked and is_valid else ""
-    console.say(f"{path}: {info.title}, {verdict}{details}")
+    details = f", {len(findings)} findings" if findings and own is None else ""
+    details += f"; {unchecked}" if unchecked and is_valid else ""
+    console.say(f"{path}: {title}, {'valid' if is_valid else 'not valid'}{details}")
     return {
         "file": str(path),
-        "format": info.id,
+        "format": id,
         "is_valid": is_valid,
-        "findings": [vars(finding) for finding in findings],
-    }
-
-
-def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
-    """Check a file of this program; for a report also the listed files."""
-    from ..files.findings import Finding
-
-    try:
-        facts = kind.facts(path)
-    except InputError as error:
-        console.warn(f"hfx: {error}")
-        return {"file": str(path), "format": kind.name, "is_valid": False, "error": str(error)}
-    findings = [
-        Finding("REPORT-FILE", f"files[{k}]", f"'{entry['name']}' is {entry['state']}")
-        for k, entry in enumerate(facts.get("files", ()))
-        if entry["state"] != "there"
-    ]
-    for finding in findings:
-        console.say(f"{path}: {finding}")
-    console.say(f"{path}: {kind.title}, {'not valid' if findings else 'valid'}")
-    return {
-        "file": str(path),
-        "format": kind.name,
-        "is_valid": not findings,
         "findings": [vars(finding) for finding in findings],
     }

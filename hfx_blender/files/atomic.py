@@ -37,7 +37,7 @@ _TOKEN_BYTES: Final = 8
 _inputs: dict[tuple[int, int], int] = {}
 """Number of open :func:`inputs_kept` blocks for each protected (device, inode)."""
 
-_AT_ONCE = 8  # parallel fsync calls: a disk writes several files in one pass
+_AT_ONCE: Final = 8  # parallel fsync calls: a disk writes several files in one pass
 
 
 def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
@@ -103,10 +103,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
 
 def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -> None:
     """Give files their final names; after an error, replaced files are restored and new ones moved
-    back.
-
-    Restoring needs hard links. ``is_durable`` forces the folders to the disk.
-    """
+    back. Restoring needs hard links. ``is_durable`` forces the folders to the disk."""
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
     placing.acquire()
@@ -117,6 +114,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
             with suppress(OSError):  # no file to replace, or no hard links
                 os.link(target, second_name, follow_symlinks=False)
                 earlier[target] = second_name
+            # Atomic: other processes see the earlier or the new file, never a part.
             os.replace(file, target)
             moved.append((file, target))
         for folder in dict.fromkeys(target.parent for target in targets) if is_durable else ():
@@ -136,6 +134,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
 
 
 def _sync_file(path: Path) -> None:
+    """Force the content of a file to the disk; OutputError if that fails."""
     try:
         with open(path, "r+b") as file:
             os.fsync(file.fileno())
@@ -144,6 +143,7 @@ def _sync_file(path: Path) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:
+    """Return, not raise, the error of an unwritable file with the system's reason."""
     return OutputError(f"{path}: cannot be written ({error.strerror or error}).")
 
 
@@ -186,9 +186,15 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     try:
         refuse_taken(path)
         if is_durable:
-            _remove_abandoned(path)
+            # Hidden files of killed processes have no lock any more.
+            with suppress(OSError):
+                for abandoned in path.parent.glob(temporary_pattern(path.name)):
+                    with suppress(OSError):
+                        if stat.S_ISREG(abandoned.lstat().st_mode) and is_ownerless(abandoned):
+                            abandoned.unlink()
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
+        # "x": two threads can never write to one hidden file.
         raw = WatchedFile(temporary, "xb+")
         remove_at_end(temporary, Path.unlink)
         if is_durable:
@@ -199,6 +205,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             if raw.fault is not None:
                 raise raw.fault
+            # Before the rename: a rename may reach the disk earlier than the content.
             if is_durable:
                 os.fsync(file.fileno())
         _replace([temporary], [path], is_durable)
@@ -230,21 +237,14 @@ def temporary_pattern(name: str | None = None) -> str:
 
 
 def _temporary_start(name: str) -> str:
+    """Begin of :func:`temporary_name`, with at most 100 bytes of ``name``."""
     short = os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
     return f".{short}.{_machine()}-"
 
 
 def _machine() -> str:
+    """Eight hexadecimal digits that differ between machines with different host names."""
     return hashlib.sha256(platform.node().encode(errors="replace")).hexdigest()[:8]
-
-
-def _remove_abandoned(path: Path) -> None:
-    """Remove unlocked hidden files of :func:`atomic_file` left by killed processes."""
-    with suppress(OSError):
-        for abandoned in path.parent.glob(temporary_pattern(path.name)):
-            with suppress(OSError):
-                if stat.S_ISREG(abandoned.lstat().st_mode) and is_ownerless(abandoned):
-                    abandoned.unlink()
 
 
 @contextmanager
@@ -270,26 +270,21 @@ def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
                 del _inputs[identity]
 
 
-def _is_input(path: Path) -> bool:
-    try:
-        state = path.stat()
-    except OSError:
-        return False
-    return (state.st_dev, state.st_ino) in _inputs
-
-
 def refuse_taken(path: Path) -> None:
     """Raise OutputError for a path that no result may take.
 
     Rejected: folders, devices, pipes, open files (``/dev/stdout``: a move would replace the name
-    for the whole machine) and files of :func:`inputs_kept`.
+    for the whole machine) and files of :func:`inputs_kept`. Returns nothing.
     """
     if path.is_dir():
         raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
-    if _is_input(path):
-        raise OutputError(
-            f"{path}: cannot be written (it is a file that is read for it; choose another name)."
-        )
+    with suppress(OSError):  # a missing file is free
+        state = path.stat()
+        if (state.st_dev, state.st_ino) in _inputs:
+            raise OutputError(
+                f"{path}: cannot be written (it is a file that is read for it; choose another "
+                "name)."
+            )
     refuse_device(path)
 
 
@@ -302,12 +297,13 @@ def refuse_device(path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    # The caller reports the first error, not a second one of an unwritable or missing folder.
+    """Remove a file, if present; errors are ignored, as the caller reports an earlier error."""
     with suppress(OSError):
         path.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:
+    """Force the names in a folder to the disk, where the file system can; else OSError."""
     if os.name == "nt":  # folders cannot be opened; NTFS journals the move itself
         return
     descriptor = os.open(folder, os.O_RDONLY)

@@ -133,10 +133,8 @@ def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
-    """A sentence for each code: the first finding and the number of further findings.
-
-    ``begin`` is put in front.
-    """
+    """A sentence for each code: the first finding and the number of further findings. ``begin`` is
+    put in front."""
     counts = Counter(finding.code for finding in findings)
     firsts = {finding.code: finding for finding in reversed(findings)}
     return tuple(

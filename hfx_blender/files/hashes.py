@@ -98,6 +98,7 @@ def state_of(path: Path, reference: Path | None = None) -> str | None:
     files = sorted(_files_in(path) if path.is_dir() else _row_of(path))
     if not files:
         return None
+    # Names count as well: exchanged contents are a change.
     sums = hashlib.sha256()
     for file in files:
         name = file.relative_to(path if path.is_dir() else path.parent).as_posix()
@@ -121,6 +122,7 @@ def _files_in(folder: Path) -> list[Path]:
     for subfolder, _, names in os.walk(folder):
         paths = (Path(subfolder, name) for name in names)
         files += (path for path in paths if is_of_a_kind(path) and path.is_file())
+        # The walk ends early: a .blend may name the root of a disk.
         count += len(names)
         if count > MOST_FILES:
             raise InputError(f"{folder}: it holds more than {MOST_FILES} files.")

@@ -15,6 +15,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, NoReturn
@@ -214,18 +215,33 @@ def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None
             _check_record(shape, value, report, place)
         case Items() | Row():
             _check_list(shape, value, report, place)
+        case Table() if not isinstance(value, dict) or len(value) < shape.least:
+            report.error("TYPE", place, _found(value, shape.title))
         case Table():
-            _check_table(shape, value, report, place)
+            for key, item in value.items():
+                if shape.key.pattern and not re.fullmatch(shape.key.pattern, key):
+                    text = f"the name {_found(key, shape.key.allowed)}"
+                    report.error("CHOICE", (place, key), text)
+                check(shape.item, item, report, (place, key))
         case Number():
             _check_number(shape, value, report, place)
+        case Text() if not isinstance(value, str):
+            report.error("TYPE", place, _found(value, shape.allowed))
         case Text():
-            _check_text(shape, value, report, place)
+            is_choice = not shape.choices or value in shape.choices
+            if not is_choice or (shape.pattern and not re.fullmatch(shape.pattern, value)):
+                report.error(shape.code, place, _found(value, shape.allowed))
         case Flag():
             if not isinstance(value, bool) or (shape.only is not None and value != shape.only):
                 report.error("TYPE", place, _found(value, shape.note))
         case Tagged() | Either():
-            # An unknown tag is the only fault: members of an unknown kind cannot be checked.
-            kind = chosen(shape, value) or _tag_only(shape)
+            kind = chosen(shape, value)
+            if kind is None:
+                # An unknown tag is the only fault: members of an unknown kind cannot be checked.
+                assert isinstance(shape, Tagged)
+                kind = Text(tuple(shape.kinds))
+                for key in reversed(shape.tag.split(".")):
+                    kind = Record({key: kind}, unknown="ignore")
             check(kind, value, report, place)
 
 
@@ -237,15 +253,6 @@ def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
     for key in shape.tag.split("."):
         value = value.get(key) if isinstance(value, dict) else None
     return shape.kinds.get(value) if isinstance(value, str) else None
-
-
-def _tag_only(shape: Tagged | Either) -> Shape:
-    """Shape of an object with a valid tag and any further members."""
-    assert isinstance(shape, Tagged)
-    tag_shape: Shape = Text(tuple(shape.kinds))
-    for key in reversed(shape.tag.split(".")):
-        tag_shape = Record({key: tag_shape}, unknown="ignore")
-    return tag_shape
 
 
 def known_members(shape: Shape, value: Any) -> Any:
@@ -290,12 +297,14 @@ def value_of(shape: Shape, value: Any) -> Any:
 
 
 def _check_record(shape: Record, value: Any, report: Report, place: Place) -> None:
+    """Report missing and unknown members, the rules between members, and faults of each member."""
     if not isinstance(value, dict):
         report.error("TYPE", place, _found(value, shape.title))
         return
     for key in shape.required:
         if key not in value:
             report.error("MISSING", place, f"'{key}' is missing")
+    # Unknown members are reported after missing ones: a misspelt name shows as both.
     for key, item in value.items():
         member = shape.required.get(key) or shape.optional.get(key)
         if member is not None:
@@ -316,6 +325,7 @@ def _check_record(shape: Record, value: Any, report: Report, place: Place) -> No
 
 
 def _check_list(shape: Items | Row, value: Any, report: Report, place: Place) -> None:
+    """Report a wrong count, faults of each item, or else a wrong order of the items."""
     if isinstance(shape, Row):
         count = len(shape.items)
         if not isinstance(value, list) or len(value) != count:
@@ -339,6 +349,7 @@ def _check_list(shape: Items | Row, value: Any, report: Report, place: Place) ->
 
 
 def _check_order(shape: Items, value: list[Any], report: Report, place: Place) -> None:
+    """Report the first item out of ``shape.order``, or that items are equal ("unique")."""
     if shape.order == "unique":
         if len({json.dumps(item, sort_keys=True) for item in value}) != len(value):
             report.error("ORDER", place, _found(value, "each item once"))
@@ -354,23 +365,15 @@ def _check_order(shape: Items, value: list[Any], report: Report, place: Place) -
             return
 
 
-def _check_table(shape: Table, value: Any, report: Report, place: Place) -> None:
-    if not isinstance(value, dict) or len(value) < shape.least:
-        report.error("TYPE", place, _found(value, shape.title))
-        return
-    for key, item in value.items():
-        if shape.key.pattern and not re.fullmatch(shape.key.pattern, key):
-            report.error("CHOICE", (place, key), f"the name {_found(key, shape.key.allowed)}")
-        check(shape.item, item, report, (place, key))
-
-
 def _check_number(shape: Number, value: Any, report: Report, place: Place) -> None:
+    """Report a value other than a number (TYPE), or outside range and choices (RANGE)."""
     if shape.may_be_text and isinstance(value, str):
-        number = _number_of(value)
-        if number is None:
-            report.error("TYPE", place, _found(value, shape.allowed))
+        text = value
+        with suppress(ValueError):
+            value = float(text)
+        if isinstance(value, str) or not math.isfinite(value):
+            report.error("TYPE", place, _found(text, shape.allowed))
             return
-        value = number
     # bool is an int in Python: an amplitude of true would be full power.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or (shape.is_whole and not isinstance(value, int)):
@@ -392,25 +395,8 @@ def _are_all_in_range(shape: Number, values: list[Any]) -> bool:
     return shape.is_whole or not math.isnan(sum(values))
 
 
-def _number_of(text: str) -> float | None:
-    """Parse a finite number; None for text without one."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _check_text(shape: Text, value: Any, report: Report, place: Place) -> None:
-    if not isinstance(value, str):
-        report.error("TYPE", place, _found(value, shape.allowed))
-    elif (shape.choices and value not in shape.choices) or (
-        shape.pattern and not re.fullmatch(shape.pattern, value)
-    ):
-        report.error(shape.code, place, _found(value, shape.allowed))
-
-
 def _found(value: Any, allowed: str) -> str:
+    """Message "is <value>, allowed is <allowed>"."""
     return f"is {shown(value)}, allowed is {allowed}"
 
 

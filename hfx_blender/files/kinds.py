@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Identifies this program's JSON documents by a marker in their content."""
+"""Kinds of this program's own files: suffixes, and markers in the content of JSON documents.
+
+The suffixes are here for the user interface, which does not import the formats.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..errors import InputError, refuse_no_file
+
+EFFECT_SUFFIX: Final = ".hfxeffect"
+PATH_SUFFIX: Final = ".hfxpath"
+TEXTURE_MAP_SUFFIX: Final = ".texture.json"
+GENERATED_SUFFIX: Final = ".generated.json"
+STROKE_SUFFIXES: Final = (".wav", ".ahap", ".he", ".haptic", ".csv")
+PICTURE_SUFFIXES: Final = (".exr", ".jpeg", ".jpg", ".png", ".tif", ".tiff")  # of heights
 
 _MARKS: Final = ("format", "schema")
 
@@ -50,6 +60,7 @@ def title_of(path: Path) -> str:
 
 
 def _mark_of(value: Any) -> str:
+    """Marker of a document of any type, a key of ``_TITLES``; empty for documents without one."""
     if not isinstance(value, dict):
         return ""
     marks = (value.get(key) for key in _MARKS)

@@ -51,7 +51,9 @@ class Limit:
             if not times <= MOST_TIMES:
                 cure = " (far too much)"
             elif _times.get() is not None:
-                cure = f" ('--largest {_up(times)}' allows it)"
+                # Rounded up to two digits, so that the limit of this factor is above the amount.
+                step = 10.0 ** (math.floor(math.log10(times)) - 1) if times >= 1.0 else 0.1
+                cure = f" ('--largest {math.ceil(times / step) * step:.10g}' allows it)"
             raise TooLargeError(
                 f"{name}: {clause} {_shown(amount)} {self.unit}, allowed are "
                 f"{_shown(self.allowed)} {self.unit}{cure}."
@@ -111,12 +113,7 @@ def raised(times: float) -> Iterator[None]:
 
 
 def _shown(amount: float) -> str:
+    """Whole number with commas below 1e15, else three digits; "countless" from 1e300 on."""
     if abs(amount) < 1e15:
         return f"{amount:,.0f}"
     return f"{amount:.3g}" if abs(amount) < _COUNTLESS else "countless"
-
-
-def _up(times: float) -> str:
-    """Factor rounded up to two digits, as text."""
-    step = 10.0 ** (math.floor(math.log10(times)) - 1) if times >= 1.0 else 0.1
-    return f"{math.ceil(times / step) * step:.10g}"

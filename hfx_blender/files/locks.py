@@ -41,6 +41,8 @@ def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
         return False
     try:
         state = os.fstat(descriptor)
+        # Its maker may be between the creation of a file and its lock: only a file with complete
+        # content, or an old one, can be without an owner.
         is_new = time.time() - state.st_mtime < NEW_S
         if not stat.S_ISREG(state.st_mode):
             return False
@@ -101,17 +103,13 @@ def folder_locked(folder: Path) -> Iterator[None]:
 def _is_taken_in_time(descriptor: int) -> bool:
     """Lock a file within :data:`PATIENCE_S`; False if another process holds the lock for longer."""
     until = time.monotonic() + PATIENCE_S
-    while not (is_taken := _is_taken(descriptor)) and time.monotonic() <= until:
+    while True:
+        with suppress(OSError):
+            take_lock(descriptor)
+            return True
+        if time.monotonic() > until:
+            return False
         time.sleep(_RETRY_S)
-    return is_taken
-
-
-def _is_taken(descriptor: int) -> bool:
-    try:
-        take_lock(descriptor)
-    except OSError:
-        return False
-    return True
 
 
 def take_lock(descriptor: int, place: int = 0) -> None:

@@ -45,6 +45,7 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     stage = parent / temporary_name(name)
     stage.mkdir(0o700)
     owner: int | None = None
+    # The folder is locked by its file "owner", whose text says that the lock is taken.
     with unfinished(stage, remove_tree):
         try:
             owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -110,6 +111,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     contexts = ExitStack()
     new: list[Path] = []
     try:
+        # New folders are registered before they are made: a signal in between removes them.
         new = _missing(folder)
         for new_folder in new:
             contexts.enter_context(unfinished(new_folder, Path.rmdir))
@@ -127,6 +129,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
     except (InputError, OutputError) as error:  # name the file by the final name
+        # The hidden folder is gone when the message is read.
         text = with_final_names(str(error), stage, folder)
         if text == str(error):
             raise

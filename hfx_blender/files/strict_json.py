@@ -23,6 +23,7 @@ SHOWN: Final = 60
 """Largest number of characters of a value in a message."""
 _READ_BYTES: Final = 1 << 20
 _STRINGS: Final = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
+_BRACKETS: Final = re.compile(r"[\[\]{}]")
 _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
 
 Place = tuple[Any, ...] | None
@@ -63,10 +64,18 @@ def parse(
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: byte {error.start} is not UTF-8.") from None
-    if most_depth is not None and _depth(text) > most_depth:
-        raise InputError(f"{name}: is nested deeper than {most_depth}, the most that is allowed.")
+    if most_depth is not None:
+        # Brackets outside strings are counted before the recursive parser runs.
+        depth = 0
+        for bracket in _BRACKETS.findall(_STRINGS.sub("", text)):
+            depth += 1 if bracket in "[{" else -1
+            if depth > most_depth:
+                raise InputError(
+                    f"{name}: is nested deeper than {most_depth}, the most that is allowed."
+                )
     try:
         value = json.loads(text, **_STRICT)
+        # Encoding fails for half a surrogate pair, which json.loads accepts.
         if not has_file_names and _HALF_PAIR.search(text):
             encoded(value)
         return value
@@ -151,9 +160,7 @@ class _Fault:
 
 def _located(text: str) -> str:
     """Location and description of the first forbidden number or object; empty for no such fault.
-
-    Parses the text again with placeholders: a hook of the parser has no location.
-    """
+    Parses the text again with placeholders: a hook of the parser has no location."""
     try:
         waiting: list[tuple[Any, Place]] = [(json.loads(text, **_MARKING), None)]
     except (ValueError, RecursionError):
@@ -168,19 +175,8 @@ def _located(text: str) -> str:
     return ""
 
 
-def _depth(text: str) -> int:
-    """Deepest nesting of brackets outside strings, measured before the recursive parser runs."""
-    depth = deepest = 0
-    for character in _STRINGS.sub("", text):
-        if character in "[{":
-            depth += 1
-            deepest = max(deepest, depth)
-        elif character in "]}":
-            depth -= 1
-    return deepest
-
-
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Object of members in file order; ValueError for a repeated key."""
     members = dict(pairs)
     if len(members) != len(pairs):
         counts = Counter(key for key, _ in pairs)
@@ -193,6 +189,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 # time of a hook in Python.
 @lru_cache(1 << 16)
 def _finite(text: str) -> float:
+    """Number of a text; ValueError for NaN, infinity and overflow."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"the number {text[:SHOWN]} is not finite")
@@ -201,6 +198,7 @@ def _finite(text: str) -> float:
 
 @lru_cache(1 << 16)
 def _whole(text: str) -> int:
+    """Whole number of a text; ValueError above 20 characters, as int() takes quadratic time."""
     if len(text) > 20:
         raise ValueError(f"the number {text[:20]}... is too long")
     return int(text)

@@ -194,6 +194,7 @@ def without_invalid_files(written: Written) -> Written:
         fault = ""
         if path.name.endswith(with_rules):
             fault = fault_of(path, reads=False)
+        # Readers would refuse a larger file.
         elif size > limits.MEMORY.default and not path.name.endswith(unlimited):
             most = limits.MEMORY.default
             fault = f"it has {size:,} bytes, allowed are {most:,.0f}; export a shorter range"
@@ -243,6 +244,7 @@ def facts_of(path: Path) -> dict[str, Any]:
     """
     info, findings = validate(path)
     errors = [finding for finding in findings if finding.severity == "error"]
+    # Readers of envelopes tolerate some errors, others would fail on them.
     if not info.decode:
         refuse_errors(errors, str(path))
     facts: dict[str, Any] = {

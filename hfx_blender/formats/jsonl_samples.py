@@ -121,9 +121,29 @@ def write(track: TrackReader, path: Path) -> None:
     Raises InputError for a damaged track, OutputError for an unwritable file; no partial file
     remains.
     """
+    last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set, and its number
+    count = 0
     with atomic_file(path) as file:
         file.write(encoded(_header(track.header)))
-        file.writelines(_lines(track))
+        for block in blocks(track.header, track.runs()):
+            # Samples of all streams in time order, a set before the first sample using it.
+            entries = sorted(
+                (int(index), b, k)
+                for b, run in enumerate(block)
+                for k, index in enumerate(run.indices)
+            )
+            for _, b, k in entries:
+                run = block[b]
+                j = k if run.sets is None else int(run.sets[k])
+                part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+                vertices, weights = run.vertices[part], run.weights[part]
+                content = vertices.tobytes() + weights.tobytes()
+                # Streams often repeat a set for many samples: only changed content is written.
+                if run.stream not in last or last[run.stream][0] != content:
+                    file.write(_set_line(count, vertices, weights))
+                    last[run.stream] = (content, count)
+                    count += 1
+                file.write(encoded(_sample(run, k, last[run.stream][1])))
 
 
 def export(
@@ -173,37 +193,9 @@ def _header(header: TrackHeader) -> dict[str, Any]:
     }
 
 
-def _lines(track: TrackReader) -> Iterator[bytes]:
-    """Yield sets and samples as lines in time order, a set before the first sample using the set.
-
-    A set equal to the stream's last set is not repeated.
-    """
-    last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
-    count = 0
-    for block in blocks(track.header, track.runs()):
-        entries = sorted(
-            (int(index), b, k) for b, run in enumerate(block) for k, index in enumerate(run.indices)
-        )
-        for _, b, k in entries:
-            run = block[b]
-            j = k if run.sets is None else int(run.sets[k])
-            part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
-            vertices, weights = run.vertices[part], run.weights[part]
-            content = vertices.tobytes() + weights.tobytes()
-            # Streams often repeat a set for many samples: only changed content gets a new line.
-            if run.stream not in last or last[run.stream][0] != content:
-                yield _set_line(count, vertices, weights)
-                last[run.stream] = (content, count)
-                count += 1
-            yield encoded(_sample(run, k, last[run.stream][1]))
-
-
 def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
     """JSON of sample ``k`` of a run, with the number of its set: time rounded to 1 ns, values to
-    1e-6.
-
-    With the place of a spot, m, or the values of actuators, to 1e-4, if the run has these.
-    """
+    1e-6. With the place of a spot, m, or the values of actuators, to 1e-4, if the run has these."""
     extras: dict[str, Any] = {}
     if run.focus is not None:
         *centre, radius = (round(number, 6) for number in run.focus[k].astype(float).tolist())
@@ -226,10 +218,8 @@ def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
 
 
 def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
-    """Encode vertices (n,), ascending, and weights 0..1 (n,) as the line of set ``number``.
-
-    Weights are rounded to 1e-4. Numbers are looked up in tables of texts for speed.
-    """
+    """Encode vertices (n,), ascending, and weights 0..1 (n,) as the line of set ``number``. Weights
+    are rounded to 1e-4. Numbers are looked up in tables of texts for speed."""
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
@@ -249,10 +239,8 @@ def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
 
 @lru_cache(maxsize=5)
 def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
-    """Texts ``"<number>,"`` of 0 to ``count`` - 1, or of these times 1e-4 for ``is_weight``.
-
-    Each is zero-padded to 8 bytes and viewed as an integer, which numpy indexes faster.
-    """
+    """Texts ``"<number>,"`` of 0 to ``count`` - 1, or of these times 1e-4 for ``is_weight``. Each
+    is zero-padded to 8 bytes and viewed as an integer, which numpy indexes faster."""
     numbers = (step / _WEIGHT_STEPS if is_weight else step for step in range(count))
     return np.array([f"{number!r}," for number in numbers], "S8").view(np.uint64)
 
@@ -295,9 +283,7 @@ def facts(path: Path) -> dict[str, Any]:
 
 def _sound_lines(content: bytes, name: str, report: Report) -> Iterator[dict[str, Any]]:
     """Yield lines without faults of structure, and add findings to ``report``; no lines without a
-    valid header.
-
-    Raises InputError for a line without valid JSON, and for a header with an ``encoding``.
+    valid header. Raises InputError for a line without valid JSON or a header with an ``encoding``.
     """
     rules = _Rules(report)
     source = BytesIO(content) if isinstance(content, bytes) else content  # a map reads lines
@@ -340,6 +326,7 @@ class _Rules:
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != is_first:
             self._report.error("LINE", place, "expected a header first, then sets and samples")
             return False
+        # The rules below rely on members of the right types.
         before = self._report.count
         check(_LINES[kind], value, self._report, place)
         if self._report.count > before:
@@ -370,6 +357,7 @@ class _Rules:
         if effect is None or value["body"] not in self._bodies:
             self._report.error("SAMPLE-ID", place, "the header has no such effect or body")
             return
+        # The order of the parameters is a part of the format.
         expected = MODALITIES[effect["modality"]].parameter_names
         if tuple(value["parameters"]) != expected:
             self._report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(expected)}")

@@ -14,102 +14,55 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..errors import UsageError
-from ..files.suffixes import TEXTURE_MAP
+from ..files.kinds import TEXTURE_MAP_SUFFIX
 
 
 @dataclass(frozen=True)
 class FormatInfo:
     """File format: its names, contents and functions.
 
-    A function is named ``"module:function"`` below :mod:`hfx_blender.formats`; :meth:`function`
-    imports it. The smallest entry is a format with a check only::
+    A function is named ``"module:function"`` below :mod:`hfx_blender.formats`, empty for none;
+    :meth:`function` imports it. The smallest entry is a format with a check only::
 
         FormatInfo("x", "X file", ".x", check="folder.module:validate")
 
-    Attributes
-    ----------
-    id : str
-        Name in commands; in capitals the prefix of finding codes.
-    title : str
-        Name in messages.
-    suffix : str
-        End of its file names.
-    dialog : (str, str, int), optional
-        Export formats: label, tooltip and bit number of the check box in the export dialog. The
-        number is stored in .blend files and never changes.
-    modalities : tuple of str, optional
-        Modalities that a file holds; None: all.
-    holds_waves : bool
-        A file holds several simultaneous frequencies of an actuator.
-    companions : tuple of str
-        Suffixes of companion files written with each file.
-    read_suffix : str
-        Suffix accepted by readers, where shorter than ``suffix``.
-    marks : tuple of str
-        Texts within the first 64 KiB that identify a ``.json`` of any name.
-    own_start : bytes
-        Regular expression for the first bytes written by HFX, spaces included; a file saved by
-        another program does not match. Empty: no file counts as written by HFX.
-    credits : frozenset of str
-        Fields of :class:`~.signals.signals.Credits` that a file stores.
-    write_track : str
-        ``(track, devices, stem, tolerance) -> Written``: the samples of a ``TrackReader``; raises
-        ``NothingFeltError`` if there are none and the format requires some.
-    write_played : str
-        ``(header, played, stem, scene) -> Written``: output of all devices in a single file.
-    write_raster : str
-        ``(raster, device, stem, tolerance) -> Written``: output of a single device.
-    write_signals : str
-        ``(signals, frequencies, stem, tolerance) -> Written``: vibration envelopes, also from
-        files of other formats.
-    held : str
-        ``(frequencies) -> FrequencyRange`` stored by ``write_signals``.
-    why_nothing : str
-        ``(device) -> str``: reason that no output of a device can be stored; empty: some can.
-    check : str
-        ``(content, name) -> list of Finding`` for files of any program.
-    unchecked : str
-        Rules that ``check`` omits, shown with its verdict.
-    read : str
-        ``(path)``: validates a file that is large or needs companions; raises ``InputError`` for
-        the first fault.
-    decode : str
-        ``(content, name) -> (signals, frequencies)``: vibration envelopes.
-    read_raster : str
-        ``(path) -> Raster``.
-    facts : str
-        ``(path) -> dict``: rows of ``hfx info`` besides signals; formats with ``check`` only.
-
-    Notes
-    -----
     Writers get ``folder/stem`` without suffix. They raise ``InputError`` if the format can store
     nothing, or a signal only in part, and ``OutputError`` if a file cannot be written; all other
     losses are sentences in ``Written.left_out``.
     """
 
-    id: str
-    title: str
-    suffix: str
+    id: str  # name in commands; in capitals the prefix of finding codes
+    title: str  # name in messages
+    suffix: str  # end of its file names
+    # Export formats: label, tooltip and bit number of the check box in the export dialog. The
+    # number is stored in .blend files and never changes.
     dialog: tuple[str, str, int] | None = None
-    modalities: tuple[str, ...] | None = None
-    holds_waves: bool = False
-    companions: tuple[str, ...] = ()
-    read_suffix: str = ""
-    marks: tuple[str, ...] = ()
+    modalities: tuple[str, ...] | None = None  # that a file holds; None: all
+    holds_waves: bool = False  # several simultaneous frequencies of an actuator
+    companions: tuple[str, ...] = ()  # suffixes of files written with each file
+    read_suffix: str = ""  # accepted by readers, where shorter than ``suffix``
+    marks: tuple[str, ...] = ()  # texts in the first 64 KiB that identify a .json of any name
+    # Regular expression for the first bytes written by HFX, spaces included; a file saved by
+    # another program does not match. Empty: no file counts as written by HFX.
     own_start: bytes = b""
-    credits: frozenset[str] = frozenset()
+    credits: frozenset[str] = frozenset()  # stored fields of signals.signals.Credits
+    # (track, devices, stem, tolerance) -> Written: the samples of a TrackReader; raises
+    # NothingFeltError if there are none and the format requires some.
     write_track: str = ""
-    write_played: str = ""
-    write_raster: str = ""
+    write_played: str = ""  # (header, played, stem, scene) -> Written: all devices in one file
+    write_raster: str = ""  # (raster, device, stem, tolerance) -> Written: a single device
+    # (signals, frequencies, stem, tolerance) -> Written: vibration envelopes, also from files of
+    # other formats.
     write_signals: str = ""
-    held: str = ""
-    why_nothing: str = ""
-    check: str = ""
-    unchecked: str = ""
+    held: str = ""  # (frequencies) -> FrequencyRange stored by write_signals
+    why_nothing: str = ""  # (device) -> str: why no output can be stored; empty: some can
+    check: str = ""  # (content, name) -> list of Finding, for files of any program
+    unchecked: str = ""  # rules that check omits, shown with its verdict
+    # (path): validates a file that is large or needs companions; InputError for the first fault.
     read: str = ""
-    decode: str = ""
-    read_raster: str = ""
-    facts: str = ""
+    decode: str = ""  # (content, name) -> (signals, frequencies): vibration envelopes
+    read_raster: str = ""  # (path) -> Raster
+    facts: str = ""  # (path) -> dict: rows of hfx info besides signals; with check only
 
     def function(self, kind: str) -> Callable[..., Any]:
         """Import and return the function named in field ``kind``, which must not be empty:
@@ -323,7 +276,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             check="sound.wav_rules:validate_channels",
             facts="sound.wav_rules:channel_facts",
         ),
-        FormatInfo("texture", "texture map", TEXTURE_MAP, read="pictures.texture_map:read"),
+        FormatInfo("texture", "texture map", TEXTURE_MAP_SUFFIX, read="pictures.texture_map:read"),
         FormatInfo("picture", "PNG", ".png", read="pictures.png:read"),
         FormatInfo("chart", "SVG picture", ".svg", read="files:read_svg"),
         FormatInfo("scene", "Blender file", ".blend", read="files:read_blend"),

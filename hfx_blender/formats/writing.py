@@ -105,6 +105,7 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
     refuse_unknown(formats, "format")
     known: dict[str, DeviceConfig] = {}
     for device in devices:
+        # Two devices with one id would write the same file names.
         known_device = known.setdefault(name_key(device.id), device)
         if vars(known_device) != vars(device):
             ids = dict.fromkeys((f"'{known_device.id}'", f"'{device.id}'"))

@@ -16,7 +16,7 @@ from ..engine.arrays import F32, F64, U8
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
 from ..errors import InputError, refuse_no_file
-from ..files import staging, suffixes
+from ..files import kinds, staging
 from ..files.hashes import sha256_of
 from ..files.json_shapes import Anything, Flag, Items, Number, Record, Table, Text, numbers
 from ..files.json_shapes import read as read_json
@@ -25,7 +25,7 @@ from ..formats.pictures import png, texture_map
 from ..formats.written import Written, write_json
 from .surface_words import tokens
 
-RECORD: Final = suffixes.GENERATED
+RECORD: Final = kinds.GENERATED_SUFFIX
 FORMAT: Final = "hfx-generated-texture"
 VERSION: Final = 1
 _LONGEST_NAME: Final = 48

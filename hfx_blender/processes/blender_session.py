@@ -54,6 +54,7 @@ def start() -> Any:
             f"Blender's Python module cannot be loaded ({error}). On Debian and Ubuntu it needs: "
             f"{_SYSTEM_PACKAGES}."
         ) from error
+    # In the Blender program the extension is registered already.
     if not hasattr(bpy.types.Object, "hfx"):
         sys.modules[__package__.rpartition(".")[0]].register()  # of hfx_blender
     check()  # for signals during the start of Blender
@@ -64,8 +65,7 @@ def start() -> Any:
 def _temporary_folder() -> Iterator[None]:
     """Context manager in which a starting Blender uses a new folder for temporary files.
     ``bpy.app.tempdir`` cannot be removed instead: without permission to create a folder, Blender
-    uses the user's temporary folder itself.
-    """
+    uses the user's temporary folder itself."""
     global _temporary
     if "bpy" not in sys.modules:
         with suppress(OSError):  # missing or full: Blender looks for a folder
@@ -176,6 +176,7 @@ def without_chatter(work: Callable[[], int]) -> int:
     device, and ``sys.stdout`` writes to a copy of the original descriptor.
     """
     sys.stdout.flush()
+    # Blender writes to descriptor 1 directly, so it is descriptor 1 that is replaced.
     original = os.dup(1)
     null = os.open(os.devnull, os.O_WRONLY)
     stream = sys.stdout

@@ -65,12 +65,8 @@ _farewell = threading.Lock()  # acquired once, by the thread that writes the far
 def end_on_signals(*, at_once: bool = False) -> None:
     """Let Ctrl-C, SIGTERM and SIGHUP end this process; signals with custom handlers are left.
 
-    Has no effect outside the main thread.
-
-    Parameters
-    ----------
-    at_once : bool
-        End without message and without unwinding, for a process whose parent reports the end.
+    Has no effect outside the main thread. ``at_once``: end without message and without unwinding,
+    for a process whose parent reports the end.
     """
     if threading.current_thread() is not threading.main_thread():
         return
@@ -158,14 +154,11 @@ def _watch(reading: int) -> None:
         while _state.number:
             limit_s = UNWINDING_S if _state.is_unwinding else _state.unnoticed_s
             if time.monotonic() - _state.noted_s >= limit_s:
-                _end_by_force(_state.number)
+                number = _state.number
+                if _ending.acquire(timeout=TIDYING_S):
+                    _in_time(_tidy, TIDYING_S)
+                _end(number)
             time.sleep(_LOOK_S)
-
-
-def _end_by_force(number: int) -> NoReturn:
-    if _ending.acquire(timeout=TIDYING_S):
-        _in_time(_tidy, TIDYING_S)
-    _end(number)
 
 
 def _end(number: int) -> NoReturn:

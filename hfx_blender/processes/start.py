@@ -48,16 +48,9 @@ def start(
 ) -> subprocess.Popen[Any]:
     """Start a process of this package; all processes are started here.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Result of :func:`command`.
-    variables : mapping, optional
-        Environment variables besides those of :func:`environment`.
-    settings
-        Arguments of :class:`subprocess.Popen`.
-
-    Raises OSError: the process cannot be started, or this process is ending.
+    ``command`` is a result of :func:`command`; ``variables`` are environment variables besides
+    those of :func:`environment`; ``settings`` are arguments of :class:`subprocess.Popen`. Raises
+    OSError if the process cannot be started, or if this process is ending.
     """
     if ended:
         raise OSError("this process is ending")

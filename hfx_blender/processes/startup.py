@@ -34,16 +34,11 @@ def clean_import_path() -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join(entries)  # for child processes
     # sys.path contains the absolute paths of relative entries.
     relative = {os.path.abspath(path) for path in python_path.split(os.pathsep)}
-    relative -= {*entries, *_own_folders()}
-    sys.path[:] = [path for path in sys.path if path not in relative]
-
-
-def _own_folders() -> list[str]:
-    """Folders of Python's standard library and of installed packages."""
+    relative -= {*entries, os.path.dirname(os.__file__)}
     site = sys.modules.get("site")
-    if site is None:
-        return [os.path.dirname(os.__file__)]
-    return [os.path.dirname(os.__file__), *site.getsitepackages(), site.getusersitepackages()]
+    if site is not None:
+        relative -= {*site.getsitepackages(), site.getusersitepackages()}
+    sys.path[:] = [path for path in sys.path if path not in relative]
 
 
 def farewell(number: int) -> str:

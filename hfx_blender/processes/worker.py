@@ -45,31 +45,20 @@ class Worker:
         print(worker.receive(limit_s=60.0))
         worker.close()
 
-    Parameters
-    ----------
-    module : str
-        Module as for :func:`.start.command`; ``arguments`` are its command line.
-    received : callable, optional
-        Takes the worker and each message, in the reading thread; replaces :meth:`receive`. A
-        returned text is a fault, which ends the reading.
-    ended : callable, optional
-        Takes the worker and the reason for the end of its messages, in the reading thread: "has
-        ended", "sent ..." for invalid data, or the text returned by ``received``.
-    outgoing : callable, optional
-        Takes the worker and yields bytes to write, in the writing thread; replaces :meth:`send`.
-        The end of the iterator ends the process's input.
-    variables : mapping, optional
-        Environment variables besides those of :func:`.start.environment`.
-    keeps_errors : bool
-        Keep the last lines of standard error for :meth:`how_it_ended`; by default standard error
-        is that of this process.
+    ``module`` is named as for :func:`.start.command`, ``arguments`` are its command line,
+    ``variables`` environment variables besides those of :func:`.start.environment`. Three
+    functions take the worker first, and run in its threads:
 
-    Attributes
-    ----------
-    process : subprocess.Popen or None
-        None before the start.
-    fault : str
-        "sent ..." after invalid data; "" before.
+    - ``received`` takes each message, in the reading thread, and replaces :meth:`receive`. A
+      returned text is a fault, which ends the reading.
+    - ``ended`` takes the reason for the end of the messages, in the reading thread: "has ended",
+      "sent ..." for invalid data, or the text returned by ``received``.
+    - ``outgoing`` yields bytes to write, in the writing thread, and replaces :meth:`send`. The end
+      of the iterator ends the process's input.
+
+    ``keeps_errors`` keeps the last lines of standard error for :meth:`how_it_ended`; by default
+    standard error is that of this process. ``process`` is None before the start; ``fault`` is
+    "sent ..." after invalid data, empty before.
     """
 
     def __init__(
@@ -128,15 +117,10 @@ class Worker:
             reader.start()
 
     def send(self, content: bytes, *, is_awaited: bool = False) -> None:
-        """Send encoded messages, in order, without waiting.
+        """Send encoded messages, results of :func:`.messages.message`, in order, without waiting.
 
-        Parameters
-        ----------
-        content : bytes
-            Results of :func:`.messages.message`.
-        is_awaited : bool
-            The process has read all earlier messages. Up to 4 KiB are then written in this
-            thread, which saves the switch to the writing thread: an empty pipe does not block.
+        ``is_awaited``: the process has read all earlier messages. Up to 4 KiB are then written in
+        this thread, which saves the switch to the writing thread: an empty pipe does not block.
         """
         if not is_awaited or len(content) > _PIPE:
             self._unsent.put(content)
@@ -218,6 +202,7 @@ class Worker:
             stream.close()
 
     def _read(self, stream: io.RawIOBase) -> None:
+        """Pass on messages up to the end, invalid data, or a fault returned by the receiver."""
         reason = "has ended"
         try:
             with io.BufferedReader(stream) as buffered:
@@ -261,25 +246,17 @@ def _end_by_signal(number: int) -> str:
     return f"was ended by {name}"
 
 
-def _end_now() -> None:
-    os._exit(0)
-
-
 class Owner:
     """Child side: messages from and to the process with the :class:`Worker`.
 
-    Standard input and output are used for messages from now on. This process exits at once when
-    the owner ends or closes its pipe.
-
-    Parameters
-    ----------
-    printed : int
-        File descriptor for prints to standard output, which must not come between messages.
-    at_end : callable
-        Called in a thread at the end of the owner's messages; exits by default.
+    Standard input and output are used for messages from now on; prints to standard output go to
+    the file descriptor ``printed``. ``at_end`` is called in a thread when the owner ends or closes
+    its pipe; by default this process then exits at once.
     """
 
-    def __init__(self, printed: int = STDERR, at_end: Callable[[], object] = _end_now) -> None:
+    def __init__(
+        self, printed: int = STDERR, at_end: Callable[[], object] = lambda: os._exit(0)
+    ) -> None:
         self._out = os.fdopen(os.dup(_STDOUT), "wb")
         self._source = os.fdopen(os.dup(_STDIN), "rb")
         os.dup2(printed, _STDOUT)

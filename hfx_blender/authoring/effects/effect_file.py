@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality
-from ...files import suffixes
+from ...files import kinds
 from ...files.atomic import atomic_file
 from ...files.json_shapes import (
     PRINTABLE,
@@ -44,7 +44,7 @@ from .response_recipes import (
     response_document,
 )
 
-SUFFIX: Final = suffixes.EFFECT
+SUFFIX: Final = kinds.EFFECT_SUFFIX
 SCHEMA: Final = "hfx-effects"
 VERSION: Final = 1
 

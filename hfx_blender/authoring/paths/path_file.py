@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from ...errors import InputError
-from ...files import resources, suffixes
+from ...files import kinds, resources
 from ...files.atomic import atomic_file
 from ...files.json_shapes import PRINTABLE, Items, Node, Number, Text, curve, numbers, read, strict
 from ...files.kinds import refuse_another
 
-SUFFIX: Final = suffixes.PATH
+SUFFIX: Final = kinds.PATH_SUFFIX
 SCHEMA: Final = "hfx-path"
 VERSION: Final = 1
 

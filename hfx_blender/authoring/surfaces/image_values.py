@@ -14,7 +14,6 @@ from ...engine.texture.relief.linear_light import height_from_colour, linear_to_
 from ...engine.texture.scan import fill_holes
 from ...errors import InputError, is_endless, refuse_no_file
 from ...files.hashes import is_elsewhere
-from ...formats.pictures import jpeg
 
 LARGEST = 8192
 """Largest edge of an image, pixels: larger images take gigabytes of memory."""
@@ -123,7 +122,7 @@ def load(path: str) -> bpy.types.Image:
     except RuntimeError as error:
         raise InputError(f"{path}: Blender cannot read it as an image.") from error
     # A truncated JPEG loads without an error.
-    if image.size[0] and not jpeg.is_cut_off(Path(path)):
+    if image.size[0] and not is_jpeg_cut_off(Path(path)):
         return image
     is_empty = not image.size[0]
     bpy.data.images.remove(image)
@@ -131,6 +130,23 @@ def load(path: str) -> bpy.types.Image:
         f"{path}: "
         + ("Blender cannot read it as an image." if is_empty else "the end of the file is missing.")
     )
+
+
+def is_jpeg_cut_off(path: Path) -> bool:
+    """Test for a JPEG without end marker after the first scan; False for files of another kind.
+
+    Readers show the missing part grey. Source: ITU-T T.81, annex B. Raises OSError for an
+    unreadable file.
+    """
+    data = path.read_bytes()
+    if not data.startswith(b"\xff\xd8"):
+        return False
+    offset = 2
+    # Segments before the first scan are skipped: an embedded thumbnail has its own end marker.
+    while offset < len(data) and data[offset : offset + 2] != b"\xff\xda":
+        is_fill = data[offset : offset + 2] == b"\xff\xff"
+        offset += 1 if is_fill else 2 + int.from_bytes(data[offset + 2 : offset + 4], "big")
+    return data.find(b"\xff\xd9", offset) < 0
 
 
 def store(

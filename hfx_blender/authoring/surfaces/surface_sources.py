@@ -16,7 +16,7 @@ from ...engine.texture.relief.relief_estimate import EstimatedRelief
 from ...engine.texture.scan import from_points, seen_from_above
 from ...errors import InputError
 from ...files.hashes import is_elsewhere
-from ...files.suffixes import PICTURES
+from ...files.kinds import PICTURE_SUFFIXES
 from ...formats.pictures import point_cloud
 from . import image_values, surface_baking, surface_uv
 
@@ -141,14 +141,14 @@ def _scan_relief(obj: bpy.types.Object) -> SurfaceRelief:
 def read_scan(
     path: Path, *, unit_mm: float, size_mm: tuple[float, float], height_mm: float, resolution: int
 ) -> SurfaceRelief:
-    """Relief of a scan: a height map for suffixes in ``PICTURES``, else a point cloud.
+    """Relief of a scan: a height map for suffixes in ``PICTURE_SUFFIXES``, else a point cloud.
 
     ``size_mm`` and ``height_mm`` are the size of a height map, and of white above black. The
     coordinates of a point cloud have the unit ``unit_mm``; its longer edge gets at most
     ``resolution`` texels, and an implausible length gives a note. Raises InputError: the
     file is missing or unreadable, or more than half of the heights are missing.
     """
-    if path.suffix.lower() in PICTURES:
+    if path.suffix.lower() in PICTURE_SUFFIXES:
         image = image_values.load(str(path))
         try:
             grey, notes = image_values.without_holes(image_values.data_of(image), path.name)

@@ -134,10 +134,8 @@ class _Baked:
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:
-        """Append an actuator, its columns, and the rows where a quantized value changes.
-
-        The first row is always stored.
-        """
+        """Append an actuator, its columns, and the rows where a quantized value changes. The first
+        row is always stored."""
         kind, text = actuator.type, self._texts.add
         numbers = np.stack(
             [
@@ -200,10 +198,8 @@ class _Baked:
 
 def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | None) -> str:
     """Canonical bone with the largest skin area (times skin weight) among an actuator's vertices.
-
     The joint with the largest area is chosen first, then its largest bone. Empty without a model,
-    for a place in the room, or without skin under the actuator.
-    """
+    for a place in the room, or without skin under the actuator."""
     if model is None or isinstance(actuator.place, RoomPlace):
         return ""
     (vertices,) = cells_of(device, [actuator], model).rows
@@ -221,10 +217,8 @@ def _bone(device: DeviceConfig, actuator: Actuator, model: PerceptualModel | Non
 
 
 def _clips(header: TrackHeader, texts: Texts) -> tuple[Records, Written]:
-    """Records (name, loops, start and end in s from the first row) of named clips.
-
-    Clips outside the track are left out with a note. Names ending in "loop" or "cycle" loop.
-    """
+    """Records (name, loops, start and end in s from the first row) of named clips. Clips outside
+    the track are left out with a note. Names ending in "loop" or "cycle" loop."""
     rate_hz = float(header.time.rate_hz)
     rows_of_clips, notes = [], []
     for named_clip in named_clips(header):

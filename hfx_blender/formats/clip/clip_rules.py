@@ -134,10 +134,8 @@ def _first(
     section: str, field: str, values: npt.NDArray[Any], is_bad: npt.NDArray[np.bool_], allowed: str
 ) -> list[Finding]:
     """List of one finding about the first record with ``is_bad``; empty if no record is bad.
-
     ``is_bad`` is (n,) or (n, ...). The message quotes ``values[k]`` and ``allowed``; the place is
-    ``section[k].field``, or ``section[k]`` for an empty ``field``.
-    """
+    ``section[k].field``, or ``section[k]`` for an empty ``field``."""
     if not is_bad.any():
         return []
     k = int(np.argmax(is_bad.reshape(len(is_bad), -1).any(axis=1)))
@@ -156,11 +154,9 @@ def _time(sections: Sections) -> list[Finding]:
 
 
 def _references(sections: Sections) -> list[Finding]:
-    """Findings on text offsets, ranges of records and record numbers, at most one per field.
-
-    An offset is the first byte of a text; the ranges of a field tile the target section in order;
-    a record number is below the count of the target section.
-    """
+    """Findings on text offsets, ranges of records and record numbers, at most one per field. An
+    offset is the first byte of a text; the ranges of a field tile the target section in order; a
+    record number is below the count of the target section."""
     found: list[Finding] = []
     size = len(sections["TEXT"])
     for section, fields in _TEXTS.items():
@@ -190,9 +186,7 @@ def _references(sections: Sections) -> list[Finding]:
 
 def _numbers(sections: Sections) -> list[Finding]:
     """Findings on fields outside ``_WHOLE`` or ``_REAL``, on NaN and infinity; ``reserved`` is 0.
-
-    Infinity is allowed only in fields with the upper bound infinity.
-    """
+    Infinity is allowed only in fields with the upper bound infinity."""
     found: list[Finding] = []
     for section, kind in RECORDS.items():
         for field in kind.names or ():
@@ -212,11 +206,8 @@ def _numbers(sections: Sections) -> list[Finding]:
 
 
 def _rows(sections: Sections) -> list[Finding]:
-    """Findings on the rows of actuators, and on the number of values.
-
-    Rows start at 0, ascend strictly and are below the clip's row count; each row has a value per
-    column.
-    """
+    """Findings on the rows of actuators, and on the number of values. Rows start at 0, ascend
+    strictly and are below the clip's row count; each row has a value per column."""
     actuators, rows = sections["ACTR"], sections["ROWS"].astype(np.int64)
     if not len(actuators):
         return []
@@ -246,6 +237,7 @@ def _columns(sections: Sections) -> list[Finding]:
     """Findings on the owner, parameter and range (lowest <= neutral <= highest) of columns."""
     columns = sections["COLM"]
     owners = np.repeat(np.arange(len(sections["ACTR"])), sections["ACTR"]["columns"])
+    # Ranges tile the section, so the owner of each column is known without its field.
     findings = _first(
         "COLM", "actuator", columns["actuator"], columns["actuator"] != owners, "its own"
     )
@@ -286,6 +278,7 @@ def _bodies(sections: Sections) -> list[Finding]:
     own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
     parents = sections["BONE"]["parent"]
     is_bad = (parents != NONE) & (parents >= own)
+    # Players pose bones in the order of the file, so a parent is posed before its children.
     findings = _first("BONE", "parent", parents, is_bad, "a bone before it")
     bones_of_model = np.repeat(bodies["bones"], bodies["models"])
     bones_of_vertex = np.repeat(bones_of_model, models["vertices"])
@@ -304,9 +297,7 @@ def _bodies(sections: Sections) -> list[Finding]:
 
 def _spatial(sections: Sections) -> list[Finding]:
     """Findings on bodies of effects; on actuators, vertices and factors (above 0) of reactions.
-
-    Actuators ascend; vertices of a reaction or painted area ascend strictly.
-    """
+    Actuators ascend; vertices of a reaction or painted area ascend strictly."""
     bodies = sections["EFCT"]["body"]
     is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
     findings = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")

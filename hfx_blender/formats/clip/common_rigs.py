@@ -63,6 +63,7 @@ def rig_names(bone: str) -> RigNames:
     for pattern, names in _MIDDLE:
         if re.fullmatch(pattern, stem):
             return names
+    # Limbs and fingers have a side.
     if side not in ("L", "R"):
         return RigNames()
     long, short = ("left", "l") if side == "L" else ("right", "r")

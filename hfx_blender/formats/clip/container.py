@@ -98,6 +98,7 @@ class Texts:
 
         Unwritable characters and zero bytes are replaced; UTF-8 beyond 1000 bytes is cut off.
         """
+        # A cut within a character leaves bytes that "ignore" drops.
         text = clean(text).replace("\0", " ").encode()[:MOST_TEXT].decode("utf-8", "ignore")
         if text not in self._places:
             self._places[text] = len(self._bytes)

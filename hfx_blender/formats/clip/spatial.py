@@ -52,6 +52,7 @@ def sections_of(
     models = tuple(dict.fromkeys(effect.model_id for effect, _ in effects))
     bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
+    # Players pose skin by bones.
     unskinned_names = [b.name for b in recorder.scene.bodies if b not in skinned]
     lost += counted(unskinned_names, "bodies following a mesh cannot be posed by a player")
     for body in skinned:
@@ -70,12 +71,9 @@ def sections_of(
 
 
 class _Bodies:
-    """Collector of bodies, bones, models and vertices.
-
-    ``index`` maps a body id to the record number; ``stored_models`` a body and model id to the
-    model's record number, the stored vertex of each vertex of the whole model (int, (V,)), and the
-    whole model.
-    """
+    """Collector of bodies, bones, models and vertices. ``index`` maps a body id to the record
+    number; ``stored_models`` a body and model id to the model's record number, the stored vertex of
+    each vertex of the whole model (int, (V,)), and the whole model."""
 
     def __init__(self, texts: Texts, model_ids: tuple[str, ...], level: int) -> None:
         self._texts, self._level = texts, level
@@ -121,9 +119,7 @@ class _Bodies:
         self, body_id: str, model: PerceptualModel, weights: BoundWeights, used: I64
     ) -> None:
         """Append ``model`` at the level of detail (or its coarsest), with vertices and weights.
-
-        ``used`` are the binding's bone numbers of the stored bones, ascending.
-        """
+        ``used`` are the binding's bone numbers of the stored bones, ascending."""
         level = min(self._level, level_count(model))
         chosen = level_of(model, level)
         # Vertices are reordered for players; coarse_of maps every vertex of the whole model
@@ -148,9 +144,9 @@ class _Bodies:
 
 def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
     """Order the vertices ``ids`` by strongest bone, then along the longest axis of its vertices.
-
-    Returns indices into ``ids``; the axis is the coordinate axis with the largest spread.
-    """
+    Returns indices into ``ids``; the axis is the coordinate axis with the largest spread."""
+    # Players test a volume against the box of 32 successive vertices first: neighbours on the body
+    # have small boxes.
     weights = model.weights
     _, owner = ramp(np.diff(weights.offsets))
     strongest = np.lexsort((-weights.values, owner))[weights.offsets[:-1]]
@@ -201,10 +197,8 @@ def _bones(
     text: Any,
 ) -> list[tuple[Any, ...]]:
     """Tuples of BONE for the bone numbers ``used``; ``text`` stores a string, returns its offset.
-
     Rest pose, length and nearest ancestor with skin are of the canonical skeleton; an avatar's
-    bones have zeros, no parent, and rig names by :func:`_joints`.
-    """
+    bones have zeros, no parent, and rig names by :func:`_joints`."""
     names = [binding.bone_names[k] for k in used]
     skeleton = load_skeleton()
     number = {name: k for k, name in enumerate(skeleton.bone_names)}
@@ -231,9 +225,7 @@ def _bones(
 
 def _joints(used: I64, models: list[PerceptualModel], bound: list[BoundWeights]) -> list[RigNames]:
     """Rig names of the canonical joint with the largest skin overlap, one per bone of ``used``.
-
-    Overlap: sum over vertices of the bone's weight in ``bound`` times the joint's in ``models``.
-    """
+    Overlap: sum over vertices of the bone's weight in ``bound`` times the joint's in ``models``."""
     shares: dict[RigNames, F64] = {}
     for model, weights in zip(models, bound, strict=True):
         of_bone = [rig_names(name) for name in model.bone_names]
@@ -259,9 +251,7 @@ def _effects(
     effects: list[tuple[EffectDescription, EffectState]], bodies: _Bodies, texts: Texts
 ) -> dict[str, Records]:
     """Records EFCT, FLTR and PNTD: effects with first states, response filters, painted vertices.
-
-    Painted areas on bodies without an armature are skipped; painted areas have no filters.
-    """
+    Painted areas on bodies without an armature are skipped; painted areas have no filters."""
     rows: list[tuple[Any, ...]] = []
     filters: list[tuple[Any, ...]] = []
     painted: list[Records] = []
@@ -321,9 +311,7 @@ def _effects(
 
 def _strongest(section: str, vertices: I64, values: Any) -> Records:
     """Records of the distinct ``vertices``, ascending, each with its largest ``values`` entry.
-
-    ``section``: PNTD or RCHV; the values must be >= 0.
-    """
+    ``section``: PNTD or RCHV; the values must be >= 0."""
     ids = np.unique(vertices)
     largest = np.zeros(len(ids), np.float32)
     np.maximum.at(largest, np.searchsorted(ids, vertices), values)
@@ -334,10 +322,8 @@ def _strongest(section: str, vertices: I64, values: Any) -> Records:
 
 def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[str, Records]:
     """Records REAC and RCHV: vertices and factors by which an actuator shows effects of a modality.
-
     One reaction per actuator, effect modality shown (as itself or substituted) and model of the
-    device's body; none for actuators at a fixed place in the room.
-    """
+    device's body; none for actuators at a fixed place in the room."""
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
     first = 0

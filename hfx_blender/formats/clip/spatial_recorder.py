@@ -103,10 +103,8 @@ def _state(
     effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]
 ) -> EffectState:
     """State of an effect: level (at most 1) and parameters of the strongest of the sample ``rows``.
-
     Shape, matrix and clipped response controls are those of the first row of ``rows``; a painted
-    area has shape 0, the unit matrix and no controls.
-    """
+    area has shape 0, the unit matrix and no controls."""
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)
     controls = np.zeros((0, WIDTH))

@@ -407,10 +407,8 @@ def _range_of(metadata: dict[str, Any]) -> FrequencyRange:
 
 def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
     """Control curve of all curves and single values named ``name``, clipped to its range.
-
     ``neutral`` from 0 s to the first value; a later curve replaces the rest of an earlier curve;
-    the last value is held between curves.
-    """
+    the last value is held between curves."""
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:

@@ -127,11 +127,10 @@ def findings(document: Any) -> list[Finding]:
 
 
 def _check_misplaced(document: Any, report: Report) -> None:
-    """Add findings on values of known members in the wrong kind of entry.
-
-    The values are checked against the member's shape in its own kind.
-    """
+    """Add findings on values of known members in the wrong kind of entry. The values are checked
+    against the member's shape in its own kind."""
     pattern = document.get("Pattern") if isinstance(document, dict) else None
+    # Unknown members are only warnings, but a misplaced known one has the type of its own kind.
     for k, entry in enumerate(pattern if isinstance(pattern, list) else ()):
         for kind, item in entry.items() if isinstance(entry, dict) else ():
             shape = _ENTRIES.get(kind)
@@ -168,10 +167,8 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
-    """Copy of an entry or list item with time 0 if missing; None for one without effect.
-
-    None: a needed member is missing, or no control point remains.
-    """
+    """Copy of an entry or list item with time 0 if missing; None for one without effect. None: a
+    needed member is missing, or no control point remains."""
     completed_item = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
         if listed in completed_item:

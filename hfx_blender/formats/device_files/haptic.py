@@ -97,6 +97,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
             signal.amplitude.times_s.tolist(), signal.amplitude.values.tolist(), strict=True
         )
     ]
+    # An emphasis belongs to a breakpoint: ticks between breakpoints add one on the line.
     known = {time for time, _ in points}
     points += [(t, float(signal.amplitude.at(t))) for t in sorted(ticks) if t not in known]
     points.sort(key=lambda point: point[0])
@@ -148,10 +149,8 @@ def _parsed(content: bytes, name: str) -> Any:
 
 
 def _findings(document: Any) -> list[Finding]:
-    """Return the findings of a parsed document: schema errors, or else faults of values.
-
-    Times and strengths are compared in 32 bits, as by the readers of Lofelt and Meta.
-    """
+    """Return the findings of a parsed document: schema errors, or else faults of values. Times and
+    strengths are compared in 32 bits, as by the readers of Lofelt and Meta."""
     report = Report("HAPTIC")
     check(_DOCUMENT, document, report)
     if report.has_errors:

@@ -151,10 +151,8 @@ def write_openharmony(
 
 
 def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
-    """Events with silence up to the signal's end; the events alone if that breaks a limit.
-
-    Limits: ``most`` events, starting at ``latest_ms`` or before.
-    """
+    """Events with silence up to the signal's end; the events alone if that breaks a limit. Limits:
+    ``most`` events, starting at ``latest_ms`` or before."""
     whole = [*events, *silent_end(signal, events)]
     is_held = len(whole) <= most and all(event.start_ms <= latest_ms for event in whole)
     return whole if is_held else events
@@ -224,6 +222,7 @@ def _write_fitting(
         documents[signal.name] = content
         dense.append(signal)
         simple.append(few)
+    # Some signals without a fit are a loss, all of them a failure.
     if refused and not documents:
         raise InputError(f"{refused[0]}.")
     written_signals = [each for each in signals if each.is_silent or each.name in documents]
@@ -313,16 +312,15 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode, grid_s=WHOLE_MS)
 
 
 def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Events as (actuator index, ms from the file's start, event), in file order.
-
-    The index is the event's, in OpenHarmony's files the channel's; 0 without.
-    """
+    """Events as (actuator index, ms from the file's start, event), in file order. The index is the
+    event's, in OpenHarmony's files the channel's; 0 without."""
     if "Channels" in document:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
             for channel in document["Channels"]
             for entry in channel["Pattern"]
         ]
+    # Version 1 is a single pattern from 0 ms.
     patterns = document.get(
         "PatternList", [{"AbsoluteTime": 0, "Pattern": document.get("Pattern", [])}]
     )
@@ -341,10 +339,8 @@ def _piece(
     event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
 ) -> Piece:
     """Piece of a continuous event at ``start`` s; constant ``level`` and ``pitch`` without a curve.
-
     ``level`` (1: full) scales and ``pitch`` (0 to 100) shifts the points of a curve, which may be
-    in any order; shifted frequencies are clipped to the range.
-    """
+    in any order; shifted frequencies are clipped to the range."""
     curve = event["Parameters"].get("Curve")
     end = start + event["Duration"] / 1000.0
     if not curve:

@@ -137,10 +137,8 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
 
 def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
     """Ascending indices of keyframes (times ``knots`` in s) without near-duplicates in a
-    millisecond: levels (0..1) within 0.005 and ``shares`` (percent of the range) within 1.
-
-    The earlier one of two near-duplicates remains, and always the first and the last keyframe.
-    """
+    millisecond: levels (0..1) within 0.005 and ``shares`` (percent of the range) within 1. The
+    earlier one of two near-duplicates remains, and always the first and the last keyframe."""
     indices = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
@@ -161,10 +159,8 @@ _PointMs = tuple[int, float, int]  # ms, level 0..1, frequency 0..100
 
 def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
     """Cut points into events at the times ``cuts``, ms, and at limits; successive events share a
-    point.
-
-    Limits: 16 points (14 with ``falls_to_zero``, which adds a silent point at both ends) and 5 s.
-    """
+    point. Limits: 16 points (14 with ``falls_to_zero``, which adds a silent point at both ends) and
+    5 s."""
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
     first = 0

@@ -221,9 +221,7 @@ def _check_events(
     is_first: bool = False,
 ) -> None:
     """Report more than ``most`` events, descending times, and faults of durations and curves.
-
-    ``time`` is the member with the time of an event; ``is_first``: rules of version 1.
-    """
+    ``time`` is the member with the time of an event; ``is_first``: rules of version 1."""
     if len(pattern) > most:
         report.error("EVENTS", place, f"{len(pattern)} events, the most is {most}")
     last = 0
@@ -245,10 +243,8 @@ def _check_events(
 def _check_curve(
     curve: list[Any], duration: int, place: Place, report: Report, *, is_first: bool
 ) -> None:
-    """Report a curve not of 4 to 16 ascending points from 0 to ``duration`` ms.
-
-    ``is_first``: version 1, with intensity 0 at both ends. An empty curve has a single error.
-    """
+    """Report a curve not of 4 to 16 ascending points from 0 to ``duration`` ms. ``is_first``:
+    version 1, with intensity 0 at both ends. An empty curve has a single error."""
     if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
         message = f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
         report.error("CURVE-POINTS", place, message)

@@ -88,10 +88,8 @@ def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str
 
 
 def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
-    """Yield frames of a signal, each with at most 500 amplitude and frequency points.
-
-    Frames share the point at their border; ticks belong to the frame beginning at their time.
-    """
+    """Yield frames of a signal, each with at most 500 amplitude and frequency points. Frames share
+    the point at their border; ticks belong to the frame beginning at their time."""
     ticks = sorted(signal.transients, key=lambda each: each.time_s)
     knots = np.unique(np.concatenate([signal.amplitude.times_s, [tick.time_s for tick in ticks]]))
     # A frame needs a duration.
@@ -119,6 +117,7 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
         times = joined_times([amplitude], start, end)
         levels = amplitude.at(times)
         levels[-1] = amplitude.before(end)
+        # Each frame is complete in itself, with values at its start and end.
         pitch = joined_times([signal.frequency_hz], start, end)
         shares = hertz.share(signal.frequency_hz.at(pitch))
         kind = "NONE" if len(cuts) == 2 else "FIRST_FRAME" if k == 0 else "INTERMEDIATE_FRAME"
@@ -164,6 +163,7 @@ def _findings(document: Any) -> list[Finding]:
     for k, channel in enumerate(document["channels"]):
         location = (((None, "channels"), k), "frames")
         kinds = [frame["streamFrameType"] for frame in channel["frames"]]
+        # A stream of several frames is told to the runtime as first, intermediate and last.
         middle = ["INTERMEDIATE_FRAME"] * (len(kinds) - 2)
         if len(kinds) > 1 and kinds != ["FIRST_FRAME", *middle, "LAST_FRAME"]:
             message = "several frames are a FIRST_FRAME, INTERMEDIATE_FRAMEs and a LAST_FRAME"
@@ -198,11 +198,9 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 
 def _signal(channel: dict[str, Any], hertz: FrequencyRange) -> Signal:
-    """Signal of a channel, with the frames joined and duplicate border points dropped.
-
-    Amplitude 0 without points, frequency 0.5 of the range without frequency points; a time before
-    an earlier point's is raised to that.
-    """
+    """Signal of a channel, with the frames joined and duplicate border points dropped. Amplitude 0
+    without points, frequency 0.5 of the range without frequency points; a time before an earlier
+    point's is raised to that."""
     amplitude: list[tuple[float, float]] = []
     pitch: list[tuple[float, float]] = []
     ticks = []

@@ -183,6 +183,7 @@ def document(
         if motor is not None and motor.kind == kind:
             column = places[motor.position, motor.index]
             levels[:, column] = np.maximum(levels[:, column], _strongest(signal.amplitude, steps))
+    # Whole percent, the step of the format, so that equal steps join to one entry.
     hundredths = np.rint(100.0 * levels).astype(np.int64)
     spans = stretches(hundredths.any(axis=1), gap=_GAP_MS // INTERVAL_MS)
     effects = [_effect(hundredths, span, layout.positions) for span in spans]
@@ -230,9 +231,7 @@ def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
     """Effect of the steps of ``span``, (first, after the last), with the dots of all positions.
-
-    ``levels`` (steps, 20 columns for each of ``positions``) are percent.
-    """
+    ``levels`` (steps, 20 columns for each of ``positions``) are percent."""
     first, stop = span
     part = levels[first:stop]
     return {
@@ -258,10 +257,8 @@ def _effect(
 
 
 def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
-    """Yield feedback entries of a position, percent (steps, 20): one per run of equal rows.
-
-    Silent runs are omitted; times are ms from the first row.
-    """
+    """Yield feedback entries of a position, percent (steps, 20): one per run of equal rows. Silent
+    runs are omitted; times are ms from the first row."""
     changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
     for first, stop in pairwise([0, *changes.tolist(), len(levels)]):
         row = levels[first]
@@ -331,9 +328,7 @@ _FADES: Final = {
 
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
     """Piece of a dot between two times, at 100 Hz, with a fade; an unknown fade is constant.
-
-    ``level`` is clipped to 0..1; an end before the start gives no duration.
-    """
+    ``level`` is clipped to 0..1; an end before the start gives no duration."""
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
     times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
@@ -343,9 +338,7 @@ def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
     """Yield (motor number, piece) for the dots of a mode; points without ``index`` are skipped.
-
-    Times without a member: 0 for starts, the effect's ``offsetTime`` for ends.
-    """
+    Times without a member: 0 for starts, the effect's ``offsetTime`` for ends."""
     begin = effect.get("startTime", 0)
     for feedback in mode.get("dotMode", {}).get("feedback", []):
         start = begin + feedback.get("startTime", 0)
@@ -361,10 +354,8 @@ def _path_pieces(
     effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]
 ) -> Iterator[tuple[int, Piece]]:
     """Yield (motor number, piece) of the dot of ``dots`` nearest to each point of the mode's paths.
-
     A point lasts until the next point, the last until the end of the effect. Differences from
-    bHaptics' own playback are counted in ``lost`` by description.
-    """
+    bHaptics' own playback are counted in ``lost`` by description."""
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
     for feedback in mode.get("pathMode", {}).get("feedback", []):
@@ -377,6 +368,7 @@ def _path_pieces(
         if not dots:
             lost["paths at a position whose layout has no dots"] += 1
             continue
+        # bHaptics' player moves the point between dots; envelopes of dots have no places between.
         if len(points) > 1:
             lost["moving points, which jump from dot to dot"] += 1
         if feedback.get("playbackType", "NONE") != "NONE":
@@ -415,6 +407,7 @@ def findings(document: Any) -> list[Finding]:
                     paths = mode["pathMode"]["feedback"]
                     if any(not path["pointList"] for path in paths):
                         report.warn("PATH-EMPTY", here, "a path has no points: it is silent")
+                # Dots are checked against the layout of their own position.
                 known = {dot["index"] for dot in layouts[position]}
                 for feedback in mode["dotMode"]["feedback"]:
                     if feedback["endTime"] < feedback["startTime"]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...engine.body.model import load_model
 from ...engine.rendering.device_config import (
-    Actuator,
     BhapticsEncoder,
     BodyPlace,
     DeviceConfig,
@@ -86,10 +85,16 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
         if actuator.type.modality != "vibration":
             continue
         parts = actuator.place.parts if isinstance(actuator.place, BodyPlace) else ("torso",)
-        centre = _centre(device, actuator)
-        if centre is None:
+        # Centre in rest space, for vertices the mean of the first set; none in the room.
+        if isinstance(actuator.place, BodyPlace):
+            x, y, z = actuator.place.centre_m
+        elif isinstance(actuator.place, VertexPlace):
+            first = actuator.place.sets[0]
+            vertices = load_model(first.model_id).vertices[list(first.vertices)]
+            x, y, z = vertices.mean(axis=0).tolist()
+        else:
             continue
-        x, y, z = centre
+        x = -x if device.is_mirrored else x
         # Sleeves have no map of their motors.
         if parts == ("forearm",):
             position = "ForearmL" if x > 0.0 else "ForearmR"
@@ -102,22 +107,6 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
             position = "VestFront" if y < 0.0 else "VestBack"
             motors[actuator.id] = Motor("Vest", position, 4 * row + column)
     return motors
-
-
-def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, float] | None:
-    """Centre of an actuator in rest space, m, mirrored in x for a mirrored device.
-
-    For vertices the mean of the first vertex set; None for an actuator in the room.
-    """
-    position = actuator.place
-    if isinstance(position, BodyPlace):
-        x, y, z = position.centre_m
-    elif isinstance(position, VertexPlace):
-        first = position.sets[0]
-        x, y, z = load_model(first.model_id).vertices[list(first.vertices)].mean(axis=0).tolist()
-    else:
-        return None
-    return (-x if device.is_mirrored else x, y, z)
 
 
 def why_nothing(device: DeviceConfig) -> str:

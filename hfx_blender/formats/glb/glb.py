@@ -227,11 +227,9 @@ def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
 
 
 def _quaternions(rotations: F64) -> F64:
-    """Quaternions x, y, z, w (T, 4) of rotation matrices (T, 3, 3), w not negative.
-
-    Largest eigenvector of a symmetric matrix (Bar-Itzhack, "New method for extracting the
-    quaternion from a rotation matrix", 2000), stable for any rotation.
-    """
+    """Quaternions x, y, z, w (T, 4) of rotation matrices (T, 3, 3), w not negative. Largest
+    eigenvector of a symmetric matrix (Bar-Itzhack, "New method for extracting the quaternion from a
+    rotation matrix", 2000), stable for any rotation."""
     m = rotations
     xx, yy, zz = (m[:, k, k] for k in range(3))
     k = np.zeros((len(m), 4, 4))  # symmetric; eigh reads the lower triangle only
@@ -324,6 +322,7 @@ def _json_chunk(content: bytes, report: Report) -> bytes:
         return b""
     if size != len(content):
         report.error("SIZE", None, f"it says {size} bytes, there are {len(content)}")
+    # Chunks follow the head of 12 bytes: length, type, content, filled up to 4 bytes.
     text, at = b"", 12
     while at < len(content):
         length, kind = struct.unpack_from("<II", content, at) if at + 8 <= len(content) else (1, 0)

@@ -62,6 +62,8 @@ class BodyRecorder:
             rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
             if not len(rows):
                 continue
+            # glTF skins follow joints: a body on a mesh gets a joint for each patch of its skin,
+            # fitted to the moved patch.
             if pose.surface is not None:
                 patches = self._patches_of(body)
                 bones: npt.NDArray[Any]
@@ -120,10 +122,8 @@ class BodyRecorder:
         models: Sequence[PerceptualModel],
         notes: list[str],
     ) -> list[int]:
-        """Add a body; returns its own node, then a node per model.
-
-        A body never posed is at the origin. Patch errors and sheared bones go to ``notes``.
-        """
+        """Add a body; returns its own node, then a node per model. A body never posed is at the
+        origin. Patch errors and sheared bones go to ``notes``."""
         binding = body.binding
         node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
         is_posed = bool(motion.indices)
@@ -143,6 +143,7 @@ class BodyRecorder:
                 )
         else:
             names, fitted = binding.bone_names, binding.fitted
+            # A body on a user's rig has vertices fitted to the avatar, in the order of the model.
             models = [fitted[m.id].of(m) if m.id in fitted else m for m in models]
             bound = [BoundWeights.of(model, binding.bone_names) for model in models]
         used = np.unique(np.concatenate([np.zeros(0, np.int64), *(item.bones for item in bound)]))
@@ -205,11 +206,10 @@ class BodyRecorder:
 
 def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64) -> None:
     """Add joints (positions in ``used``) and weights, strongest first, in sets of four to a mesh.
-
-    Weights of a vertex sum to 1; the sets hold all influences.
-    """
+    Weights of a vertex sum to 1; the sets hold all influences."""
     counts = np.diff(weights.offsets)
     column, owners = ramp(counts)
+    # glTF's sets hold four influences each; importers that read one set get the strongest four.
     order = np.lexsort([-weights.values, owners])  # by vertex, then descending weight
     width = _SET * -(-int(counts.max(initial=1)) // _SET)
     joints = np.zeros((len(counts), width), np.uint16)

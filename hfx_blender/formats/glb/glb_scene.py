@@ -80,6 +80,7 @@ class VolumeRecorder:
         rows = block.own
         for k, volume in self._volumes.items():
             effect = block.effects[k]
+            # A volume that is off in the whole block was not read.
             if effect.matrices is None or not effect.shapes:
                 continue
             finite = (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
@@ -120,6 +121,7 @@ class VolumeRecorder:
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
         """Replace the recording, except shapes, by :meth:`arrays` of recorders in time order."""
         self._bodies.replace(parts)
+        # Shapes stay those of this process: parts hold only their names, for comparison.
         for k, volume in self._volumes.items():
             volume_parts = [part for part in parts if f"{k}.indices" in part]
             for name in _RECORDED:
@@ -168,10 +170,8 @@ class VolumeRecorder:
         bodies: Sequence[int],
         notes: list[str],
     ) -> int:
-        """Append a volume's node and its trigger (collision of ``bodies``); returns the node.
-
-        A changed or sheared shape is noted in ``notes``.
-        """
+        """Append a volume's node and its trigger (collision of ``bodies``); returns the node. A
+        changed or sheared shape is noted in ``notes``."""
         assert volume.shape is not None
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
         placed = to_gltf(matrices)
@@ -208,10 +208,8 @@ def _volume_extras(
     effect: EffectDescription, shape: Shape, matrices: F64, values: F64, time: TimeBase
 ) -> dict[str, Any]:
     """Extras of a volume's node, sufficient for a collider.
-
     ``docs/formats/scene-volume.schema.json`` is the schema. ``matrices`` (T, 4, 4): shape space to
-    world at active samples; ``values`` (T, 1 + P): level and parameters at these samples.
-    """
+    world at active samples; ``values`` (T, 1 + P): level and parameters at these samples."""
     assert isinstance(effect.area, HapticVolume)
     falloff = effect.area.falloff
     # Edge lengths in world space: columns of the matrix scale the extents of the shape.
@@ -286,13 +284,13 @@ def _add_interactivity(
     hjif_name: str | None,
 ) -> None:
     """Add the draft extensions: an action and a behaviour per trigger; nothing without triggers.
-
-    ``nodes`` are the volumes' nodes in the order of ``triggers``. Media need ``hjif_name``.
-    """
+    ``nodes`` are the volumes' nodes in the order of ``triggers``. Media need ``hjif_name``."""
     if not triggers:
         return
     modalities = {clean(effect.id): effect.modality for effect in scene.effects}
     actions, behaviors = [], []
+    # Trigger k belongs to node k: a behaviour joins the trigger with an action at this node, and
+    # the action plays the perceptions of the effect's modality.
     for k, node in enumerate(nodes):
         effect_id = document.json["nodes"][node]["extras"]["hfx_effect"]
         media = {

@@ -88,9 +88,7 @@ def _columns(
     frames: Iterable[dict[str, Any]], position: int, timescale: int
 ) -> tuple[_Points, _Points]:
     """Points (s, amplitude) and (s, hertz) of keyframes, each by time; a keyframe may lack either.
-
-    ``position`` is in ticks, ``timescale`` in ticks per second.
-    """
+    ``position`` is in ticks, ``timescale`` in ticks per second."""
     levels, hertz = [], []
     for frame in frames:
         time = (position + frame.get("relative_position", 0)) / timescale

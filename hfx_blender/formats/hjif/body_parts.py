@@ -49,6 +49,7 @@ def vertex_masks(model: PerceptualModel) -> U32:
     x, _, z = model.vertices.T
     # Normals separate front from back: places alone are ambiguous on limbs and folds.
     normal_x, normal_y, _ = model.normals.T
+    # A vertex without a side has the side of its x; both sides at x = 0.
     is_right = (model.side == RIGHT) | ((model.side != LEFT) & (x <= 0.0))
     is_left = (model.side == LEFT) | ((model.side != RIGHT) & (x >= 0.0))
     for index, part in enumerate(PARTS):

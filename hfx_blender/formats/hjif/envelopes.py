@@ -46,6 +46,7 @@ def timescale_of(*rates_hz: Fraction, seconds: float = 0.0) -> int:
     ticks. The scale is about 8000, less for ``seconds`` > 0, to let an effect of this duration fit
     into 16 bits.
     """
+    # Least common multiple of the numerators: periods of all these rates are whole ticks.
     ticks = 1
     for rate in rates_hz:
         both = ticks * rate.numerator // gcd(ticks, rate.numerator)
@@ -125,6 +126,7 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
     cached: dict[bytes, tuple[Keyframe, ...]] = {}  # by rounded rows
     frequency = dense.frequency_hz
     assert frequency is not None
+    # One silent row at both ends: the wave fades to 0 there.
     for first, end in stretches(dense.strength > 0.0):
         start, stop = max(first - 1, 0), min(end + 1, len(dense.strength))
         levels, hertz = dense.strength[start:stop], frequency[start:stop].copy()
@@ -144,9 +146,7 @@ def _wave_keyframes(
     times: F64, levels: F64, hertz: F64, timescale: int, tolerance: float
 ) -> tuple[Keyframe, ...]:
     """Keyframes of a vibration (T,), simplified to ``tolerance`` of full scale and to 1 Hz.
-
-    Amplitude and frequency are simplified separately, then sampled at the keyframes of both.
-    """
+    Amplitude and frequency are simplified separately, then sampled at the keyframes of both."""
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
     amplitude = _on_grid(few, strength, tolerance, timescale)
@@ -211,10 +211,8 @@ def _on_grid(few: Curve, dense: Curve, tolerance: float, ticks_per_s: int) -> tu
 
 
 def _split(frames: tuple[Keyframe, ...]) -> list[Burst]:
-    """Cut keyframes at 16-bit limits: first tick and keyframes, from tick 0, of each part.
-
-    Each part begins with an interpolated copy of the last keyframe of the previous part.
-    """
+    """Cut keyframes at 16-bit limits: first tick and keyframes, from tick 0, of each part. Each
+    part begins with an interpolated copy of the last keyframe of the previous part."""
     if frames[-1].ticks <= MAX_POSITION:
         return [(0, frames)]
     firsts = [*range(frames[0].ticks, frames[-1].ticks, MAX_POSITION), frames[-1].ticks]

@@ -98,6 +98,7 @@ def write_signals(
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
     duration_s = max((signal.duration_s for signal in signals), default=0.0)
+    # Keyframes end with the last sound.
     for channel in perception["channels"]:  # includes the silence at the end
         channel["frequency_sampling"] = _SAMPLING_HZ
         channel["sample_count"] = round(duration_s * _SAMPLING_HZ)
@@ -122,10 +123,8 @@ def write_signals(
 
 
 def _dense(signal: Signal) -> Dense:
-    """Envelope at the keyframes of both curves; steps become ramps of 0.1 ms.
-
-    Frequencies are clipped to 0..1000 Hz; rows are added 0.1 ms before and after silence.
-    """
+    """Envelope at the keyframes of both curves; steps become ramps of 0.1 ms. Frequencies are
+    clipped to 0..1000 Hz; rows are added 0.1 ms before and after silence."""
     end = float(signal.amplitude.times_s[-1])
     frequency = clipped(signal.frequency_hz, 0.0, MAX_HZ)
     times = joined_times([signal.amplitude, frequency], 0.0, end)

@@ -48,6 +48,7 @@ def write(
     document, meshes, loss = compose(track, devices, stem.name, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
+    # Vertex ids of channels refer to these meshes.
     for model in meshes:
         files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
         glb.write_model(model, files[-1], quote(path.name))

@@ -143,9 +143,7 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
 
 def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
     """Convert an object: old member names, missing members with defaults, draft types of bands.
-
-    Unknown members, and a ``block_length`` other than a whole number from 16 on, are dropped.
-    """
+    Unknown members, and a ``block_length`` other than a whole number from 16 on, are dropped."""
     known = {**shape.required, **shape.optional}
     members = {}
     for key, item in value.items():
@@ -158,6 +156,7 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
             continue  # of other bands, in files from before the standard
         if name in known:
             members[name] = in_standard_form(known[name], item, name)
+    # Drafts had one band type for waves, and the coding beside it.
     if value.get("band_type") == "Wave" and value.get("encoding_modality") in _ENCODINGS:
         members["band_type"] = _ENCODINGS[value["encoding_modality"]]
     for name in shape.required:
@@ -176,10 +175,8 @@ def _is_effect(shape: Shape, item: Any) -> bool:
 
 
 def _number(shape: Number, value: Any, name: str) -> Any:
-    """Clip a number to the allowed range; unchanged for another type.
-
-    Wider: amplitudes to +-16 (scale of early wavelets), upper frequency limits to 192 kHz.
-    """
+    """Clip a number to the allowed range; unchanged for another type. Wider: amplitudes to +-16
+    (scale of early wavelets), upper frequency limits to 192 kHz."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one

@@ -185,6 +185,7 @@ def _devices(
             if kind.modality != modality or not actuators:
                 continue
             number += 1
+            # A reference device covers the body parts of all its actuators of this type.
             mask = 0
             for actuator in actuators:
                 mask |= place_mask(actuator.place, is_mirrored=device.is_mirrored)

@@ -79,10 +79,8 @@ def check_semantics(document: dict[str, Any], report: Report) -> None:
 
 
 def _check_root(document: dict[str, Any], report: Report, *, is_simple: bool) -> None:
-    """Report an unknown profile or level, a version before 2023, a wrong date or timescale.
-
-    Warns about members needed by the reference software. The timescale of a simple profile is 1000.
-    """
+    """Report an unknown profile or level, a version before 2023, a wrong date or timescale. Warns
+    about members needed by the reference software. The timescale of a simple profile is 1000."""
     year, _, amendment = document["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
@@ -217,9 +215,7 @@ def _check_band(
     band: dict[str, Any], place: Place, report: Report, library: set[int], is_simple: bool
 ) -> None:
     """Report a wrong curve type, block length (no power of two) or limits, and faulty effects.
-
-    ``library``: ids of the effect library.
-    """
+    ``library``: ids of the effect library."""
     kind = band["band_type"]
     if "curve_type" in band and kind != "Curve":
         report.error("CURVE-TYPE", (place, "curve_type"), f"a {kind} band has no curve_type")
@@ -244,9 +240,7 @@ def _check_band(
 
 def _check_content(effect: dict[str, Any], place: Place, report: Report, band: str) -> None:
     """Report ``wavelet_stream``, or else ``keyframes``, missing in a basis effect of ``band``.
-
-    ``band`` is a band type; waves also need ``phase`` and ``base_signal``.
-    """
+    ``band`` is a band type; waves also need ``phase`` and ``base_signal``."""
     if band == "WaveletWave" and "wavelet_stream" not in effect:
         report.error("WAVELET-STREAM", place, "'wavelet_stream' is missing")
     if band != "WaveletWave" and "keyframes" not in effect:
@@ -264,10 +258,8 @@ def _check_effect(
     is_simple: bool,
     band: str | None,
 ) -> None:
-    """Report faults of an effect and its composition.
-
-    ``library``: ids of the effect library; ``band``: type of the band, None within the library.
-    """
+    """Report faults of an effect and its composition. ``library``: ids of the effect library;
+    ``band``: type of the band, None within the library."""
     kind = effect["effect_type"]
     if is_simple and kind == "Composite":
         message = "the profile Simple Parametric has no composite effects"
@@ -281,6 +273,7 @@ def _check_effect(
         report.error("SEMANTIC-KEYWORDS", here, "is not of the standard's list")
     if "position" not in effect:
         report.error("EFFECT-POSITION", place, "'position' is missing: readers leave it out")
+    # What an effect of the library needs depends on the bands that refer to it.
     if kind == "Basis" and band is not None:
         _check_content(effect, place, report, band)
     if band == "WaveletWave" and effect.get("keyframes"):

@@ -130,10 +130,8 @@ def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope
 
 
 class _Parts:
-    """Decoded content of a channel's bands; ``lost`` counts losses by reason.
-
-    Pieces, ticks and curves are multiplied by ``gain``, waveforms are not.
-    """
+    """Decoded content of a channel's bands; ``lost`` counts losses by reason. Pieces, ticks and
+    curves are multiplied by ``gain``, waveforms are not."""
 
     def __init__(self, is_vibration: bool, gain: float) -> None:
         self.pieces: list[Piece] = []
@@ -182,9 +180,8 @@ def _envelope(
     unfolding: Unfolding,
 ) -> Envelope:
     """Mix the bands of a channel; curves are left out in a channel with waves or ticks.
-
-    ``full_scale``: largest amplitude of the reference device, or None. Losses are in ``left_out``.
-    """
+    ``full_scale``: largest amplitude of the reference device, or None. Losses are in
+    ``left_out``."""
     unfolding.library = {effect.get("id"): effect for effect in perception["effect_library"]}
     is_vibration = perception["perception_modality"] in VIBRATIONS
     gain = min(channel["gain"], _LARGEST_GAIN)
@@ -248,6 +245,7 @@ class Unfolding:
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."
             )
         for effect in effects:
+            # Nested references multiply: a small file may unfold to billions of effects.
             self._count += 1 + len(effect.get("keyframes", ()))
             limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
             position = start + effect.get("position", 0)

@@ -88,6 +88,7 @@ def waveform(
         blocks.append((first, synthesized(coefficients)))
     if not blocks:
         return None, lost
+    # Blocks are played in sequence: a block never starts before its predecessor has ended.
     blocks.sort(key=lambda block: block[0])
     begin = end = blocks[0][0]
     firsts = []
@@ -102,11 +103,9 @@ def waveform(
 
 
 def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int | None:
-    """Samples of a block, a power of two from 16 to 65536; None for other lengths.
-
-    ``block_length`` is in ticks, or in milliseconds. Draft files hold the coefficients as
-    keyframes, with one or two more for the scale.
-    """
+    """Samples of a block, a power of two from 16 to 65536; None for other lengths. ``block_length``
+    is in ticks, or in milliseconds. Draft files hold the coefficients as keyframes, with one or two
+    more for the scale."""
     frames = effect.get("keyframes", ())
     if frames and not effect.get("wavelet_stream"):
         lengths = [float(len(frames) - 2), float(len(frames) - 1)]
@@ -124,10 +123,8 @@ def _count(band: dict[str, Any], effect: dict[str, Any], timescale: int) -> int 
 
 def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
     """Wavelet coefficients of an effect, (count,), of the stream or else of draft keyframes.
-
     Keyframes hold the coefficients, then their scale. None for an unreadable stream, too few
-    keyframes, or neither; an empty stream without keyframes is silence.
-    """
+    keyframes, or neither; an empty stream without keyframes is silence."""
     stream, frames = effect.get("wavelet_stream"), effect.get("keyframes", ())
     if stream or (stream == "" and not frames):
         try:
@@ -156,11 +153,9 @@ _LOWEST_POINTS: Final = 8  # coefficients without a parent
 
 
 class _Bits:
-    """Decoder of the adaptive arithmetic code, one decision per call.
-
-    ``stream`` are base64 digits with padding; KeyError for another character. The code word lies in
-    the interval from ``_lower`` to ``_upper``, which each decision narrows.
-    """
+    """Decoder of the adaptive arithmetic code, one decision per call. ``stream`` are base64 digits
+    with padding; KeyError for another character. The code word lies in the interval from ``_lower``
+    to ``_upper``, which each decision narrows."""
 
     def __init__(self, stream: str) -> None:
         self._bits = [

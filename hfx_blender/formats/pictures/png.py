@@ -190,9 +190,7 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
     """Undo the row filters ``kinds`` (H,) of ``lines`` (H, bytes); ``unit``: bytes per pixel.
-
-    Returns new rows (H, bytes). Raises ValueError for a filter above 4.
-    """
+    Returns new rows (H, bytes). Raises ValueError for a filter above 4."""
     if kinds.max() > 4:
         raise ValueError(f"row filter {kinds.max()}")
     rows, width = lines.shape

@@ -45,10 +45,8 @@ def read(path: Path) -> F64:
 
 
 def _lines(content: bytes, path: Path) -> F64:
-    """First three columns (N, 3) of text lines, separated by spaces, commas or semicolons.
-
-    Comments begin with # or //; N may be 0. Raises InputError for another line.
-    """
+    """First three columns (N, 3) of text lines, separated by spaces, commas or semicolons. Comments
+    begin with # or //; N may be 0. Raises InputError for another line."""
     text = content.replace(b",", b" ").replace(b";", b" ")
     try:
         with warnings.catch_warnings():
@@ -63,11 +61,9 @@ def _lines(content: bytes, path: Path) -> F64:
 
 
 def _ply(content: bytes, path: Path) -> F64:
-    """Vertices (N, 3) of a PLY file, not all finite; N may be 0.
-
-    Raises InputError for another file, vertices without x, y and z, data before the vertices, and
-    fewer or other vertices than the header states.
-    """
+    """Vertices (N, 3) of a PLY file, not all finite; N may be 0. Raises InputError for another
+    file, vertices without x, y and z, data before the vertices, and fewer or other vertices than
+    the header states."""
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark or len(head) > _MOST_HEADER:
         raise InputError(f"{path}: is no PLY file.")
@@ -99,16 +95,15 @@ def _ply(content: bytes, path: Path) -> F64:
 
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
     """Parse a PLY header: byte order ("" for text), data before the vertices, count, columns.
-
     Columns are (name, numpy type) of the vertex. Raises InputError for a broken header, list
-    properties of vertices, or too many vertices.
-    """
+    properties of vertices, or too many vertices."""
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     order, count, columns, element, before = None, -1, [], "", False
     try:
         for words in (line.split() for line in lines):
             if words[:1] == ["format"]:
                 order = orders.get(words[1])
+            # Elements before the vertices have rows of unknown length, unless they are empty.
             elif words[:1] == ["element"]:
                 element, size = words[1], int(words[2])
                 if element == "vertex":

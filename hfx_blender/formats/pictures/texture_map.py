@@ -16,14 +16,14 @@ import numpy.typing as npt
 from ...engine.texture.haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from ...engine.texture.height_field import HeightField
 from ...errors import InputError
-from ...files import suffixes
+from ...files import kinds
 from ...files.json_shapes import Anything, Flag, Number, Text, numbers, strict
 from ...files.json_shapes import read as read_json
 from ...files.kinds import refuse_another
 from ..written import Written, write_json
 from . import png
 
-SUFFIX: Final = suffixes.TEXTURE_MAP
+SUFFIX: Final = kinds.TEXTURE_MAP_SUFFIX
 _FORMAT: Final = "hfx-texture-map"
 _VERSION: Final = 1
 _LAYERS: Final = ("intensity", "sharpness")
@@ -78,6 +78,7 @@ def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = ""
         "about": "Linear values. Intensity 0 is silent, full code is the highest amplitude "
         "(peak); sharpness 0 is the lowest frequency (rough), full code the highest (smooth).",
     }
+    # The JSON file comes last: readers begin with it, and its layers are complete then.
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document, path)
     return Written((path, *files.values()))

@@ -105,6 +105,7 @@ def write(raster: Raster, path: Path) -> None:
     }
     for k, stream in enumerate(raster.felt):
         arrays |= {f"felt.{k}.{name}": getattr(stream, name) for name in _FELT}
+    # Readers have this limit: a larger file could not be read back.
     size = sum(array.nbytes + _MOST_HEAD for array in arrays.values())
     limits.MEMORY.check(size, path.name, _ASKS)
     with atomic_file(path) as file:
@@ -149,11 +150,10 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
-    """Decode an open archive; array shapes are compared before any array is unpacked.
-
-    Raises InputError for a wrong description, shapes or raster, and TooLargeError for arrays above
-    the memory limit.
-    """
+    """Decode an open archive; array shapes are compared before any array is unpacked. Raises
+    InputError for a wrong description, shapes or raster, and TooLargeError for arrays above the
+    memory limit."""
+    # A zip may name an entry twice; readers disagree on which counts.
     entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
     if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
         raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")

@@ -38,6 +38,7 @@ def raster_of(
     columns = [
         (actuator, control) for actuator in device.actuators for control in actuator.type.controls
     ]
+    # A tick at the end of a signal lasts beyond it.
     lasts_s = max(
         max([signal.duration_s, *(tick.time_s + TICK_S for tick in signal.transients)])
         for signal in signals
@@ -92,15 +93,14 @@ def raster_of(
 
 
 def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
-    """Signal of each vibration actuator with a signal, by actuator id, see :func:`raster_of`.
-
-    Names match in any case. Raises InputError without a vibration actuator or match.
-    """
+    """Signal of each vibration actuator with a signal, by actuator id, see :func:`raster_of`. Names
+    match in any case. Raises InputError without a vibration actuator or match."""
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")
     named = {signal.name.casefold(): signal for signal in signals}
     matching = {a.id: named[a.id.casefold()] for a in vibrating if a.id.casefold() in named}
+    # Files of bHaptics name signals by dots instead of actuators.
     if not matching:
         dots = {key: f"{dot.position} {dot.index}" for key, dot in motors_of(device).items()}
         matching = {
@@ -118,10 +118,8 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
 
 
 def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
-    """Amplitude (0..1) and Hz at times (T,) with ticks; third, the number of hidden ticks.
-
-    A tick fades linearly over 22 ms; it is hidden if nowhere stronger than the envelope.
-    """
+    """Amplitude (0..1) and Hz at times (T,) with ticks; third, the number of hidden ticks. A tick
+    fades linearly over 22 ms; it is hidden if nowhere stronger than the envelope."""
     hidden = 0
     amplitude = np.where(times < signal.amplitude.times_s[-1], signal.amplitude.at(times), 0.0)
     hertz = signal.frequency_hz.at(times)

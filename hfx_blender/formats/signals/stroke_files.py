@@ -12,7 +12,7 @@ from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 from ...engine.texture.stroke import Stroke
 from ...engine.texture.stroke_rendering import StrokeSignal
 from ...errors import InputError, UsageError
-from ...files import suffixes
+from ...files import kinds
 from ...files.atomic import atomic_file
 from ...files.strict_json import read_bytes
 from ..device_files import ahap, haptic, he
@@ -25,7 +25,7 @@ from .simplified_writer import WHOLE_MS, error_note, pitch_tolerance
 WAV_RATE_HZ: Final = 48_000
 
 _KINDS: Final = {ahap.SUFFIX: ahap, he.SUFFIX: he, haptic.SUFFIX: haptic}
-SUFFIXES: Final = suffixes.STROKES
+SUFFIXES: Final = kinds.STROKE_SUFFIXES
 
 
 def check(path: Path) -> None:

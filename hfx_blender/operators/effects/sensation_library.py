@@ -15,7 +15,7 @@ from mathutils import Vector
 
 from ...authoring.effects import effect_file
 from ...errors import HfxError, InputError
-from ...files import resources, suffixes
+from ...files import kinds, resources
 from ...text import printable
 from .. import framing
 from ..shared import (
@@ -126,8 +126,8 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
 
     bl_label = "Load Effects"
 
-    filename_ext = suffixes.EFFECT
-    filter_glob: StringProperty(default=f"*{suffixes.EFFECT}", options={"HIDDEN"})
+    filename_ext = kinds.EFFECT_SUFFIX
+    filter_glob: StringProperty(default=f"*{kinds.EFFECT_SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         sensation = effect_file.load(Path(self.filepath))
@@ -143,8 +143,8 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     bl_label = "Save Effects"
     bl_options = {"REGISTER"}
 
-    filename_ext = suffixes.EFFECT
-    filter_glob: StringProperty(default=f"*{suffixes.EFFECT}", options={"HIDDEN"})
+    filename_ext = kinds.EFFECT_SUFFIX
+    filter_glob: StringProperty(default=f"*{kinds.EFFECT_SUFFIX}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: the name of the file")
 
     requires = ((lambda context: context.selected_objects, "Select the effects to save first"),)
@@ -155,7 +155,7 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
             with suppress(OSError):
                 folder.mkdir(parents=True, exist_ok=True)
             stem = context.object.name if context.object is not None else "effects"
-            self.filepath = str(folder / (bpy.path.clean_name(stem) + suffixes.EFFECT))
+            self.filepath = str(folder / (bpy.path.clean_name(stem) + kinds.EFFECT_SUFFIX))
         return super().invoke(context, event)
 
     def work(self, context: bpy.types.Context) -> str:

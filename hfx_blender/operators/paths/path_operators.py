@@ -22,7 +22,7 @@ from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
 from ...blender.scene_info import fps_of, metres_of
 from ...engine.modality import MODALITY_ITEMS
-from ...files import suffixes
+from ...files import kinds
 from ..shared import (
     EnumItems,
     HfxOperator,
@@ -231,8 +231,8 @@ class HFX_OT_load_path(HfxOperator, ImportHelper):
     bl_label = "Load Path"
     requires = (ON_SPOT,)
 
-    filename_ext = suffixes.PATH
-    filter_glob: StringProperty(default=f"*{suffixes.PATH}", options={"HIDDEN"})
+    filename_ext = kinds.PATH_SUFFIX
+    filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.paths import path_file
@@ -245,8 +245,8 @@ class HFX_OT_save_path(PathOperator, ExportHelper):
 
     bl_label = "Save Path"
 
-    filename_ext = suffixes.PATH
-    filter_glob: StringProperty(default=f"*{suffixes.PATH}", options={"HIDDEN"})
+    filename_ext = kinds.PATH_SUFFIX
+    filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:

@@ -12,7 +12,7 @@ from bpy.props import EnumProperty
 
 from ...authoring.surfaces import surfaces
 from ...errors import HfxError, InputError
-from ...files import suffixes
+from ...files import kinds
 from ...playback.live.live import live
 from .. import framing
 from ..shared import FileOperator, HfxOperator
@@ -171,7 +171,9 @@ class HFX_OT_export_stroke(FileOperator):
 
     kind: EnumProperty(
         name="Format",
-        items=[(suffix, suffix[1:].upper(), f"A file *{suffix}") for suffix in suffixes.STROKES],
+        items=[
+            (suffix, suffix[1:].upper(), f"A file *{suffix}") for suffix in kinds.STROKE_SUFFIXES
+        ],
         description="Format if the name has no suffix",
     )
 

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ...authoring.surfaces import surfaces
 from ...errors import InputError
-from ...files import suffixes
+from ...files import kinds
 from ...properties.surface_properties import IMAGE_KINDS, SOURCES
 from ...text import printable
 from ..shared import ON_MESH, FileOperator, HfxOperator, ModalTimer
@@ -146,7 +146,7 @@ class HFX_OT_export_texture(SurfaceFileOperator):
             ("8", "8 Bit", "Small files, for tools that read only 8 bits"),
         ),
     )
-    filter_glob: StringProperty(default=f"*{suffixes.TEXTURE_MAP}", options={"HIDDEN"})
+    filter_glob: StringProperty(default=f"*{kinds.TEXTURE_MAP_SUFFIX}", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from ...formats.pictures import texture_map
@@ -170,7 +170,7 @@ class HFX_OT_import_texture(SurfaceFileOperator):
 
     bl_label = "Import Map"
 
-    filter_glob: StringProperty(default=f"*{suffixes.TEXTURE_MAP}", options={"HIDDEN"})
+    filter_glob: StringProperty(default=f"*{kinds.TEXTURE_MAP_SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         from ...formats.pictures import texture_map

@@ -9,7 +9,7 @@ import bpy
 import bpy.utils.previews
 
 from ...authoring.surfaces import surface_updates, surfaces
-from ...files.suffixes import GENERATED, PICTURES
+from ...files.kinds import GENERATED_SUFFIX, PICTURE_SUFFIXES
 from ...operators.shared import active_armature
 from ...operators.surfaces import generation_operators
 from ...operators.surfaces.surface_operators import active_surface
@@ -76,7 +76,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, settings.warning, "ERROR")
         for name in _SOURCE_FIELDS[settings.source]:
             layout.prop(settings, name)
-        if settings.source == "SCAN" and settings.scan_path.lower().endswith(PICTURES):
+        if settings.source == "SCAN" and settings.scan_path.lower().endswith(PICTURE_SUFFIXES):
             layout.prop(settings, "scan_size_mm")
             layout.prop(settings, "height_mm")
         if settings.source != "MAP":
@@ -229,7 +229,7 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
 
 def _icon(record: Any) -> int:
     """Icon number of a result's colour picture; frees the pictures of other folders."""
-    path = str(record.with_name(record.name.removesuffix(GENERATED) + ".colour.png"))
+    path = str(record.with_name(record.name.removesuffix(GENERATED_SUFFIX) + ".colour.png"))
     if path not in _previews:
         for old in [
             path_of_icon

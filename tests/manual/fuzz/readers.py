@@ -19,7 +19,7 @@ from hfx_blender import cli
 from hfx_blender.authoring.effects import effect_file
 from hfx_blender.authoring.paths import path_file
 from hfx_blender.commands.conversion import convert
-from hfx_blender.commands.own_files import facts_of_report
+from hfx_blender.commands.info import facts_of_report
 from hfx_blender.commands.played_clip import PlayedClip
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import imported_layouts

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.formats.pictures import jpeg
+from hfx_blender.authoring.surfaces.image_values import is_jpeg_cut_off
 
 # Start, a segment with a thumbnail (with start and end marks), a scan, data with a stuffed 255.
 THUMBNAIL = b"\xff\xe1\0\x08\xff\xd8\xff\xda\xff\xd9"
@@ -29,4 +29,4 @@ BEGIN = b"\xff\xd8" + THUMBNAIL + b"\xff\xff\xdb\0\x03x" + b"\xff\xda\0\x02" + b
 def test_a_jpeg_without_its_end_is_reported(tmp_path: Path, data: bytes, cut_off: bool) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(data)
-    assert jpeg.is_cut_off(path) is cut_off
+    assert is_jpeg_cut_off(path) is cut_off
