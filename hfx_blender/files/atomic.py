@@ -31,7 +31,7 @@ _unfinished: dict[Path, Callable[[Path], object]] = {}
 placing = threading.Lock()
 """Lock held while files get their final names; a forced end of the process waits for it."""
 
-_LONGEST_NAME: Final = 100  # of a name that becomes part of another; a file system allows 255 bytes
+_LONGEST_NAME: Final = 100  # of a name within a longer name; a file system allows 255 bytes
 _TOKEN_BYTES: Final = 8
 
 _inputs: dict[tuple[int, int], int] = {}
@@ -134,7 +134,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
 
 
 def _sync_file(path: Path) -> None:
-    """Force the content of a file to the disk; OutputError if that fails."""
+    """Force the content of a file to the disk; OutputError for a failure."""
     try:
         with open(path, "r+b") as file:
             os.fsync(file.fileno())

@@ -68,7 +68,7 @@ def is_of_a_kind(path: Path) -> bool:
 def is_elsewhere(path: Path, reference: Path | None) -> bool:
     """Test for a network path on another machine than ``reference`` (None: on any machine).
 
-    Opening such a path would send the user's credentials to that machine.
+    Opening such a path would send the user's credentials to the other machine.
     """
     host = _host_of(path)
     return bool(host) and (reference is None or host != _host_of(reference))

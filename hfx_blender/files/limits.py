@@ -51,7 +51,7 @@ class Limit:
             if not times <= MOST_TIMES:
                 cure = " (far too much)"
             elif _times.get() is not None:
-                # Rounded up to two digits, so that the limit of this factor is above the amount.
+                # Rounded up to two digits: the raised limit is above the amount.
                 step = 10.0 ** (math.floor(math.log10(times)) - 1) if times >= 1.0 else 0.1
                 cure = f" ('--largest {math.ceil(times / step) * step:.10g}' allows it)"
             raise TooLargeError(

@@ -22,7 +22,7 @@ PATIENCE_S: Final = 5.0
 _RETRY_S: Final = 0.01
 
 NEW_S: Final = 60.0
-"""Age up to which unfinished files without a lock may still be in the making, seconds."""
+"""Largest age of an unlocked unfinished file of a possibly running process, seconds."""
 
 LOCKED_BYTE: Final = 4096
 """Offset of the locked byte, behind the text: a locked byte cannot be read on Windows."""

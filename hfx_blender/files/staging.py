@@ -45,7 +45,7 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     stage = parent / temporary_name(name)
     stage.mkdir(0o700)
     owner: int | None = None
-    # The folder is locked by its file "owner", whose text says that the lock is taken.
+    # The folder is locked by its file "owner"; the text "locked" in it states a taken lock.
     with unfinished(stage, remove_tree):
         try:
             owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -70,7 +70,7 @@ def temporary_folder(prefix: str = "hfx-") -> Iterator[Path]:
 
 def remove_tree(folder: Path) -> None:
     """Remove a folder, if present. Up to 20 tries with pauses of 10 ms, as other threads may write
-    into the folder; what then remains stays, without an error."""
+    into the folder; remaining files stay, without an error."""
     for _ in range(_TRIES):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():

@@ -75,7 +75,7 @@ def parse(
                 )
     try:
         value = json.loads(text, **_STRICT)
-        # Encoding fails for half a surrogate pair, which json.loads accepts.
+        # json.loads accepts half a surrogate pair; its encoding fails.
         if not has_file_names and _HALF_PAIR.search(text):
             encoded(value)
         return value

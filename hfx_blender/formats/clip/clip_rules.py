@@ -112,9 +112,9 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
         _time, _references, _numbers, _rows, _columns, _clips, _bodies, _spatial
     )  # fmt: skip
     for kind in kinds:
-        found = kind(sections)
-        if found:
-            return found
+        findings = kind(sections)
+        if findings:
+            return findings
     refuse_long(sections, file_name)
     return []
 
@@ -157,7 +157,7 @@ def _references(sections: Sections) -> list[Finding]:
     """Findings on text offsets, ranges of records and record numbers, at most one per field. An
     offset is the first byte of a text; the ranges of a field tile the target section in order; a
     record number is below the count of the target section."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     size = len(sections["TEXT"])
     for section, fields in _TEXTS.items():
         for field in fields:
@@ -166,28 +166,28 @@ def _references(sections: Sections) -> list[Finding]:
             # A text begins at offset 0, or behind the zero byte of the text before.
             before = np.maximum(np.where(is_bad, 0, places), 1) - 1
             is_bad |= (places > 0) & (sections["TEXT"][before] != 0)
-            found += _first(section, field, places, is_bad, "the beginning of a text")
+            findings += _first(section, field, places, is_bad, "the beginning of a text")
     for section, field, number, of in _RANGES:
-        firsts, counts = (sections[section][each].astype(np.int64) for each in (field, number))
+        firsts, counts = (sections[section][key].astype(np.int64) for key in (field, number))
         # Ranges tile the target section without gaps or overlaps, so the first range starts
         # at 0, and each range where its predecessor ends.
         expected = np.concatenate([[0], np.cumsum(counts)])
-        found += _first(
+        findings += _first(
             section, field, firsts, firsts != expected[:-1], "the end of the range before"
         )
-        if not found and expected[-1] != len(sections[of]):
+        if not findings and expected[-1] != len(sections[of]):
             message = f"ranges have {expected[-1]} records of {of}, which has {len(sections[of])}"
-            found.append(_finding(f"{section}.{number}", message))
+            findings.append(_finding(f"{section}.{number}", message))
     for section, field, of in _INDICES:
         values, count = sections[section][field], len(sections[of])
-        found += _first(section, field, values, values >= count, f"below {count}")
-    return found
+        findings += _first(section, field, values, values >= count, f"below {count}")
+    return findings
 
 
 def _numbers(sections: Sections) -> list[Finding]:
     """Findings on fields outside ``_WHOLE`` or ``_REAL``, on NaN and infinity; ``reserved`` is 0.
     Infinity is allowed only in fields with the upper bound infinity."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for section, kind in RECORDS.items():
         for field in kind.names or ():
             values = sections[section][field]
@@ -201,8 +201,8 @@ def _numbers(sections: Sections) -> list[Finding]:
             else:
                 is_bad = (values < low) | (values > high)
             allowed = f"{low:g} to {high:g}" if np.isfinite([low, high]).any() else "finite"
-            found += _first(section, field, values, is_bad, allowed)
-    return found
+            findings += _first(section, field, values, is_bad, allowed)
+    return findings
 
 
 def _rows(sections: Sections) -> list[Finding]:

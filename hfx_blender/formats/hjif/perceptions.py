@@ -81,23 +81,25 @@ def perception_of(
     unknown full scale, without reference device. Vibrations are waves between silences, other
     modalities curves, within ``tolerance``. ``devices`` give further reference devices.
     """
-    full = (max(_peak(place) for place in places) or 1.0) if has_units else 1.0
+    full = (max(_peak(content) for content in places) or 1.0) if has_units else 1.0
     dense = [
-        replace(place.dense, strength=np.clip(place.dense.strength / full, -1.0, 1.0))
-        for place in places
+        replace(content.dense, strength=np.clip(content.dense.strength / full, -1.0, 1.0))
+        for content in places
     ]
     # Vibration: waves between silences, repeated ones in the library. Otherwise a curve over
     # the whole time.
     library: list[dict[str, Any]] = []
     if modality == "vibration":
-        library, waves = shared_waves([wave_bursts(each, timescale, tolerance) for each in dense])
+        library, waves = shared_waves(
+            [wave_bursts(envelope, timescale, tolerance) for envelope in dense]
+        )
         bands = [[band("VectorialWave", wave)] for wave in waves]
     else:
-        curves = [curve_effects(each, timescale, tolerance) for each in dense]
+        curves = [curve_effects(d, timescale, tolerance) for d in dense]
         bands = [[band("Curve", curve, curve_type="Linear")] for curve in curves]
-    for place_bands, place in zip(bands, places, strict=True):
-        if place.transients:
-            place_bands.append(_transient_band(place.transients, timescale))
+    for place_bands, content in zip(bands, places, strict=True):
+        if content.transients:
+            place_bands.append(_transient_band(content.transients, timescale))
     reference: list[dict[str, Any]] = []
     if has_units:
         title = f"full scale: {full:.6g} {MODALITIES[modality].hjif_unit}"
@@ -109,8 +111,8 @@ def perception_of(
         "description": modality,
         "perception_modality": MODALITIES[modality].hjif,
         "channels": [
-            _channel(k, place, place_bands, has_units=has_units)
-            for k, (place, place_bands) in enumerate(zip(places, bands, strict=True))
+            _channel(k, content, place_bands, has_units=has_units)
+            for k, (content, place_bands) in enumerate(zip(places, bands, strict=True))
         ],
         "effect_library": library,
         "reference_devices": reference,
@@ -144,12 +146,12 @@ def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list
     """Titles of places with a strength other than 0, but only zero keyframes in the perception."""
     library = {effect["id"]: effect for effect in perception["effect_library"]}
     titles = []
-    for place, channel in zip(places, perception["channels"], strict=True):
+    for content, channel in zip(places, perception["channels"], strict=True):
         effects = [effect for band in channel["bands"] for effect in band["effects"]]
         effects = [library[e["id"]] if e["effect_type"] == "Reference" else e for e in effects]
         frames = (frame for effect in effects for frame in effect["keyframes"])
-        if _peak(place) > 0.0 and not any(frame["amplitude_modulation"] for frame in frames):
-            titles.append(place.title)
+        if _peak(content) > 0.0 and not any(frame["amplitude_modulation"] for frame in frames):
+            titles.append(content.title)
     return titles
 
 

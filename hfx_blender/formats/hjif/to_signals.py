@@ -148,7 +148,9 @@ class _Parts:
         """
         placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
-            for tick in chain.from_iterable(bands.ticks(band, each, timescale) for each in placed):
+            for tick in chain.from_iterable(
+                bands.ticks(band, effect, timescale) for effect in placed
+            ):
                 # A tick above 1 would be refused by writers: it is clipped and reported.
                 level = self._gain * tick.amplitude
                 if level > 1.0:
