@@ -78,9 +78,7 @@ class GeneratedFiles:
 
 def name_of(words: str, mark: str) -> str:
     """File name: ASCII words and numbers joined by ``-``, 48 letters at most, then ``-`` and
-    ``mark``.
-    Where that changes the words, 8 digits of their hash come before the mark.
-    """
+    ``mark``. Where that changes the words, 8 digits of a hash come before the mark."""
     parts = [token for token in tokens(words) if token.isalnum() and token.isascii()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-")
     # Different words must not overwrite each other's files.

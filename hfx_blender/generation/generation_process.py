@@ -89,7 +89,8 @@ def run(job: Mapping[str, Any]) -> Iterator[tuple[float, Generated]]:
 
 
 def main() -> None:
-    """Child side: do the owner's job; send share and record of each surface, or the error."""
+    """Child side: do the job that the owner sends; send share and record of each surface, or the
+    error, such as a missing package."""
     owner = Owner()
     job = decode_json(owner.receive().body)
     try:

@@ -314,7 +314,8 @@ class _TextReader:
         return thing.kind != own.kind and thing.weight >= 2 and not is_made_of_it
 
     def _quality(self, place: int, quality: str) -> None:
-        """Apply a quality, found in the word at ``place``, to the degree of the words before."""
+        """Apply a quality, of the word at ``place``, with the degree of the words before, negative
+        after a negation; the degree then ends."""
         word = self._words[place]
         following = self._words[place + 1 : place + 2]
         meaning = QUALITIES[quality]
@@ -331,7 +332,8 @@ class _TextReader:
         self._is_unwanted &= not self._is_denied
 
     def _material(self, word: str, meaning: MaterialWord, place: int) -> None:
-        """Add a material, or its kind to the unwanted kinds; none for "oak-coloured"."""
+        """Add a material, of weight 0 in a comparison, nearby, or as a shade; after a negation add
+        the kind to the unwanted kinds instead. Nothing for "oak-coloured"."""
         if word in self._coloured and word not in COLOURS:
             return
         if self._is_unwanted:

@@ -32,10 +32,9 @@ def generate(
 ) -> Generated:
     """Generate a surface from words and unwanted words; equal arguments give equal arrays.
 
-    ``texels``: texels along each side, at least 16.
-    ``steps``: quantization of the haptic map; None: no quantization.
-
-    Raises InputError: no word names a material, or a size is outside the range of touch.
+    ``texels``: number along each side, at least 16. ``steps``: quantization of the haptic map;
+    None: no quantization. Raises InputError if no word names a material, or a size is outside the
+    range of touch.
     """
     meaning = read_words(words, negative)
     shape, strongest = meaning.choose()

@@ -73,7 +73,8 @@ class ActuatorCells:
 
     @cached_property
     def _by_vertex(self) -> tuple[I64, I32, F32 | None]:
-        """Actuators of each vertex: starts (V + 1,), actuator indices and factors (None: all 1)."""
+        """Actuators of each vertex: starts (V + 1,) of a vertex's entries, and for each entry the
+        actuator's index and factor (None: all 1)."""
         every = np.concatenate(self.rows)
         order = np.argsort(every, kind="stable")
         counts = np.bincount(every, minlength=len(self._is_reached))

@@ -69,8 +69,10 @@ class ActuatorGroup:
     def gains(self, run: SampleRun) -> F64:
         """Gains (n, A) of the actuators for a run's samples, in 0..1.
 
-        Set by the run's drive, else panned about a spot's focus, else by shared vertices and reach.
-        Raises InputError for a place that does not fit the run's model.
+        A run with a drive has the drive's values, 0 on another device. A spot on a panned layout is
+        panned at its focus. Else shared vertices count, and for actuators at a position in the room
+        the reach, if the run has positions. Raises InputError for a place that does not fit the
+        run's model.
         """
         if run.drive is not None:
             return run.drive.gains(self._device.id, [actuator.id for actuator in self._actuators])
@@ -177,7 +179,8 @@ class MissingActuators:
                 missing[name] = None
 
     def notes(self, header: TrackHeader) -> Iterator[str]:
-        """Yield a sentence for each effect with missing actuators."""
+        """Yield a sentence for each effect with missing actuators, in the order of the header, with
+        the actuators in the order of the effect."""
         for effect in header.effects:
             text = (
                 f"device '{self._device.id}' has not all {effect.modality} actuators that effect "

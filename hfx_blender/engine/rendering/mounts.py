@@ -23,7 +23,8 @@ spacings from a layout, measured on skin, whose distances differ a little from t
 
 
 def place_on(mount: Mount, at_m: F64) -> F64:
-    """Rest-space positions (n, 3) of layout coordinates (n, 2), metres."""
+    """Rest-space positions (n, 3) of layout coordinates (n, 2), metres; on a bent mount x is an arc
+    length and may exceed a turn."""
     axes = np.array([mount.x_axis, mount.y_axis])
     radius = mount.bend_radius_m
     if radius is None:

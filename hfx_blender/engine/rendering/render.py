@@ -72,7 +72,8 @@ def renderers_of(
 
 
 def misfits(scene: SceneDescription, devices: Sequence[DeviceConfig]) -> dict[str, str]:
-    """Sentences by device id about places off a body model of the scene's skin effects."""
+    """Sentence, by id, of each device with a place off a body model of the scene's skin effects.
+    Only actuators that show an effect's modality are tested; the first fault counts."""
     on_skin = (e for e in scene.effects if not isinstance(e.area, ActuatorArea))
     # Each pair of modality and model once: several effects share these.
     streams = dict.fromkeys((effect.modality, effect.model_id) for effect in on_skin)

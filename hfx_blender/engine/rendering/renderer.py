@@ -371,7 +371,8 @@ class Renderer:
         return is_changed, is_on
 
     def partials(self) -> tuple[Partial, ...]:
-        """Partials of each effect so far at the actuators with a waveform, within limits."""
+        """Partials of each effect so far at the actuators with a waveform, advanced by latency and
+        within limits; empty without such actuators."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]

@@ -95,7 +95,13 @@ def _panned_layout(
     if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
         return None  # Renderer.notes reports the latter
     rows = rows_of(device, actuators, model)
-    centres = np.array([_centre(a, row, model) for a, row in zip(actuators, rows, strict=True)])
+    centres = np.zeros((len(actuators), 3))
+    for k, (actuator, row) in enumerate(zip(actuators, rows, strict=True)):
+        if isinstance(actuator.place, BodyPlace):
+            centres[k] = actuator.place.centre_m
+        else:  # the centroid of the skin that the vertices stand for
+            areas = model.areas_m2[row].astype(np.float64)
+            centres[k] = areas @ model.vertices[row] / areas.sum()
     spacing_m = _spacing_m(centres)
     # The vertex of each actuator that is nearest to its centre.
     away = (model.vertices[row] - centre for centre, row in zip(centres, rows, strict=True))
@@ -137,14 +143,6 @@ def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: Percept
     if not all(len(row) for row in rows_of(device, actuators, model)):
         return "are nowhere on it"
     return ""
-
-
-def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
-    """Rest-space centre (3,): configured, or area-weighted mean of the vertices ``row``."""
-    if isinstance(actuator.place, BodyPlace):
-        return np.array(actuator.place.centre_m)
-    areas = model.areas_m2[row].astype(np.float64)
-    return np.asarray(areas @ model.vertices[row] / areas.sum())
 
 
 def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
@@ -197,7 +195,8 @@ def _planar(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _ring(device: DeviceConfig, centres: F64) -> _Gains:
-    """Gains of a ring: by angle about the middle of a flat mount, or around a bent mount."""
+    """Gains of a ring by angle about the middle of a flat mount, or by arc length around a bent
+    mount."""
     mount = _mount(device.mount, centres)
     if mount.bend_radius_m is not None:
         return _round(mount, centres, abs(mount.bend_radius_m))

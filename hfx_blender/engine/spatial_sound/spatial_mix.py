@@ -103,7 +103,8 @@ class _Voice:
     def of(
         cls, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
     ) -> _Voice:
-        """Voice of a source: panned, and if set with Doppler shift and absorption."""
+        """Voice of a source: panned, with Doppler shift and absorption of air if ``hearing`` has
+        these; amplitudes that are not finite are 0."""
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
         hearing, at_listener_hz = panner.hearing, source.frequencies_hz

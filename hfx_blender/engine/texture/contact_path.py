@@ -241,18 +241,9 @@ class ContactFollower:
                 seams = self._over_seams(
                     vertices, time[continued], triangle, ends, continued, was, way[changed]
                 )
+        apart_m = places.distance
         return ContactPaths(
-            time,
-            ids,
-            triangle,
-            weights,
-            places.distance,
-            now.T,
-            ends,
-            moved,
-            before,
-            seams,
-            carried,
+            time, ids, triangle, weights, apart_m, now.T, ends, moved, before, seams, carried
         )
 
     def _over_seams(

@@ -132,8 +132,8 @@ class ContactRenderer:
         return windows.reshape(len(moving), self._blocks * self._steps)[:, -self._window :]
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
-        """Rows ``which`` (n,) of heights, each after its chain of rows before, (n, blocks, steps).
-        ``back`` is the row before each row."""
+        """Heights (n, blocks, steps): rows ``which`` (n,), each after ``blocks - 1`` rows before,
+        oldest first. ``back`` is the index of the row before each row."""
         rows = np.zeros((len(which), self._blocks), np.int64)
         for block in range(self._blocks - 1, -1, -1):
             rows[:, block] = which

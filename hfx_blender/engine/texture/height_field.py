@@ -204,7 +204,7 @@ def wrapped_cells(index: I64, rows: int, columns: int, tiles: bool) -> I64:
 
 
 def wrapped(index: I64, count: int, tiles: bool) -> I64:
-    """Indices wrapped, or clamped without tiling, into 0 to ``count`` - 1."""
+    """Indices (...) wrapped, or clamped without tiling, into 0 to ``count`` - 1."""
     if not tiles:
         return np.clip(index, 0, count - 1)
     if count & (count - 1) == 0:  # a power of two: a mask costs a tenth of a division

@@ -91,7 +91,7 @@ class _Lines:
 
 
 def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
-    """Entries of segments (2, M), x and y in m, into texels."""
+    """Entries of M segments from ``starts_m`` to ``ends_m`` (2, M), x and y, into texels."""
     per_texel = np.array([[1.0 / texel_m[0]], [1.0 / texel_m[1]]])
     a, b = starts_m * per_texel, ends_m * per_texel
     count = a.shape[1]

@@ -159,7 +159,8 @@ def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: flo
 
 
 def _stretched(values: F32, count: int, tiles: bool) -> F32:
-    """Columns of (h, w) resampled linearly to ``count`` columns over the same width."""
+    """Values (h, w) resampled linearly to (h, ``count``) over the same width; ``values`` itself for
+    an equal count. ``tiles``: wrapped at the edges, else clamped."""
     known = values.shape[1]
     if known == count:
         return values

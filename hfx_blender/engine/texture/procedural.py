@@ -112,8 +112,8 @@ def noise(
 def _stones(
     rng: np.random.Generator, texels: int, size_m: float, diameter_m: float, flatness: float
 ) -> F64:
-    """Adjacent stones on a jittered grid, heights (N, N): the highest stone counts at each point. A
-    low ``flatness`` exponent gives flat tops."""
+    """Heights (N, N), 0 to about 1, of adjacent stones on a jittered grid, of random size and
+    direction; the highest counts at each point. A low exponent ``flatness`` gives flat tops."""
     spacing = 0.72 * diameter_m  # stones overlap
     per_side = max(round(size_m / spacing), 2)
     grid = (np.stack(np.meshgrid(*[np.arange(per_side)] * 2), -1).reshape(-1, 2) + 0.5) / per_side
@@ -172,7 +172,7 @@ def _hammered(diameter_m: float, depth_m: float) -> Recipe:
 
 
 def _cloth(weave: Weave) -> Recipe:
-    """Recipe: :func:`woven` cloth with slack threads and fibres, of shares of its depth."""
+    """Recipe: :func:`woven` cloth with slack threads and fibres of 6 % and 4 % of the depth."""
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         cloth = woven(weave, size_m, texels).heights_m
@@ -273,7 +273,8 @@ def _thread(draft: F64, own: F64, crossing: F64) -> F64:
 
 
 def reference_fabrics() -> dict[str, Weave]:
-    """Three cloths from smooth to rough, for calibration (textiles on the phone, section 5)."""
+    """Three cloths by name, from smooth to rough, for calibration (textiles on the phone, section
+    5)."""
     weaves = (
         Weave("plain", 0.25e-3, 25e-6, fibre_m=1e-6),
         Weave("denim", 0.5e-3, 120e-6, np.pi / 4.0, fibre_m=3e-6),

@@ -112,7 +112,8 @@ def fill_holes(heights_m: npt.ArrayLike) -> F64:
 
 
 def _filled(values: F64, weights: F64) -> F64:
-    """Fill values (H, W) of weight 0 from the picture at half the resolution, recursively."""
+    """Copy of values (H, W) with smooth values at weight 0; ``values`` itself without any. Other
+    values stay."""
     rows, columns = values.shape
     if (weights > 0.0).all() or values.size == 1:
         return values

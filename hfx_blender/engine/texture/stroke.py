@@ -65,6 +65,11 @@ class Stroke:
         speeds: F64 = steps / np.diff(self.times_s)
         return speeds
 
+    def texels_per_s(self, texel_m: tuple[float, float]) -> F64:
+        """Texels per second between successive positions, (N - 1,), along the faster axis."""
+        steps = np.abs(np.diff(self.points_m, axis=0)) / np.asarray(texel_m)
+        return np.asarray(steps.max(axis=1) / np.diff(self.times_s))
+
     def at(self, times_s: F64) -> F64:
         """Positions (..., 2) at any times; constant before and after the stroke."""
         times = np.asarray(times_s, np.float64)

@@ -161,9 +161,8 @@ def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
     aliasing.
     """
     surface = without_waviness(field)
-    # Smallest whole factor of the rate without a step of more than a texel along an axis.
-    texels = np.abs(np.diff(stroke.points_m, axis=0)) / np.asarray(surface.texel_m)
-    fastest = float((texels.max(axis=1) / np.diff(stroke.times_s)).max())
+    # Smallest whole factor of the rate without a step of more than a texel.
+    fastest = float(stroke.texels_per_s(surface.texel_m).max())
     factor = int(np.clip(np.ceil(fastest / rate_hz * (1.0 - 1e-9)), 1, _MAX_FACTOR))
     fine = rate_hz * factor
     count = int(np.floor(stroke.duration_s * rate_hz * (1.0 + 1e-12))) + 1

@@ -106,7 +106,12 @@ def drive_levels(
     count = int(np.floor(stroke.duration_s / step_s * (1.0 + 1e-12)))
     begins = stroke.times_s[0] + step_s * np.arange(1, count + 1) - window_s
     levels = np.zeros(count)
-    factors = np.array([_factor(field, stroke, t, window_s) for t in begins], np.int64)
+    # Smallest whole factor of the rate without a step of more than a texel within a window.
+    rates = stroke.texels_per_s(field.texel_m)
+    firsts = np.maximum(np.searchsorted(stroke.times_s, begins, "right") - 1, 0)
+    stops = np.searchsorted(stroke.times_s, begins + window_s, "left")
+    fastest = [rates[a:b].max(initial=0.0) for a, b in zip(firsts, stops, strict=True)]
+    factors = np.ceil(np.array(fastest) / RATE_HZ * (1.0 - 1e-9)).clip(1, MAX_FACTOR).astype(int)
     # Windows of equal rate have equally many heights and share one call.
     for factor in np.unique(factors).tolist():
         same_factor = np.flatnonzero(factors == factor)
@@ -115,15 +120,3 @@ def drive_levels(
         times = begins[same_factor, None] + (np.arange(round(window_s * rate)) + 0.5) / rate
         levels[same_factor] = drive_per_m * weighted_rms(field.sample(stroke.at(times)), rate)
     return levels
-
-
-def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
-    """Smallest whole factor of 2 kHz, 1 to 64, without a step of more than a texel. The window
-    lasts ``window_s`` from ``begin_s`` on."""
-    first = max(int(np.searchsorted(stroke.times_s, begin_s, "right")) - 1, 0)
-    last = int(np.searchsorted(stroke.times_s, begin_s + window_s, "left"))
-    steps = np.abs(np.diff(stroke.points_m[first : last + 1], axis=0))
-    seconds = np.diff(stroke.times_s[first : last + 1])
-    texels = (steps / np.asarray(field.texel_m)).max(axis=1) / seconds
-    per_sample = float(texels.max()) / RATE_HZ if len(texels) else 0.0
-    return int(np.clip(np.ceil(per_sample * (1.0 - 1e-9)), 1, MAX_FACTOR))

@@ -198,7 +198,7 @@ _MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
 
 
 def _header(version: int) -> Record:
-    """Expected members of a header's JSON object in version 1 or 2."""
+    """Shape of a header's JSON object in version 1 or 2; further members are ignored."""
     # Version 1 has no spots and actuators: such an entry is a fault there.
     kinds: dict[str, Record] = {
         kind: loose({**_EFFECT, **_MEMBERS.get(kind, {})}, into=TrackEffect)

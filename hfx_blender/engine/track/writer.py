@@ -180,7 +180,7 @@ class TrackWriter:
             index.add(entry)
 
     def _write_blocks(self, blocks: list[int]) -> None:
-        """Write collected blocks of these numbers, in this order, and remove them from memory."""
+        """Write the collected blocks numbered ``blocks``, ascending, and remove the samples."""
         for block in blocks:
             builders = self._open.pop(block)
             start = block * layout.SAMPLES_PER_CHUNK

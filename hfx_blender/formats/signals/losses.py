@@ -90,7 +90,8 @@ def _largest_distance(first: Curve, second: Curve, times: F64, grid_s: float) ->
 
 
 def _range_near(curve: Curve, times: F64, grid_s: float) -> tuple[F64, F64]:
-    """Lowest and highest value, (n,) each, of a curve within +-``grid_s`` of each time (n,)."""
+    """Lowest and highest value, (n,) each, of a curve within +-``grid_s`` of each time (n,), with
+    both limits at steps."""
     ends = [side(times + off) for off in (-grid_s, grid_s) for side in (curve.at, curve.before)]
     first = np.searchsorted(curve.times_s, times - grid_s)
     stop = np.searchsorted(curve.times_s, times + grid_s, side="right")

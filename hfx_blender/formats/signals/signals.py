@@ -106,7 +106,8 @@ class Signal:
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
-    """Number repeated names ("a", "a 2"), ignoring case, as files are named after signals."""
+    """Signals in order, repeated names numbered ("a", "a 2"), as files are named after signals.
+    Case does not count; a number that is a name already is passed over."""
     taken: dict[str, int] = {}  # last number given to each name
     renamed = []
     for signal in signals:

@@ -49,7 +49,7 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
-    """Return the storage format (None without fmt or data chunk) and the findings of a file."""
+    """Storage format (None for no WAV, or without fmt or data chunk) and findings of a file."""
     report = Report("WAV")
     if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
         report.error("RIFF", None, "it does not begin with RIFF and WAVE")
@@ -102,15 +102,18 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
     begin, data = chunks[b"data"]
     if frame and data % frame:
         report.error("DATA", None, "the last sample is not complete")
-    if tag == _FLOAT and bits in _BITS[_FLOAT]:
-        # Block by block, as a mapped file may be larger than the memory.
-        end = begin + data - data % (bits // 8)
-        blocks = (content[k : min(k + _BLOCK_BYTES, end)] for k in range(begin, end, _BLOCK_BYTES))
-        samples = (np.frombuffer(block, f"<f{bits // 8}") for block in blocks)
-        if not all(np.isfinite(block).all() for block in samples):
-            report.error("DATA", None, "it has samples that are not finite numbers")
+    if tag == _FLOAT and bits in _BITS[_FLOAT] and not _is_finite(content, begin, data, bits // 8):
+        report.error("DATA", None, "it has samples that are not finite numbers")
     frames = data // frame if frame else 0
     return WavForm(channels, rate, bits, tag == _FLOAT, frames)
+
+
+def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:
+    """Test floating-point samples of ``width`` bytes for finite values."""
+    # Block by block, as a mapped file may be larger than the memory.
+    end = begin + length - length % width
+    parts = (content[at : min(at + _BLOCK_BYTES, end)] for at in range(begin, end, _BLOCK_BYTES))
+    return all(np.isfinite(np.frombuffer(part, f"<f{width}")).all() for part in parts)
 
 
 _CHANNEL: Final = Number(0, is_whole=True)

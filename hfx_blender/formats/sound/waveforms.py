@@ -50,8 +50,8 @@ class Waveform:
 
 
 def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
-    """Sum of waveforms at their highest rate, silent outside each, slower ones interpolated. Raises
-    TooLargeError beyond the memory limit of a file."""
+    """Sum of one or more waveforms at the highest rate, from the earliest start on; silent outside
+    each, slower ones interpolated. Raises TooLargeError beyond the memory limit of a file."""
     rate = max(waveform.rate_hz for waveform in waveforms)
     start = min(waveform.start_s for waveform in waveforms)
     count = round((max(waveform.end_s for waveform in waveforms) - start) * rate)

@@ -255,7 +255,7 @@ class SkinNeighbours:
             self._measured[pair] = self._is_near(*pair)
 
     def _is_near(self, first: int, second: int) -> bool:
-        """Test a pair for a skin path up to 200 mm, inside an ellipsoid about both ends."""
+        """Test for an exact skin path up to 200 mm between two actuators (indices)."""
         model, anchor = self._model, int(self._anchors[second])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
         source = self._skin.nearest(self._centres[first])
@@ -270,7 +270,8 @@ class SkinNeighbours:
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of shortest edge paths of vertex pairs (k, 2), m; inf beyond ``allowed_m``."""
+    """Lengths (k,) of shortest edge paths of vertex pairs (k, 2), m; inf beyond ``allowed_m`` (k,).
+    ``graph``: sparse matrix (V, V) of edge lengths, m."""
     from scipy.sparse.csgraph import dijkstra
 
     lengths_m = np.full(len(ends), np.inf)
@@ -315,7 +316,8 @@ def parted(gains: F64, are_joined: AreJoined) -> F64:
 
 
 def playing_together(gains: F64) -> tuple[I64, I64]:
-    """Pairs of actuators, first < second, with positive gains (n, A) at a common place."""
+    """Pairs of actuators, (k,) and (k,), first < second, with positive gains (n, A) at a common
+    place; sorted."""
     columns = np.flatnonzero((gains > 0.0).any(axis=0))
     # Counts of common places, as a product of masks; float32 products use the fast path of BLAS.
     shared = np.zeros((len(columns),) * 2, np.float32)

@@ -110,7 +110,8 @@ def _resampled(grid: F64, shape: tuple[int, int], tiles: bool) -> F64:
 
 
 def main(source: str, target: str) -> None:
-    """Estimate the relief of ``source`` into ``target``; an HfxError is sent to the owner."""
+    """Estimate the relief of the file ``source`` into the file ``target``. An HfxError is sent to
+    the owner process as a message ``{"error": text}``, without a file."""
     owner = Owner()
     with np.load(source) as file:
         srgb, size_m, tiles = file["srgb"], file["size_m"], bool(file["tiles"])

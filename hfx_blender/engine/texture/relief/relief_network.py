@@ -103,7 +103,8 @@ def estimated(srgb: npt.ArrayLike, *, tiles: bool, weights: Weights | None = Non
 
 
 def of_all_turns(srgb: F32, weights: Weights, tiles: bool) -> Estimate:
-    """Mean of the estimates for four rotations by 90 degrees; faint slopes are reduced."""
+    """Mean of the estimates for four rotations by 90 degrees; a slope s becomes s * s / (s +
+    0.03), so faint slopes are reduced."""
     # The light of a picture comes from one side; turned pictures cancel that side's bias.
     inputs = prepared(srgb)
     total = np.zeros_like(inputs)
