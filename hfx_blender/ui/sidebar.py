@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import bpy
+import bpy.utils.previews
 
 from ..operators.shared import draw_wrapped
 
@@ -60,3 +62,29 @@ def filtered(
     pattern = rows.filter_name.lower()
     flags = [pattern in text.lower() if pattern else is_shown for text, is_shown in shown]
     return [rows.bitflag_filter_item if is_shown else 0 for is_shown in flags], []
+
+
+class PictureIcons:
+    """Icon numbers of picture files, which are loaded when first drawn, and held until `free`."""
+
+    def __init__(self) -> None:
+        self._previews: Any = None  # Blender's collection, once a picture was drawn
+
+    def number_of(self, picture: Path, *, only_folder: bool = False) -> int:
+        """Icon number of a picture; ``only_folder`` frees loaded pictures of other folders."""
+        if self._previews is None:
+            self._previews = bpy.utils.previews.new()
+        name = str(picture)
+        if name not in self._previews:
+            for loaded in list(self._previews) if only_folder else ():
+                if Path(loaded).parent != picture.parent:
+                    del self._previews[loaded]
+            preview_image = self._previews.load(name, name, "IMAGE")
+            preview_image.image_size[:]  # forces loading: a later load would not redraw the panel
+        return int(self._previews[name].icon_id)
+
+    def free(self) -> None:
+        """Free all pictures; a later call of `number_of` loads again."""
+        if self._previews is not None:
+            bpy.utils.previews.remove(self._previews)
+            self._previews = None

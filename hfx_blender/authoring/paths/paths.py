@@ -22,6 +22,8 @@ from .path_file import KINDS, MAX_POINTS, PathRecipe
 from .skin_picking import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ...engine.arrays import F64
     from ...engine.body.skin_path import SkinPaths
 
@@ -151,7 +153,7 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
 
 
 def draw(
-    effect: bpy.types.Object, places: F64, *, kind: str = "straight", closed: bool = False
+    effect: bpy.types.Object, places: ArrayLike, *, kind: str = "straight", closed: bool = False
 ) -> float:
     """Give an effect a path through points (n, 3) on the skin; return the length in metres.
 
@@ -166,7 +168,7 @@ def draw(
     return length_m(effect)
 
 
-def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
+def through(places: ArrayLike, kind: str, closed: bool = False) -> tuple[F64, F64]:
     """Points projected onto the skin (n, 3), and a path (m, 3) through these, parameters of
     :func:`draw`. InputError for a point not on the body.
     """
@@ -192,7 +194,7 @@ def length_m(effect: bpy.types.Object) -> float:
 def record(
     scene: bpy.types.Scene,
     effect: bpy.types.Object,
-    places: F64,
+    places: Sequence[Sequence[float]],
     times_s: Sequence[float],
     frame: float,
 ) -> None:
@@ -300,10 +302,7 @@ def apply(
     """Draw a recipe's path; return the length in metres. A motion in the recipe replaces the
     keyframes, and starts at ``frame``; without a motion, keyframes stay.
     """
-    import numpy as np
-
-    places = np.array(recipe.points_m, np.float64)
-    length = draw(effect, places, kind=recipe.kind, closed=recipe.is_closed)
+    length = draw(effect, recipe.points_m, kind=recipe.kind, closed=recipe.is_closed)
     if recipe.motion:
         fps = fps_of(scene)
         set_motion(effect, [(frame + t * fps, share) for t, share in recipe.motion], "LINEAR")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
 from typing import ClassVar
@@ -84,12 +85,10 @@ class HFX_OT_draw_path(HfxOperator):
             self.layout.prop(self, "closed")
 
     def work(self, context: bpy.types.Context) -> str:
-        import numpy as np
-
         effect = active_spot(context)
         if not len(self.stroke):
             raise InputError("Draw on the body: no place was given.")
-        places = np.array([point.place for point in self.stroke], np.float64)
+        places = [tuple(point.place) for point in self.stroke]
         if self.mode == "RECORD":
             start = self.frame if self.properties.is_property_set("frame") else None
             frame = float(context.scene.frame_current if start is None else start)
@@ -186,22 +185,20 @@ class HFX_OT_draw_path(HfxOperator):
         """Append the point under the mouse with its time; outside of the body nothing, or the last
         point while recording. Freehand points closer than 1 mm are left out.
         """
-        import numpy as np
-
         region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
         hit = self._picker.hit(*framing.ray_at(region, event.mouse_x, event.mouse_y))
         if hit is None and self.mode == "RECORD" and len(self.stroke):
-            hit = np.array(self.stroke[-1].place)
+            hit = tuple(self.stroke[-1].place)  # a copy: adding a point moves the collection
         if hit is None:
             return
         # Dense points would slow down the path search, and add nothing.
         if self.mode == "FREEHAND" and len(self.stroke):
-            if np.linalg.norm(hit - np.array(self.stroke[-1].place)) < _CLOSEST_M:
+            if math.dist(hit, self.stroke[-1].place) < _CLOSEST_M:
                 return
         if not len(self.stroke):
             self._began_s = time.monotonic()
         point = self.stroke.add()
-        point.place = hit.tolist()
+        point.place = tuple(hit)
         point.time = time.monotonic() - self._began_s
         self._show(context)
 

@@ -111,12 +111,10 @@ class HFX_OT_add_spot(OnBodyOperator):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
-        import numpy as np
-
         body = target_body(context)
         paths.skin().on_skin([self.place])  # refused before anything is made
         effect = paths.add_spot(context.scene, self.modality, body, self.name or None)
-        paths.draw(effect, np.array([self.place], np.float64))
+        paths.draw(effect, [self.place])
         paths.move_to_path(effect, context.evaluated_depsgraph_get())
         select_only(context, effect)
         return f"'{effect.name}' does not move; draw a path to move it"

@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
-import bpy.utils.previews
 
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
 from ...playback.preview.preview import preview
 from ...playback.timeline.timeline_recorder import recorder
 from ...properties.scenes import SCHEMES
-from ..sidebar import HfxPanel, draw_text
+from ..sidebar import HfxPanel, PictureIcons, draw_text
 from .effects_panel import SLOW
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ STATES = {
     "lost": ("Lost", "UNLINKED"),
     "closed": ("Closed", "UNLINKED"),
 }
+_icons = PictureIcons()
 _LONG = 9  # longest name of an actuator in two columns, letters
 _BUTTONS = 6  # width of the buttons after a device's name, letters
 _MOST_ACTUATORS = 40  # limit of displayed actuators
@@ -163,7 +162,7 @@ def _draw_facts(
 ) -> None:
     """Draw picture, maker, summary, error and rendering scheme of a device, as far as known."""
     if facts.picture is not None:
-        column.template_icon(icon_of(facts.picture), scale=9.0)
+        column.template_icon(_icons.number_of(facts.picture), scale=9.0)
     for text in filter(None, (facts.maker, facts.summary)):
         draw_text(context, column, text)
     if facts.fault:
@@ -191,28 +190,7 @@ def register() -> None:
 
 def unregister() -> None:
     bpy.types.VIEW3D_HT_header.remove(_header)
-    forget_icons()
-
-
-_loaded: list[Any] = []  # a collection of previews, or none yet
-
-
-def icon_of(picture: Path) -> int:
-    """Icon number of a picture file, which is loaded on first use."""
-    if not _loaded:
-        _loaded.append(bpy.utils.previews.new())
-    known, name = _loaded[0], str(picture)
-    if name not in known:
-        preview_image = known.load(name, name, "IMAGE")
-        preview_image.image_size[:]  # forces loading: a later load would not redraw the panel
-    return int(known[name].icon_id)
-
-
-def forget_icons() -> None:
-    """Free all pictures."""
-    for known in _loaded:
-        bpy.utils.previews.remove(known)
-    _loaded.clear()
+    _icons.free()
 
 
 class HFX_PT_values(HfxPanel, bpy.types.Panel):

@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
-import bpy.utils.previews
 
 from ...authoring.surfaces import surface_updates, surfaces
 from ...files.kinds import GENERATED_SUFFIX, PICTURE_SUFFIXES
 from ...operators.shared import active_armature
 from ...operators.surfaces import generation_operators
 from ...operators.surfaces.surface_operators import active_surface
-from ..sidebar import HfxPanel, draw_text, draw_with_unit
+from ..sidebar import HfxPanel, PictureIcons, draw_text, draw_with_unit
 
 _SOURCE_FIELDS = {
     "MATERIAL": ("resolution", "height_mm"),
@@ -167,7 +164,7 @@ class HFX_PT_surface_calibration(SurfacePanel, bpy.types.Panel):
         layout.operator("hfx.feel_fabric", icon="PLAY")
 
 
-_previews: Any = None
+_icons = PictureIcons()
 
 
 class HFX_PT_generation(HfxPanel, bpy.types.Panel):
@@ -221,30 +218,13 @@ class HFX_PT_generation(HfxPanel, bpy.types.Panel):
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         for number, record in enumerate(generation_operators.results):
             column = grid.column(align=True)
-            column.template_icon(icon_value=_icon(record), scale=5.0)
+            colours = record.with_name(record.name.removesuffix(GENERATED_SUFFIX) + ".colour.png")
+            icon = _icons.number_of(colours, only_folder=True)
+            column.template_icon(icon_value=icon, scale=5.0)
             column.operator("hfx.use_generated").number = number
         if is_felt and obj.hfx.surface.note:
             draw_text(context, layout, obj.hfx.surface.note, "INFO")
 
 
-def _icon(record: Any) -> int:
-    """Icon number of a result's colour picture; frees the pictures of other folders."""
-    path = str(record.with_name(record.name.removesuffix(GENERATED_SUFFIX) + ".colour.png"))
-    if path not in _previews:
-        for old in [
-            path_of_icon
-            for path_of_icon in _previews
-            if not path_of_icon.startswith(str(record.parent))
-        ]:
-            del _previews[old]
-        _previews.load(path, path, "IMAGE")
-    return int(_previews[path].icon_id)
-
-
-def register() -> None:
-    global _previews
-    _previews = bpy.utils.previews.new()
-
-
 def unregister() -> None:
-    bpy.utils.previews.remove(_previews)
+    _icons.free()
