@@ -30,13 +30,13 @@ from .shared import (
     FileOperator,
     HfxOperator,
     OnBodyOperator,
+    StepwiseOperator,
     active_armature,
     active_body,
     active_effect,
     kept_items,
     select_only,
 )
-from .stepwise_operator import StepwiseOperator
 
 
 @kept_items

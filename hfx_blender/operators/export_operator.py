@@ -17,8 +17,7 @@ from ..authoring.effects import swarms
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
-from .shared import draw_wrapped
-from .stepwise_operator import StepwiseExport
+from .shared import StepwiseExport, draw_wrapped
 
 if TYPE_CHECKING:
     from ..export.report import ExportReport

@@ -75,10 +75,7 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
             "Baking a material needs Cycles, which is switched off; enable the add-on 'Cycles "
             "Render Engine' in the preferences."
         )
-    if obj.type != "MESH":
-        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
-    if obj.mode == "EDIT":
-        obj.update_from_editmode()
+    surface_uv.update_mesh(obj)
     with mesh_copies.scratch() as datablocks:
         return _bake(_Scratch(datablocks, obj), obj.name, width, height, uv_map)
 

@@ -149,15 +149,20 @@ def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
     mesh.update()
 
 
+def update_mesh(obj: bpy.types.Object) -> None:
+    """Store edits of Edit Mode in an object's mesh. Raises InputError: the object is no mesh."""
+    if obj.type != "MESH":
+        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+
+
 def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
     """Width and height of a UV unit on an object, millimetres.
 
     Raises InputError: the object is no mesh, or has no size, no UV map or no UV area.
     """
-    if obj.type != "MESH":
-        raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
-    if obj.mode == "EDIT":
-        obj.update_from_editmode()
+    update_mesh(obj)
     tile = charts_of(obj.data, uv_map, obj.name, obj.matrix_world).tile
     unit_mm = 1000.0 * metres_of(bpy.context.scene)
     return tile[0] * unit_mm, tile[1] * unit_mm

@@ -16,8 +16,7 @@ from ...playback.preview.preview import preview
 from ...playback.timeline.timeline_recorder import recorder
 from ...processes import blender_session
 from ...reading.stepped.reached import has_effects
-from ..shared import HfxOperator, is_in_view_layer
-from ..stepwise_operator import StepwiseExport
+from ..shared import HfxOperator, StepwiseExport, is_in_view_layer
 
 if TYPE_CHECKING:
     from ...export.report import ExportReport
