@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from ..engine.body.parts import PARTS, SIDES
 from ..errors import InputError
 from ..files import resources
 from ..files.atomic import amend_json
+from ..files.json_shapes import Node, read
 from .effects import effects
 
 if TYPE_CHECKING:
@@ -257,8 +259,8 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 
     Saving an empty area deletes the saved area.
 
-    Raises InputError: the name is empty or too long. Raises OutputError: the file cannot be
-    written.
+    Raises InputError: the name is empty or too long, or the file of saved areas is unreadable or
+    would be too large to read. Raises OutputError: the file cannot be written.
     """
     import numpy as np
 
@@ -274,8 +276,18 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
 
     # Read again under the lock of the file: another Blender may have saved an area meanwhile.
     def content() -> dict[str, Any]:
-        saved = {key: value for key, value in _read_saved().items() if key != name}
-        return {**saved, name: area} if len(vertices) else saved
+        # An unreadable file must not pass for an empty one: every saved area would be lost.
+        path = resources.saved_areas()
+        known = _areas_of(read(path, _MOST_BYTES)) if os.path.lexists(path) else {}
+        saved = {key: value for key, value in known.items() if key != name}
+        saved |= {name: area} if len(vertices) else {}
+        size = len(json.dumps(saved, indent=1))
+        if size > _MOST_BYTES:
+            raise InputError(
+                f"{path}: saved areas would take {size:,} bytes, allowed are {_MOST_BYTES:,}; "
+                "delete one: save an empty area by its name."
+            )
+        return saved
 
     amend_json(resources.saved_areas(), content)
     return len(vertices)
@@ -308,11 +320,15 @@ def add_saved(effect: bpy.types.Object, name: str) -> int:
 def _read_saved() -> dict[str, Any]:
     """Saved areas by name; empty if the file is missing, damaged or above 64 MiB."""
     try:
-        with open(resources.saved_areas(), "rb") as file:
-            saved = json.loads(file.read(_MOST_BYTES))
-    except (OSError, ValueError, RecursionError):
+        return _areas_of(read(resources.saved_areas(), _MOST_BYTES))
+    except InputError:
         return {}
-    return saved if isinstance(saved, dict) else {}
+
+
+def _areas_of(document: Node) -> dict[str, Any]:
+    if not isinstance(document.value, dict):
+        document.fail("an object with areas by name")
+    return document.value
 
 
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:

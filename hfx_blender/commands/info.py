@@ -12,7 +12,7 @@ from typing import Any, Final
 from ..blender.scene_info import fps_of
 from ..errors import InputError, refuse_no_file
 from ..export.result_files import listed
-from ..files import kinds
+from ..files import kinds, limits
 from ..files.json_shapes import PRINTABLE, Anything, Items, Number, Record, Table, Text, read
 from ..processes import blender_session
 from ..text import printable
@@ -20,18 +20,16 @@ from .arguments import add_json, add_largest
 from .console import Console
 
 _REPORT_SUFFIX: Final = ".report.json"
-_MOST_BYTES: Final = 64 << 20
 _LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
-_MOST: Final = 1 << 20  # of a list
 _FILE: Final = Record(
     {"name": PRINTABLE, "bytes": Number(0, 1 << 50, is_whole=True)},
     unknown="ignore",
     title="an object with 'name' and 'bytes'",
 )
-_PLAIN: Final = Items(Table(Anything(), 1, title="an object with at least one member"), 0, _MOST)
-_SENTENCES: Final = Items(Text(pattern=r"[^\x00-\x1f]*", note="a sentence"), 0, _MOST)
+_PLAIN: Final = Items(Table(Anything(), 1, title="an object with at least one member"))
+_SENTENCES: Final = Items(Text(pattern=r"[^\x00-\x1f]*", note="a sentence"))
 _REPORT: Final = Record(
-    {"scene": Anything(), "files": Items(_FILE, 0, _MOST)},
+    {"scene": Anything(), "files": Items(_FILE)},
     {key: _SENTENCES if key in ("warnings", "notes") else _PLAIN for key in _LISTS},
     unknown="ignore",
     title="an export's report",
@@ -265,7 +263,7 @@ def facts_of_report(path: Path) -> dict[str, Any]:
 
     A state is "there", "missing" or "of another size". Raises InputError for an invalid report.
     """
-    document = read(path, _MOST_BYTES)
+    document = read(path, int(limits.MEMORY.allowed))
     kinds.refuse_another(document.value, document.file, "report")
     report = document.hold(_REPORT)
     files = []

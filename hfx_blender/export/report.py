@@ -18,6 +18,7 @@ from ..engine.contact.contacts import FLATTENED
 from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
+from ..files import limits
 from ..files.hashes import sha256_of
 from ..text import MOST_LINES, named, printable, shortened
 from .result_files import listed
@@ -25,7 +26,6 @@ from .result_files import listed
 REPORT_SUFFIX = ".report.json"
 _FILES = 12
 """Largest number of files that are listed line by line."""
-_LARGEST_REPORT = 2**26
 
 
 @dataclass(frozen=True)
@@ -300,11 +300,19 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
     return tuple(notes)
 
 
+def encoded_report(document: Mapping[str, Any], name: str) -> bytes:
+    """Encode a report or record as indented JSON; TooLargeError above the limit of its readers."""
+    content = (json.dumps(document, indent=1) + "\n").encode()
+    limits.MEMORY.check(len(content), name, "it would have")
+    return content
+
+
 def read(path: Path) -> dict[str, Any] | None:
-    """Read a report or record; None for a missing, too large or invalid file."""
+    """Read a report or record; None for a missing or invalid file, or one above
+    :func:`encoded_report`."""
     try:
         # Opening a pipe would block without an end, even against signals.
-        if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
+        if not path.is_file() or path.stat().st_size > limits.MEMORY.default:
             return None
         report = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):

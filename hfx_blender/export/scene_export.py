@@ -6,7 +6,6 @@ All files are written into a hidden folder at the destination and moved into pla
 
 from __future__ import annotations
 
-import json
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -52,6 +51,7 @@ from .report import (
     REPORT_SUFFIX,
     ExportReport,
     effect_facts,
+    encoded_report,
     felt_effects,
     not_played,
     shortfalls,
@@ -321,7 +321,7 @@ class SceneExport:
         # Everything is complete in the staging folder; moving files is the only step that is left.
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
-            file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
+            file.write(encoded_report(report.as_dict(), report_file.name))
         # The report comes last: its presence implies the presence of all of its files.
         with inputs_kept(linked_files.files_read()):
             placed = place((*report.files, report_file), folder, stem.parent)

@@ -303,7 +303,10 @@ def from_text(text: str) -> Sensation:
 
 
 def text_of(sensation: Sensation) -> str:
-    """JSON text of a sensation in the format of effect files, indented, with a final newline."""
+    """JSON text of a sensation in the format of effect files, indented, with a final newline.
+
+    Raises InputError for a text that :func:`load` would refuse: too many effects, clips or bytes.
+    """
     document = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -311,7 +314,9 @@ def text_of(sensation: Sensation) -> str:
         **({"description": sensation.description} if sensation.description else {}),
         "effects": [_effect_document(effect) for effect in sensation.effects],
     }
-    return json.dumps(document, indent=1) + "\n"
+    text = json.dumps(document, indent=1) + "\n"
+    _read(node_of(text.encode(), f"Effects '{sensation.name}'", _MOST_BYTES))
+    return text
 
 
 def _read(node: Node) -> Sensation:
@@ -339,10 +344,13 @@ def _check_consistency(effect: Node) -> None:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write an effect file; an existing file is replaced only after a complete write. Raises
-    OutputError: the file cannot be written."""
+    """Write an effect file; an existing file is replaced only after a complete write.
+
+    Raises InputError as :func:`text_of`, OutputError: the file cannot be written.
+    """
+    text = text_of(sensation)
     with atomic_file(path) as file:
-        file.write(text_of(sensation).encode())
+        file.write(text.encode())
 
 
 def where_of(effect: EffectRecipe) -> str:

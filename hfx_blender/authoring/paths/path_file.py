@@ -15,7 +15,18 @@ from typing import Any, Final
 from ...errors import InputError
 from ...files import kinds, resources
 from ...files.atomic import atomic_file
-from ...files.json_shapes import PRINTABLE, Items, Node, Number, Text, curve, numbers, read, strict
+from ...files.json_shapes import (
+    PRINTABLE,
+    Items,
+    Node,
+    Number,
+    Text,
+    curve,
+    node_of,
+    numbers,
+    read,
+    strict,
+)
 from ...files.kinds import refuse_another
 
 SUFFIX: Final = kinds.PATH_SUFFIX
@@ -24,6 +35,8 @@ VERSION: Final = 1
 
 KINDS: Final = ("straight", "curve", "traced")
 MAX_POINTS: Final = 100_000
+_MOST_BYTES: Final = 16 << 20
+"""Largest file; a point takes up to 90 bytes."""
 
 Place = tuple[float, float, float]
 
@@ -67,7 +80,7 @@ def load(path: Path) -> PathRecipe:
 
     Raises InputError for the first fault, with file, field, found and allowed value.
     """
-    return recipe_of(read(path))
+    return recipe_of(read(path, _MOST_BYTES))
 
 
 def recipe_of(document: Node) -> PathRecipe:
@@ -80,7 +93,8 @@ def recipe_of(document: Node) -> PathRecipe:
 def save(recipe: PathRecipe, path: Path) -> None:
     """Write a path file; an existing file is replaced only after a complete write.
 
-    Raises OutputError: the file cannot be written.
+    Raises InputError for a path that :func:`load` would refuse: too many points. Raises
+    OutputError: the file cannot be written.
     """
     document: dict[str, Any] = {
         "schema": SCHEMA,
@@ -94,8 +108,10 @@ def save(recipe: PathRecipe, path: Path) -> None:
         document["description"] = recipe.description
     if recipe.motion:
         document["motion"] = recipe.motion
+    content = (json.dumps(document, indent=1) + "\n").encode()
+    recipe_of(node_of(content, f"Path '{recipe.name}'", _MOST_BYTES))
     with atomic_file(path) as file:
-        file.write((json.dumps(document, indent=1) + "\n").encode())
+        file.write(content)
 
 
 def library() -> dict[str, Path]:

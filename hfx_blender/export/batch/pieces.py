@@ -7,7 +7,6 @@ the record, with sizes and hashes of both files and the inputs of the recording.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -82,7 +81,7 @@ def keep(
     record_file = path_of(Path(unit.stage), unit.piece, ".json")
     try:
         with atomic_file(record_file) as file:
-            file.write((json.dumps(record, indent=1) + "\n").encode())
+            file.write(report.encoded_report(record, record_file.name))
         place([*renamed, record_file], folder)
     except OutputError as error:
         raise OutputError(with_final_names(str(error), Path(unit.stage), folder)) from error

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,23 @@ def test_faults_of_a_file_name_their_place(tmp_path: Path, change: Any, place: s
     with pytest.raises(InputError, match=place) as caught:
         effect_file.load(path)
     assert "bad.hfxeffect" in str(caught.value)
+
+
+def test_too_many_effects_for_a_file_are_refused_before_writing(tmp_path: Path) -> None:
+    """A reader allows 256 effects."""
+    sensation = effect_exchange.load_library("hug")
+    path = tmp_path / "many.hfxeffect"
+    for count, is_written in ((256, True), (257, False)):
+        effects_ = (sensation.effects[0],) * count
+        many = replace(sensation, effects=effects_)
+        if is_written:
+            effect_file.save(many, path)
+            assert effect_file.load(path) == many
+            path.unlink()
+        else:
+            with pytest.raises(InputError, match="allowed is a list of 1 to 256 items"):
+                effect_file.save(many, path)
+    assert not path.exists()
 
 
 def test_an_area_of_another_edition_is_refused_and_nothing_is_made(body: Any) -> None:

@@ -427,3 +427,15 @@ def test_a_click_on_a_panel_over_the_view_is_for_the_panel(
         answer = _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.05, "PRESS", at)
         assert answer == ({"RUNNING_MODAL"} if taken else {"PASS_THROUGH"}), at
     assert len(drawing.stroke) == 1
+
+
+def test_a_long_path_is_read_again(tmp_path: Path) -> None:
+    """20,000 points are 1.5 MB of text; 100,001 are refused before writing."""
+    points = tuple((k / 1e5, 0.123456789, 1.0) for k in range(20_000))
+    recipe = path_file.PathRecipe("Long", points, kind="traced")
+    file = tmp_path / "long.hfxpath"
+    path_file.save(recipe, file)
+    assert path_file.load(file).points_m == points and file.stat().st_size > 1 << 20
+    with pytest.raises(InputError, match="allowed is a list of 1 to 100000 items"):
+        path_file.save(path_file.PathRecipe("Longer", ((0.0, 0.0, 1.0),) * 100_001), file)
+    assert path_file.load(file).points_m == points

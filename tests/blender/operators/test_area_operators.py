@@ -14,6 +14,7 @@ from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_blender.files import resources
 from hfx_blender.reading.description import activation
 
 PALM = PARTS.index("hand_palm")
@@ -255,6 +256,19 @@ def test_an_area_is_saved_for_every_file_and_modality(
     bpy.ops.hfx.save_area(name="My palm")  # an empty area is removed
     with pytest.raises(TypeError):
         bpy.ops.hfx.fill_part(part="saved:My palm")
+
+
+def test_an_unreadable_file_of_areas_is_never_replaced(
+    effect: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HFX_USER_DATA", str(tmp_path))
+    bpy.ops.hfx.save_area(name="My palm")
+    path = resources.saved_areas()
+    damaged = path.read_bytes()[:-1]
+    path.write_bytes(damaged)
+    with pytest.raises(RuntimeError, match=path.name):
+        bpy.ops.hfx.save_area(name="Other")
+    assert path.read_bytes() == damaged and painting.saved_names() == []
 
 
 def test_the_part_under_the_mouse_is_named_as_people_say_it(effect: Any) -> None:

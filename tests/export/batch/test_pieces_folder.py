@@ -7,8 +7,14 @@ import hashlib
 import json
 from pathlib import Path
 
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hfx_blender.export import report
 from hfx_blender.export.batch import pieces
 from hfx_blender.export.batch.units import ExportOptions, Unit
+from hfx_blender.files import limits
 from hfx_blender.files.atomic import temporary_name
 
 
@@ -62,3 +68,30 @@ def test_foreign_files_stay(tmp_path: Path) -> None:
         "thesis",
     ]
     assert (folder / "thesis" / "1-of-2.hfxtrack").is_file()
+
+
+@given(files=st.integers(0, 30), most=st.integers(100, 4000))
+def test_every_written_report_is_read(
+    tmp_path_factory: pytest.TempPathFactory, files: int, most: int
+) -> None:
+    """A report is refused before writing, or read; limits lowered as for a million files."""
+    document = {
+        "files": [{"name": f"scene.Clip {k}.ahap", "sha256": "0" * 64} for k in range(files)]
+    }
+    path = tmp_path_factory.mktemp("report") / "a.report.json"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limits, "MEMORY", limits.Limit(float(most), "bytes"))
+        try:
+            path.write_bytes(report.encoded_report(document, path.name))
+        except limits.TooLargeError as error:
+            assert path.name in str(error) and len(json.dumps(document, indent=1)) >= most
+        else:
+            assert report.read(path) == document
+
+
+def test_a_report_of_a_hundred_megabytes_is_read(tmp_path: Path) -> None:
+    """5,000 clips on 100 devices."""
+    document = {"warnings": ["w" * 1000] * 70_000}
+    path = tmp_path / "a.report.json"
+    path.write_bytes(report.encoded_report(document, path.name))
+    assert path.stat().st_size > 1 << 26 and report.read(path) == document
