@@ -430,8 +430,8 @@ def test_a_click_on_a_panel_over_the_view_is_for_the_panel(
 
 
 def test_a_long_path_is_read_again(tmp_path: Path) -> None:
-    """20,000 points are 1.5 MB of text; 100,001 are refused before writing."""
-    points = tuple((k / 1e5, 0.123456789, 1.0) for k in range(20_000))
+    """40,000 points are 2 MB of text; 100,001 are refused before writing."""
+    points = tuple((k / 1e5, 0.123456789, 1.0) for k in range(40_000))
     recipe = path_file.PathRecipe("Long", points, kind="traced")
     file = tmp_path / "long.hfxpath"
     path_file.save(recipe, file)
