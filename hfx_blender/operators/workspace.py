@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import bpy
@@ -158,24 +159,19 @@ def _arrange(window: bpy.types.Window) -> None:
                 lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
                 lower.spaces.active.show_region_ui = False
                 lower.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
-                _frame_clips_soon(window, lower)
+                # By a timer: Blender sizes the editor at the next drawing.
+                call_soon(partial(_frame_clips, window, lower), _DRAWN_S)
     viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
     viewport.spaces.active.show_region_ui = True
     _retry(partial(_show_tab, viewport))
 
 
-def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
-    """Frame all clips by a timer, after Blender has sized the editor."""
-
-    def frame_clips() -> None:
-        try:
-            region = next(region for region in editor.regions if region.type == "WINDOW")
-            with bpy.context.temp_override(window=window, area=editor, region=region):
-                bpy.ops.nla.view_all()
-        except (ReferenceError, StopIteration, RuntimeError):  # the user has closed the area
-            return
-
-    call_soon(frame_clips, _DRAWN_S)
+def _frame_clips(window: bpy.types.Window, editor: bpy.types.Area) -> None:
+    """Frame all clips in an NLA editor; no effect if the user has closed the area."""
+    with suppress(ReferenceError, StopIteration, RuntimeError):
+        region = next(region for region in editor.regions if region.type == "WINDOW")
+        with bpy.context.temp_override(window=window, area=editor, region=region):
+            bpy.ops.nla.view_all()
 
 
 def _show_tab(viewport: bpy.types.Area) -> bool:

@@ -27,21 +27,17 @@ class HFX_MT_add(bpy.types.Menu):
         layout.operator("hfx.add_avatar", icon="OUTLINER_OB_ARMATURE")
         layout.separator()
         icons = {"SPHERE": "SPHERE", "CUBOID": "CUBE", "CYLINDER": "MESH_CYLINDER"}
+
+        def add(operator: str, label: str, icon: str) -> bpy.types.OperatorProperties:
+            return layout.operator_menu_enum(operator, "modality", text=label, icon=icon)
+
         for shape, label, _ in SHAPES[:-1]:
             icon = icons.get(shape, "MESH_CAPSULE")
-            layout.operator_menu_enum(
-                "hfx.add_volume", "modality", text=label, icon=icon
-            ).shape = shape
-        layout.operator_menu_enum(
-            "hfx.volume_from_mesh", "modality", text="From Selected Mesh", icon="MESH_DATA"
-        )
+            add("hfx.add_volume", label, icon).shape = shape
+        add("hfx.volume_from_mesh", "From Selected Mesh", "MESH_DATA")
         layout.separator()
-        layout.operator_menu_enum(
-            "hfx.add_painted", "modality", text="Painted Effect", icon="BRUSH_DATA"
-        )
-        layout.operator_menu_enum(
-            "hfx.add_spot", "modality", text="Point on the Skin", icon="CURVE_PATH"
-        )
+        add("hfx.add_painted", "Painted Effect", "BRUSH_DATA")
+        add("hfx.add_spot", "Point on the Skin", "CURVE_PATH")
         layout.operator("hfx.add_vector_sensation", icon="GRAPH")
         layout.separator()
         layout.operator_menu_enum(

@@ -201,23 +201,23 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}  # the list of effects has the same switches
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
+        layout, shown, hfx = self.layout, context.window_manager, context.scene.hfx
         column = layout.column(align=True)
-        column.prop(context.window_manager, "hfx_show_values", icon="FCURVE", toggle=True)
-        column.prop(context.window_manager, "hfx_show_actuators", icon="LIGHT_POINT", toggle=True)
-        layout.prop(context.scene.hfx, "preview_opacity", slider=True)
-        if context.window_manager.hfx_show_values and recorder.must_step:
+        column.prop(shown, "hfx_show_values", icon="FCURVE", toggle=True)
+        column.prop(shown, "hfx_show_actuators", icon="LIGHT_POINT", toggle=True)
+        layout.prop(hfx, "preview_opacity", slider=True)
+        if shown.hfx_show_values and recorder.must_step:
             draw_text(context, layout, recorder.fault, "INFO")
             layout.operator("hfx.update_values", icon="FILE_REFRESH")
-        if context.window_manager.hfx_show_actuators and not len(context.scene.hfx.devices):
-            draw_text(
-                context, layout, "Add a device under Live Devices to see its actuators", "INFO"
-            )
+        if shown.hfx_show_actuators and not len(hfx.devices):
+            text = "Add a device under Live Devices to see its actuators"
+            draw_text(context, layout, text, "INFO")
+        result = recorder.result
         notes = [
-            *(preview.content.notes if context.window_manager.hfx_show_actuators else ()),
-            *(recorder.result.notes if recorder.result is not None else ()),
+            *(preview.content.notes if shown.hfx_show_actuators else ()),
+            *(result.notes if result is not None else ()),
         ]
-        for note in dict.fromkeys(notes):
+        for note in dict.fromkeys(notes):  # each once
             draw_text(context, layout, note, "INFO")
-        for fault in recorder.result.faults if recorder.result is not None else ():
+        for fault in result.faults if result is not None else ():
             draw_text(context, layout, fault, "ERROR")
