@@ -15,7 +15,6 @@ from mathutils import Matrix, Vector
 
 from ..blender import compat, mesh_arrays
 from ..blender.scene_info import fps_of, metres_of
-from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting.retarget import fitted_to_variant
@@ -46,11 +45,15 @@ def add_avatar(
     fitted_models = fitted_to_variant(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
     armature.scale = [1.0 / metres_of(context.scene)] * 3  # as tall as a person in any unit
-    mesh = _skin(context, avatar, armature, f"{name} Skin")
+    skin = bpy.data.objects.new(f"{name} Skin", skin_mesh(avatar, f"{name} Skin"))
+    armature.users_collection[0].objects.link(skin)
+    model_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
+    skin.parent = armature
+    skin.modifiers.new("Armature", "ARMATURE").object = armature
     if fitted_models:
-        stored_fits.store(armature, stored_fits.Fit((mesh,), tuple(fitted_models)))
-    mark_body(armature, [mesh])
-    return armature, mesh
+        stored_fits.store(armature, stored_fits.Fit((skin,), tuple(fitted_models)))
+    mark_body(armature, [skin])
+    return armature, skin
 
 
 def adding_body(
@@ -61,17 +64,10 @@ def adding_body(
 ) -> Generator[float, None, list[str]]:
     """Fit the perceptual models to an avatar, and make the armature a haptic body, in steps.
 
-    Returns notes and warnings for the user. The canonical armature needs no fit. Nothing is changed
-    if an error is raised. A refitted body keeps the id, and painted areas stay valid.
-
-    Parameters
-    ----------
-    avatar, parts : Object or None, sequence of Object
-        Main mesh, and further meshes of the avatar.
-    mapping_of : callable
-        Returns the bone mapping of an armature; a cached one after :func:`choosing_meshes`.
-
-    Raises InputError: the avatar cannot become a haptic body.
+    ``avatar`` is the main mesh, ``parts`` are further meshes; ``mapping_of`` returns the bone
+    mapping of an armature, a cached one after :func:`choosing_meshes`. Returns notes and warnings
+    for the user. The canonical armature needs no fit. A refitted body keeps the id, and painted
+    areas stay valid. Raises InputError, with nothing changed: the avatar cannot become a body.
     """
     check_armature(armature)
     meshes = [mesh for mesh in dict.fromkeys((avatar, *parts)) if mesh is not None]
@@ -202,28 +198,26 @@ def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector
     for step in range(40):
         offset = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
         shift = cursor + Vector((offset, 0.0, 0.0))
-        if not any(_overlap(avatar + shift, box) for box in taken):
+        low, high = avatar + shift
+        # Boxes that overlap by up to 0.02 on an axis count as side by side.
+        if not any(
+            (low < box[1] - _INSIDE_M).all() and (box[0] < high - _INSIDE_M).all() for box in taken
+        ):
             return shift
     return cursor.copy()
 
 
-def _overlap(a: F64, b: F64) -> bool:
-    """Test that boxes (2, 3), lowest and highest corner, overlap by more than 0.02 units on all
-    axes."""
-    return bool((a[0] < b[1] - _INSIDE_M).all() and (b[0] < a[1] - _INSIDE_M).all())
-
-
-def _collection_for_body(context: bpy.types.Context) -> bpy.types.Collection:
-    """Collection of a new body: the active collection if visible and editable, else the scene's."""
+def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
+    """Add the armature of a skeleton, with 1 unit per metre, as the active and only selected
+    object; bones of hands, feet and face are in a hidden bone collection."""
+    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
+    # In the active collection, if visible and editable, else in the scene's.
     active = context.view_layer.active_layer_collection
     collection = active.collection
     is_ours = collection.library is None and collection.override_library is None
-    return collection if is_ours and active.is_visible else context.scene.collection
-
-
-def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
-    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    _collection_for_body(context).objects.link(armature)
+    if not (is_ours and active.is_visible):
+        collection = context.scene.collection
+    collection.objects.link(armature)
     for selected in context.selected_objects:
         selected.select_set(False)
     context.view_layer.objects.active = armature
@@ -243,30 +237,12 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         edit_bones.append(bone)
     bpy.ops.object.mode_set(mode="OBJECT")
     armature.data.display_type = "STICK"
-    _hide_small_bones(armature.data)
-    return armature
-
-
-def _hide_small_bones(armature: bpy.types.Armature) -> None:
-    """Sort bones by name into collections: "Body" (trunk, limbs), "Small Bones" (hidden)."""
-    large = armature.collections.new("Body")
-    small = armature.collections.new("Small Bones")
-    for bone in armature.bones:
+    large = armature.data.collections.new("Body")
+    small = armature.data.collections.new("Small Bones")
+    for bone in armature.data.bones:
         (large if bone.name.startswith(_LARGE_BONES) else small).assign(bone)
     small.is_visible = False
-
-
-def _skin(
-    context: bpy.types.Context, avatar: Avatar, armature: bpy.types.Object, name: str
-) -> bpy.types.Object:
-    mesh = skin_mesh(avatar, name)
-    skin = bpy.data.objects.new(name, mesh)
-    armature.users_collection[0].objects.link(skin)
-    model_mesh.add_bone_groups(skin, avatar.skeleton.bone_names, avatar.weights)
-    skin.parent = armature
-    modifier = skin.modifiers.new("Armature", "ARMATURE")
-    modifier.object = armature
-    return skin
+    return armature
 
 
 def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:

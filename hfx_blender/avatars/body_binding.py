@@ -132,29 +132,27 @@ def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAncho
 
 
 def _deformation_reason(body: bpy.types.Object) -> str | None:
-    """First reason against posing an avatar's meshes by bones alone; None if bones suffice."""
-    reasons = [_mesh_deformation_reason(body, mesh) for mesh in avatar_meshes.meshes_of(body)]
+    """First reason against posing an avatar's meshes by bones alone; None if bones suffice. All
+    meshes with suspected deformation are measured."""
+    reasons: list[str | None] = []
+    for mesh in avatar_meshes.meshes_of(body):
+        if avatar_meshes.bone_of(body, mesh) is None and not _armatures(body, mesh):
+            reasons.append(f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'")
+        elif suspects := _suspects(body, mesh):
+            shape = stored_fits.shape_of(body, mesh)
+            measured = evaluated_skin.cached_measurement(body, mesh, suspects, shape)
+            reasons.append(measured.reason)
+        else:
+            evaluated_skin.drop_measurement(body, mesh)
     return next(filter(None, reasons), None)
-
-
-def _mesh_deformation_reason(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
-    is_deformed = avatar_meshes.bone_of(body, mesh) is None
-    if is_deformed and not _armatures(body, mesh):
-        return f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'"
-    suspects = _suspects(body, mesh)
-    if not suspects:
-        evaluated_skin.drop_measurement(body, mesh)
-        return None
-    shape = stored_fits.shape_of(body, mesh)
-    return evaluated_skin.cached_measurement(body, mesh, suspects, shape).reason
 
 
 def is_measured(body: bpy.types.Object) -> bool:
     """Test that each mesh of a body has no suspected deformation or a valid measurement."""
+    suspects_of = {mesh: _suspects(body, mesh) for mesh in avatar_meshes.meshes_of(body)}
     return all(
-        not mesh_suspects or evaluated_skin.valid_measurement(body, mesh, mesh_suspects) is not None
-        for mesh in avatar_meshes.meshes_of(body)
-        for mesh_suspects in (_suspects(body, mesh),)
+        not suspects or evaluated_skin.valid_measurement(body, mesh, suspects) is not None
+        for mesh, suspects in suspects_of.items()
     )
 
 

@@ -62,9 +62,7 @@ class SurfaceMap:
     count: int | None  # number of evaluated vertices; None if dependent on the pose
     corners: I32  # (A, 3) evaluated vertices
     weights: F64  # (A, 3) of the corners
-    offsets: (
-        F64  # (A, 3) offset along the triangle's first edge, across the edge and along the normal
-    )
+    offsets: F64  # (A, 3) along the triangle's first edge, across the edge, along the normal
     is_steady: bool  # the corners are the same vertices in any pose
 
     def fits(self, count: int) -> bool:
@@ -283,9 +281,8 @@ class _Copies:
                 armatures += 1
                 is_enabled = armatures == 1 or "armature" in on
                 is_plain = "armature" not in on
-                modifier.use_deform_preserve_volume = (
-                    not is_plain and own.use_deform_preserve_volume
-                )
+                keeps_volume = own.use_deform_preserve_volume and not is_plain
+                modifier.use_deform_preserve_volume = keeps_volume
                 modifier.use_bone_envelopes = not is_plain and own.use_bone_envelopes
                 modifier.use_vertex_groups = is_plain or own.use_vertex_groups
                 modifier.vertex_group = "" if is_plain else own.vertex_group
@@ -346,7 +343,12 @@ class _Copies:
         # Own vertices without an evaluated match (-1) are not compared here.
         own = self._nearest_duplicates(posed)
         offset = posed.points[own] - posed.skinned if len(posed.points) else posed.skinned
-        to_mean = self._neighbour_means(posed.skinned) - posed.skinned
+        # Mean of each vertex's neighbours; the vertex itself without neighbours.
+        starts, ends = np.concatenate((self._edges, self._edges[:, ::-1])).T
+        counts = np.bincount(starts, minlength=len(own))
+        columns = [np.bincount(starts, column[ends], len(own)) for column in posed.skinned.T]
+        means = np.column_stack(columns) / np.maximum(counts, 1)[:, None]
+        to_mean = np.where(counts[:, None] > 0, means, posed.skinned) - posed.skinned
         length = np.linalg.norm(to_mean, axis=1)
         # Smoothing moves a vertex towards the mean of the neighbours: that component is removed,
         # up to the mean itself, before the rest is compared with the tolerance.
@@ -372,15 +374,6 @@ class _Copies:
             posed.skinned.tolist(), self._triangles.tolist(), all_triangles=True
         )
         return np.array([skin.find_nearest(point)[3] for point in points.tolist()])
-
-    def _neighbour_means(self, points: F64) -> F64:
-        """Mean (A, 3) of each vertex's neighbours; the vertex itself without neighbours."""
-        starts = np.concatenate((self._edges[:, 0], self._edges[:, 1]))
-        ends = np.concatenate((self._edges[:, 1], self._edges[:, 0]))
-        counts = np.bincount(starts, minlength=len(points))
-        sums = [np.bincount(starts, points[ends, k], minlength=len(points)) for k in range(3)]
-        means = np.column_stack(sums) / np.maximum(counts, 1)[:, None]
-        return np.where(counts[:, None] > 0, means, points)
 
     def _nearest_duplicates(self, posed: _Evaluated) -> I64:
         """Evaluated vertex (A,) of each own vertex, nearest of equal numbers; -1 without any."""

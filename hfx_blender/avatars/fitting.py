@@ -40,11 +40,16 @@ def fitting(
     targets = yield from within(avatar_meshes.reading_meshes(armature, meshes), 0.0, 0.1)
     targets, normal_notes = _face_outwards(meshes, targets)
     targets, left_out = props.without_props(load_avatar(), targets, mapping)
-    prop_notes = _prop_notes(meshes, targets, left_out)
+    prop_notes = [
+        f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
+        f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "
+        "are held or carried and no skin"
+        for prop in left_out
+        if len(targets[prop.mesh].triangles)
+    ]
     skin_numbers = [number for number, target in enumerate(targets) if len(target.triangles)]
-    if (
-        skin_numbers and left_out
-    ):  # meshes that are props as a whole are no part of the avatar's skin
+    # Meshes that are props as a whole are no part of the avatar's skin.
+    if skin_numbers and left_out:
         meshes, targets = [meshes[k] for k in skin_numbers], [targets[k] for k in skin_numbers]
     rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
     names, layer = [mesh.name for mesh in meshes], avatar_meshes.layer_of(armature)
@@ -79,7 +84,10 @@ def _fitting_models(
     """
     avatar, target = load_avatar(), layers.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-    no_surface = retarget_target.check(target, name) or _rigid_reason(targets, rigid)
+    no_surface = retarget_target.check(target, name)
+    areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
+    if no_surface is None and float(np.dot(areas, rigid)) >= 0.5 * float(np.sum(areas)):
+        no_surface = f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
     models = [load_model(model_id) for model_id in model_ids()]
     qualities: list[FitQuality] = []
     if no_surface is None:
@@ -119,29 +127,6 @@ def _face_outwards(
                 "Recalculate Outside"
             )
     return outward_targets, notes
-
-
-def _prop_notes(
-    meshes: Sequence[bpy.types.Object],
-    targets: Sequence[TargetAvatar],
-    left_out: Sequence[props.Prop],
-) -> list[str]:
-    """Sentence for each prop in ``left_out``; none for a mesh without remaining triangles."""
-    return [
-        f"left out of '{meshes[prop.mesh].name}': loose pieces that bone '{prop.bone}' moves and "
-        f"that stick out of the body, {max(100 * prop.share, 1):.0f} % of its surface, as they "
-        "are held or carried and no skin"
-        for prop in left_out
-        if len(targets[prop.mesh].triangles)
-    ]
-
-
-def _rigid_reason(targets: Sequence[TargetAvatar], rigid: Sequence[bool]) -> str | None:
-    """Reason against a surface fit, if rigid pieces have half of the area or more; else None."""
-    areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
-    if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
-        return None
-    return f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
 
 
 def _fault_lines(qualities: Sequence[FitQuality]) -> list[str]:

@@ -111,7 +111,12 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
     obj.show_all_edges = True
     obj.show_in_front = len(model) < _COARSE
     for part in PARTS:
-        obj.data.materials.append(_material(part))
+        # Materials are shared by all displayed models; the viewport colour is set again.
+        material_name = f"HFX {part.replace('_', ' ').title()}"
+        materials = bpy.data.materials
+        material = materials.get(material_name) or materials.new(material_name)
+        material.diffuse_color = (*_COLOURS[part], 1.0)
+        obj.data.materials.append(material)
     part_of_face = model.part[model.triangles[:, 0]].astype(np.int32)
     obj.data.polygons.foreach_set("material_index", part_of_face)
     lift = obj.modifiers.new("Above the Skin", "DISPLACE")
@@ -140,11 +145,3 @@ def hide(body: bpy.types.Object) -> list[str]:
             if material is not None and not material.users:
                 bpy.data.materials.remove(material)
     return model_ids
-
-
-def _material(part: str) -> bpy.types.Material:
-    """Material "HFX <Part>" of a body part, created if missing; its viewport colour is set."""
-    name = f"HFX {part.replace('_', ' ').title()}"
-    material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
-    material.diffuse_color = (*_COLOURS[part], 1.0)
-    return material

@@ -86,7 +86,18 @@ def document_of(fit: Fit) -> dict[str, Any]:
     return {
         "bones": "\n".join(fit.models[0].bone_names),
         "models": {m.model_id: {"hash": m.model_hash, **arrays_of(m)} for m in fit.models},
-        "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
+        "quality": {
+            quality.model_id: {
+                "parts": "\n".join(part.part for part in quality.parts),
+                **{
+                    name: np.array([getattr(part, name) for part in quality.parts], np.float64)
+                    for name in _MEASURES
+                },
+                "sides": quality.sides,
+                "feet_forward": quality.feet_forward,
+            }
+            for quality in fit.quality
+        },
         "warnings": "\n".join(fit.warnings),
         "notes": "\n".join(fit.notes),
         "by_bones": fit.by_bones,
@@ -100,26 +111,11 @@ def fit_of(document: Mapping[str, Any]) -> Fit:
         model_of_arrays(model_id, stored["hash"], bones, stored)
         for model_id, stored in document["models"].items()
     )
-    warnings, notes = (_lines(document[kind]) for kind in ("warnings", "notes"))
+    # An empty text has no lines.
+    warnings, notes = (
+        tuple(filter(None, document[kind].split("\n"))) for kind in ("warnings", "notes")
+    )
     return Fit((), tuple(models), _qualities(document), warnings, notes, document["by_bones"])
-
-
-def _lines(text: str) -> tuple[str, ...]:
-    return tuple(filter(None, text.split("\n")))
-
-
-def _stored_quality(quality: FitQuality) -> dict[str, object]:
-    """Dictionary of a quality: parts joined by lines, a float64 array per measure, two flags."""
-    table = {
-        name: np.array([getattr(part, name) for part in quality.parts], np.float64)
-        for name in _MEASURES
-    }
-    return {
-        "parts": "\n".join(part.part for part in quality.parts),
-        **table,
-        "sides": quality.sides,
-        "feet_forward": quality.feet_forward,
-    }
 
 
 def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
@@ -165,7 +161,7 @@ def _badness(part: PartQuality) -> float:
 def messages_of(armature: bpy.types.Object, field: str) -> list[str]:
     """Lines "warnings" or "notes" of a stored fit, by ``field``; empty without a fit."""
     fit = _stored_fit(armature)
-    return [] if fit is None else list(_lines(fit[field]))
+    return [] if fit is None else [line for line in fit[field].split("\n") if line]
 
 
 def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, float]:
@@ -256,7 +252,11 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
     fit, again = _stored_fit(armature), "; fit the body again."
     if fit is None:
         return None
-    if _is_edited(armature, fit):
+    # Bones added, renamed, or moved by more than rounding: leaving Edit Mode may change positions.
+    before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
+    if fit["all_bones"] != _names_of(armature) or not np.allclose(
+        before, now, rtol=0.0, atol=1e-4 * np.ptp(before)
+    ):
         raise InputError(
             f"Body '{armature.name}': the armature's rest pose was edited since the body was "
             f"fitted to it{again}"
@@ -303,15 +303,6 @@ def _rest_of(armature: bpy.types.Object) -> F64:
     """Heads and tails of all bones at rest, flat: 6 values per bone, armature space."""
     ends = [end for bone in armature.data.bones for end in (bone.head_local, bone.tail_local)]
     return np.array(ends, np.float64).ravel()
-
-
-def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
-    """Test for bones added, renamed or moved by more than 1e-4 of the rig's size after the fit."""
-    if fit["all_bones"] != _names_of(armature):
-        return True
-    before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
-    # Leaving Edit Mode may change positions by rounding.
-    return not np.allclose(before, now, rtol=0.0, atol=1e-4 * np.ptp(before))
 
 
 def _names_of(armature: bpy.types.Object) -> str:

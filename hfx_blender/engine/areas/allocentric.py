@@ -67,11 +67,11 @@ class AllocentricAreas:
         if volume.has_impacts and len(rows):
             rows = _with_adjacent_rows(rows, posed, animated, block)
         if not len(rows):
-            return _no_samples
+            return lambda: None
         # Broad phase over the whole block: most volumes never come near a body.
         if reach.is_clear(animated, body, effect.model_id):
             self._builder.counters.volume_tests += len(rows)
-            return _no_samples
+            return lambda: None
         # Rows before the active rows are evaluated for motion between samples, but not reported.
         rows, reported, follows = followed(rows, posed, animated, block)
         skin = self._builder.skins.of(body, effect.model_id)
@@ -283,8 +283,3 @@ def _coarse(
     shape_index = np.zeros(len(animated.levels), np.int32)
     shape_index[rows] = index
     return replace(animated, shapes=shapes, shape_index=shape_index)
-
-
-def _no_samples() -> None:
-    """Return None: finishing an effect without contacts."""
-    return None

@@ -31,13 +31,8 @@ _BEND_M: Final = 0.05
 
 
 class BlockBroadPhase:
-    """Boxes of a block's volumes and bodies, each computed on first use.
-
-    Parameters
-    ----------
-    bodies : sequence of BodyDescription
-        Bodies of the block's poses, in the same order.
-    """
+    """Boxes of a block's volumes and ``bodies``, in the order of the block's poses; each computed
+    on first use."""
 
     def __init__(
         self, block: AnimationBlock, bodies: tuple[BodyDescription, ...], skins: BoundSkins

@@ -38,25 +38,16 @@ class Pairs:
     @property
     def pointers(self) -> Any:
         """Structure ``hfx_pairs`` of these arrays."""
-        if self.filled is not None:
-            return self.filled
         arrays = self.clusters, self.rows, self.how, self.steps
-        return structure("hfx_pairs")(len(self.clusters), *arrays)
+        return self.filled or structure("hfx_pairs")(len(self.clusters), *arrays)
 
 
 class SurfacePlaces:
     """Positions of skin that no bones move, in body space; ``hfx_surface_places``.
 
-    Parameters
-    ----------
-    places : (m, P, 3) float64
-        Positions of the skin's places at m rows.
-    own : (m, cells, 3) float64 or None
-        Positions of the cells' vertices; None where they are places of the skin.
-    at : (n,) int64
-        Index among the m rows of each row of the volume.
-    starts : (clusters + 1,) int64
-        First place of each cluster.
+    ``places`` (m, P, 3) are the skin's at m rows, ``own`` (m, cells, 3) the cells' vertices, None
+    where they are places of the skin. ``at`` (n,) is the index among the m rows of each row of the
+    volume, ``starts`` (clusters + 1,) the first place of each cluster.
     """
 
     def __init__(self, places: F64, own: F64 | None, at: I64, starts: I64) -> None:
@@ -80,29 +71,13 @@ class Reached:
 class CompiledBroadPhase:
     """Broad phase of one volume and one body.
 
-    Call :meth:`overlaps` first, then :meth:`reach` or :meth:`reach_surface` once.
-
-    Parameters
-    ----------
-    outline : Outline or None
-        Outline of the body's clusters; None for skin that no bones move.
-    rows : (m,) int64
-        Rows of the block with boxes, ascending; contain the target's rows.
-    boxes : tuple
-        World boxes of clusters; see :meth:`..native.cluster_bounds.Outline.bounds`.
-    follows, reported : (n,) bool
-        See :class:`.contact_query.ContactQuery`.
-    edge_m : float
-        Accepted error of a contact's edge.
-    is_split : bool
-        Cells have samples.
-    is_always : bool
-        Track all skin that may pass, however slow.
-
-    Attributes
-    ----------
-    at : (n,) int64
-        Index into ``rows`` of each row of the target; valid after :meth:`overlaps`.
+    Call :meth:`overlaps` first, then :meth:`reach` or :meth:`reach_surface` once. ``outline`` is
+    that of the body's clusters, None for skin that no bones move. ``rows`` (m,) are the rows of the
+    block with ``boxes`` (:meth:`..native.cluster_bounds.Outline.bounds`), ascending; they contain
+    the target's rows, at the indices ``at`` (n,), valid after :meth:`overlaps`. ``follows`` and
+    ``reported`` (n,) are of :class:`.contact_query.ContactQuery`, ``edge_m`` is the accepted error
+    of a contact's edge. ``is_split``: cells have samples; ``is_always``: track all skin that may
+    pass, however slow. Raises IndexError: a row of the target has no boxes.
     """
 
     def __init__(

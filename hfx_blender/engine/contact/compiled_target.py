@@ -26,23 +26,13 @@ _SWEPT_PARTS: Final = 8
 """Parts of a turning mesh's path between two rows; see ``broad_phase.c``."""
 
 
+@lru_cache(maxsize=256)
 def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
-    """Kinds (n,), half segments (n,) and boxes (n, 2, 3) of shapes, shape space.
-
-    Cached for analytic shapes, which compare by value.
-    """
-    if any(isinstance(shape, MeshVolume) for shape in shapes):
-        return _compute_formulas(shapes)
-    return _cached_formulas(shapes)
-
-
-def _compute_formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
+    """Kinds (n,), half segments (n,) and boxes (n, 2, 3) of shapes, shape space; cached for
+    analytic shapes, which compare by value."""
     halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
     boxes = np.array([shape.bounds for shape in shapes], np.float64).reshape(-1, 2, 3)
     return i64([_KINDS[type(shape)] for shape in shapes]), f64(halves), boxes
-
-
-_cached_formulas = lru_cache(maxsize=256)(_compute_formulas)
 
 
 _ROW: Final[dict[str, tuple[int, ...]]] = {
@@ -62,25 +52,13 @@ _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.value
 
 
 class PlacedTarget:
-    """Volume and body, placed at some rows of a block; ``hfx_target``.
+    """Volume and body, placed at ``rows`` (n,) of a block, ascending; ``hfx_target``.
 
-    Parameters
-    ----------
-    shape_index : (T,) int32 or None
-        Shape at each row of the block; None for the first at all rows.
-    matrices, to_world : (T, 4, 4) float64
-        Shape space to world; body space to world.
-    rows : (n,) int64
-        Rows of the block, ascending.
-    amplitude : float
-        Largest change of weight that may remain unsampled.
-    farthest : float
-        Largest usable entry of a matrix.
-
-    Attributes
-    ----------
-    is_usable : (n,) bool
-        Finite and not flattened. All other results require usable rows throughout.
+    ``shape_index`` (T,) is the shape at each row of the block, None for the first at all rows;
+    ``matrices`` and ``to_world`` (T, 4, 4) are shape space, and body space, to world. ``amplitude``
+    is the largest change of weight that may remain unsampled, ``farthest`` the largest usable entry
+    of a matrix. ``is_usable`` (n,): finite and not flattened; all other results require usable rows
+    throughout. Raises IndexError: a row is not in the block.
     """
 
     def __init__(
@@ -110,7 +88,10 @@ class PlacedTarget:
             raise IndexError(f"rows {rows[0]} to {rows[-1]} of a block of {shortest}")
         self._shapes, self._falloff = shapes, falloff
         self._which = np.zeros(count, np.int64) if shape_index is None else shape_index[rows]
-        inputs = rows, matrices, to_world, shape_index, *_formulas(shapes)
+        # A cache of meshes would keep them alive.
+        is_mesh = any(isinstance(shape, MeshVolume) for shape in shapes)
+        formulas = (_formulas.__wrapped__ if is_mesh else _formulas)(shapes)
+        inputs = rows, matrices, to_world, shape_index, *formulas
         loaded().hfx_place(self.pointers, *inputs, len(shapes), farthest)
 
     @property

@@ -20,7 +20,6 @@ from ..native import library
 from ..reference.cells import EXACT, Fineness, Skin
 from ..reference.contact import Body, Contact, Volume, contact
 from ..reference.pose import moved, world_points
-from ..skin.cell_coverage import SkinCoverage
 from ..volume.shape import inverse_placement, world_bounds
 from . import compiled_contacts
 from .contact_query import ContactQuery, Contacts, DetailArrays
@@ -117,7 +116,11 @@ def _contacts_at(
     """
     skin, volume = query.skin.skin, Volume(query.effect, query.falloff)
     of_model = Skin.of(skin.model, skin.finer)
-    body = Body(of_model, query.skin.binding, query.pose, _fineness(skin))
+    fineness = None  # only vertices are tested
+    if skin.is_split:
+        share, distance_m = skin.tolerance.spacing_share, skin.tolerance.distance_m
+        fineness = Fineness(max(share, EXACT.share), EXACT.least_m, max(distance_m, EXACT.most_m))
+    body = Body(of_model, query.skin.binding, query.pose, fineness)
     with_details = query.asks_details
     is_solid = inverse_placement(query.pose.to_world[rows])[1]
     for k in np.flatnonzero(reported).tolist():
@@ -130,14 +133,6 @@ def _contacts_at(
         if len(near):
             body_near = replace(body, cells=near)
             yield k, contact(body_near, volume, row, before, with_details=with_details)
-
-
-def _fineness(skin: SkinCoverage) -> Fineness | None:
-    """Density of skin samples for a tolerance; None where only vertices are tested."""
-    if not skin.is_split:
-        return None
-    share, distance_m = skin.tolerance.spacing_share, skin.tolerance.distance_m
-    return Fineness(max(share, EXACT.share), EXACT.least_m, max(distance_m, EXACT.most_m))
 
 
 def _cells_near(body: Body, volume: Volume, row: int, before: int | None) -> I64:

@@ -56,26 +56,22 @@ def narrow_phase(
 ) -> Callable[[], int]:
     """Begin the computation of contact weights of covered cells and of passages.
 
-    Returns a function that waits for the end and returns the number of positions posed.
-
-    Parameters
-    ----------
-    table : SkinTableArrays
-        Filled in for sampled and tracked clusters.
-    drifts : mapping
-        Number of steps to drift matrices (steps + 1, n - 1, 4, 4) from before and from after, see
-        :func:`drift_of`. Straight paths need none.
-    weights : (n, C) float32 or float64
-        Set in place for the pairs' cells; passages only raise a weight.
-    column_of : (cells,) int64
-        Column of each of the table's cells.
-    details : DetailArrays, optional
-        Filled in place, same columns. Computed at once, without threads.
-    threads : Executor, optional
-        Computes parts of the pairs, with whole clusters each; without threads the computation is
-        finished on return.
+    Returns a function that waits for the end and returns the number of positions posed. ``table``
+    is filled in for sampled and tracked clusters. ``drifts`` maps a number of steps to the matrices
+    (steps + 1, n - 1, 4, 4 each) of :func:`drift_of`; straight paths need none. ``weights`` (n, C),
+    float32 or float64, are set in place for the pairs' cells, passages only raise a weight;
+    ``column_of`` (cells,) is the column of each of the table's cells. ``details``, of the same
+    columns, are filled in place at once, without threads. ``threads`` compute parts of the pairs,
+    with whole clusters each; without ``threads`` the computation is finished on return.
     """
-    drift = _drift_of(drifts, target.count - 1) if drifts else structure("hfx_drift")()
+    drift = structure("hfx_drift")()
+    if drifts:
+        # By way (from before, from after), then by log2 of the number of steps.
+        ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
+        for number, matrices in drifts.items():
+            for way, of_way in zip(ways, matrices, strict=True):
+                way[number.bit_length() - 1] = of_way
+        drift = structure("hfx_drift")(*ways, target.count - 1)
     shared = posing, target, drift, weights, column_of
     if details is not None:
         count = _with_details(NarrowPhaseCall(pairs, table, *shared), weights, details, target)
@@ -114,15 +110,6 @@ def _with_details(
     inside, owners = samples[: arrays.count], contacts[: arrays.count]
     details.place_deepest(inside, owners, target.shapes, target.part("matrices"))
     return count
-
-
-def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> Any:
-    """Structure ``hfx_drift`` for ``intervals``: matrices by log2 of the number of steps."""
-    ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
-    for number, matrices in drifts.items():
-        for way, drift in zip(ways, matrices, strict=True):
-            way[number.bit_length() - 1] = drift
-    return structure("hfx_drift")(*ways, intervals)
 
 
 _WORTH: Final = 1 << 17

@@ -74,8 +74,10 @@ class KeyedCurves:
         if single:
             is_linear = (interpolation == Interpolation.LINEAR) & (linear[:, 0] < 1.0)
             rows = np.flatnonzero(is_linear & (clipped - start > _KEY_WIDTH))
-            ends = self._by_key[segment[rows]], self._by_key[segment[rows] + 1]
-            sampled[rows] = _on_lines(clipped[rows] - start[rows], length[rows], *ends)
+            first, second = (self._by_key[segment[rows] + k].astype(np.float32) for k in (0, 1))
+            time = (clipped[rows] - start[rows]).astype(np.float32)[:, None]
+            duration = length[rows].astype(np.float32)[:, None]
+            sampled[rows] = (second - first) * time / duration + first
         curved = np.flatnonzero(
             (interpolation == Interpolation.BEZIER) & (share > 0.0) & (share < 1.0)
         )
@@ -96,15 +98,6 @@ class KeyedCurves:
         u = _parameter_at(frames[:, None] - x0, x1 - x0, x2 - x0, x3 - x0)
         v = 1.0 - u
         return np.asarray(v**3 * y0 + 3 * v**2 * u * y1 + 3 * v * u**2 * y2 + u**3 * y3)
-
-
-def _on_lines(time: F64, length: F64, first: F64, second: F64) -> F64:
-    """Values (n, C) on linear segments in float32: ``time`` since the start and ``length`` (n,) in
-    frames, values at the start and at the end (n, C)."""
-    at, duration = (column.astype(np.float32)[:, None] for column in (time, length))
-    begin = first.astype(np.float32)
-    values: F64 = ((second.astype(np.float32) - begin) * at / duration + begin).astype(np.float64)
-    return values
 
 
 def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:

@@ -69,18 +69,10 @@ def outlined(
 class Outline:
     """Boxes at rest of skin by bone, cluster by cluster; ``pointers`` is ``hfx_outline``.
 
-    A *pair* is a cluster with a bone.
-
-    Parameters
-    ----------
-    bones : (B,) int64
-        Indices in the pose of all bones that move skin; a bone beyond the pose stays at rest.
-    starts : (C + 1,) int64
-        First pair of each cluster.
-    slots : (P,) int64
-        Index into ``bones`` of each pair.
-    centres, halves : (P, 3) float64
-        Centres and half extents of the pairs' boxes, metres, rest space.
+    ``bones`` (B,) are indices in the pose of all bones that move skin; a bone beyond the pose stays
+    at rest. A *pair* is a cluster with a bone: ``starts`` (C + 1,) is the first pair of each
+    cluster; each pair has an index ``slots`` (P,) into ``bones``, and ``centres`` and ``halves``
+    (P, 3), centre and half extents of its box, metres, rest space.
     """
 
     def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:
@@ -92,27 +84,13 @@ class Outline:
     def bounds(
         self, posed: F64, rows: I64, to_target: F64, margins: F64 | None
     ) -> tuple[F64, F64, F64, F64]:
-        """Compute world boxes of posed clusters.
+        """World boxes of clusters at rows (n,) of ``posed`` (T, B, 3, 4), rest to posed armature
+        space.
 
-        Parameters
-        ----------
-        posed : (T, B, 3, 4) float64
-            Rest space to posed armature space.
-        rows : (n,) int64
-            Rows of ``posed`` to evaluate.
-        to_target : (n, 4, 4) float64
-            Armature space to world at each of ``rows``.
-        margins : (C,) float64 or None
-            Bulge of each cluster's skin beyond its boxes at rest, metres; None for no bulge.
-
-        Returns
-        -------
-        low, high : (n, C, 3) float64
-            Corners of each cluster's box at each row.
-        of_rows : (n, 2, 3) float64
-            Box around all clusters at each row.
-        of_clusters : (C, 2, 3) float64
-            Box around each cluster over all rows.
+        ``to_target`` (n, 4, 4) is armature space to world at each row; ``margins`` (C,) the bulge
+        of each cluster's skin beyond its boxes at rest, metres, None for no bulge. Returns lowest
+        and highest corner (n, C, 3) of each cluster, the box (n, 2, 3) around all clusters at each
+        row, and the box (C, 2, 3) around each cluster over all rows.
         """
         bones, clusters = self._size
         low, high = np.empty((2, len(rows), clusters, 3))
@@ -136,15 +114,7 @@ class CellGroups:
     first term is at most the bones' stretch times the distance at rest; the second is at most the
     difference of the bones' motions times the difference of the weights.
 
-    Parameters
-    ----------
-    count : int
-        Number of clusters.
-
-    Attributes
-    ----------
-    table : array of ``hfx_groups``
-        One entry for each cluster; zero until :meth:`add` fills it.
+    ``table`` has an ``hfx_groups`` for each of ``count`` clusters, zero until :meth:`add` fills it.
     """
 
     def __init__(self, count: int) -> None:

@@ -36,14 +36,9 @@ class ArrayOf:
 
     A read-only array is made contiguous and converted within the kind of number; an array for
     writing must have the right type and be contiguous. A call keeps arguments until the end
-    and a :class:`Structure` keeps fields, so no memory is freed while C reads it.
-
-    Parameters
-    ----------
-    types : tuple of dtype
-        Accepted element types, the first of them for conversions; empty accepts any type.
-    is_written : bool
-        Whether C writes to the array.
+    and a :class:`Structure` keeps fields, so no memory is freed while C reads it. ``types`` are the
+    accepted element types, the first for conversions; empty accepts any type. ``is_written``: C
+    writes to the array.
     """
 
     def __init__(self, types: tuple[npt.DTypeLike, ...], is_written: bool) -> None:

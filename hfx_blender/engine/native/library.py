@@ -21,6 +21,8 @@ from .declarations import declare
 SWITCH: Final = "HFX_NATIVE"
 """Environment variable; 0 disables the library."""
 
+_SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # of an ELF header, see :func:`_load`
+
 NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
     sys.platform, "hfx_native.so"
 )
@@ -57,7 +59,7 @@ def find_library() -> tuple[ctypes.CDLL | None, str]:
     if os.environ.get(SWITCH) == "0":
         return None, f"numpy ({SWITCH}=0)"
     faults = []
-    for path in _places():
+    for path in _library_files():
         try:
             return _load(path), "compiled"
         except (OSError, AttributeError, ValueError) as error:
@@ -65,7 +67,7 @@ def find_library() -> tuple[ctypes.CDLL | None, str]:
     return None, f"numpy ({'; '.join(faults) or 'no library was built'})"
 
 
-def _places() -> Iterator[Path]:
+def _library_files() -> Iterator[Path]:
     """Existing library files: in this folder, then in the module that a Blender extension bundles.
 
     The module is named after the digest of the sources; no code of the module is imported.
@@ -85,8 +87,12 @@ def _load(path: Path) -> ctypes.CDLL:
     Raises OSError for a file of another platform, unreadable or damaged, AttributeError for another
     library, and ValueError for a library of other sources.
     """
-    # ``dlopen`` of a truncated file kills the process with SIGBUS, so the length is checked first.
-    if _is_cut_off(path):
+    # ``dlopen`` of a truncated file kills the process with SIGBUS: the section table at the end of
+    # a Linux library (ELF) must be there. Bytes of the header: its offset, entry size and count.
+    with path.open("rb") as file:
+        head, size = file.read(64), file.seek(0, os.SEEK_END)
+    table, entry, count = (int.from_bytes(head[a:b], "little") for a, b in _SECTIONS)
+    if head[:4] == b"\x7fELF" and (len(head) < 64 or size < table + entry * count):
         raise OSError("the file is cut off")
     native = ctypes.CDLL(str(path))
     native.hfx_build.argtypes, native.hfx_build.restype = (), ctypes.c_char_p
@@ -97,21 +103,6 @@ def _load(path: Path) -> ctypes.CDLL:
         raise ValueError("was built of other sources; install the package again")
     declare(native)
     return native
-
-
-def _is_cut_off(path: Path) -> bool:
-    """Test a Linux library (ELF) for a missing end; False for any other file."""
-    with path.open("rb") as file:
-        head = file.read(64)
-        size = file.seek(0, os.SEEK_END)
-    if head[:4] != b"\x7fELF":
-        return False
-    table, entry_size, count = (int.from_bytes(head[a:b], "little") for a, b in _SECTIONS)
-    return len(head) < 64 or size < table + entry_size * count
-
-
-_SECTIONS: Final = ((40, 48), (58, 60), (60, 62))
-"""Bytes of an ELF header: offset of the section table at the end, entry size and count."""
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:

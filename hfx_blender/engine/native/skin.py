@@ -86,19 +86,11 @@ def fill(
 ) -> int:
     """Fill in clusters (k,), ascending, of a table in place, except their samples.
 
-    Returns the number of samples to be held by the table including these clusters.
-
-    Parameters
-    ----------
-    mesh : SurfaceArrays
-        Surface of the table.
-    samples : int
-        Number of samples already in the table.
-    spacing : (3, V) float64
-        For each vertex of the mesh: largest distance of skin from a sample, and this distance at
-        the finest, metres; then the reciprocal spacing of vertices, up to a constant factor.
-    most_share : float
-        Largest share of a unit's skin that the vertex represents as a sample.
+    The table has the surface ``mesh`` and a number of ``samples`` already. ``spacing`` (3, V), for
+    each vertex of the mesh: largest distance of skin from a sample, and this distance at the
+    finest, metres; then the reciprocal spacing of vertices, up to a constant factor. ``most_share``
+    is the largest share of a unit's skin that the vertex represents as a sample. Returns the number
+    of samples to be held by the table including these clusters.
     """
     first = table.starts[clusters]
     quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]
@@ -149,23 +141,11 @@ class UsedBones:
 
 
 class PosedBones:
-    """Output arrays for bone matrices and stretches at some rows.
+    """Output arrays for bone matrices and stretches at ``count`` rows; ``pointers``: ``hfx_bones``.
 
-    Parameters
-    ----------
-    count : int
-        Number of rows.
-    given : int
-        Number of bones of the pose; the bone of this index is at rest.
-
-    Attributes
-    ----------
-    matrices : (n, k, 3, 4) float64
-        Rest to shape space; only filled for bones of clusters within reach.
-    stretches : (n, k) float64
-        Upper bound of the stretch of each matrix in any direction.
-    pointers : Structure
-        ``hfx_bones``.
+    ``matrices`` (n, k, 3, 4) are rest to shape space, only filled for bones of clusters within
+    reach; ``stretches`` (n, k) upper bounds of the stretch of each matrix in any direction. A pose
+    has ``given`` bones; the bone of this index is at rest.
     """
 
     def __init__(self, count: int, bones: UsedBones, given: int) -> None:
@@ -222,19 +202,9 @@ class Clusters:
     """Per-cluster arrays of one model bound to bones, as the library reads them.
 
     Entries are computed on demand. Arrays are never changed afterwards, so that further threads may
-    read on; a new entry gets new arrays.
-
-    Parameters
-    ----------
-    pair_starts, pair_bones : (C + 1,), (P,) int64
-        See :meth:`BoundClusters.bone_boxes`.
-
-    Attributes
-    ----------
-    table : array of ``hfx_cluster``
-        One entry for each cluster; zero until :meth:`add` fills it.
-    most_bones : int
-        Largest number of bones of a cluster.
+    read on; a new entry gets new arrays. ``pair_starts`` (C + 1,) and ``pair_bones`` (P,) are of
+    :meth:`BoundClusters.bone_boxes`. ``table`` has an ``hfx_cluster`` for each cluster, zero until
+    :meth:`add` fills it; ``most_bones`` is the largest number of bones of a cluster.
     """
 
     def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
@@ -265,16 +235,15 @@ class Clusters:
 
     def _bind(self, clusters: I64) -> None:
         """Compute bones, weights and rest positions of clusters without entries."""
+        # The entries lie one after another in shared arrays; the C structures get addresses.
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]
         entry_at, first_at, place_at, pair_at = map(
             _starts, (self._bound.weight_counts[clusters], places + 1, places, bones)
         )
         entry_bones, weights = np.empty(entry_at[-1], np.int64), np.empty(entry_at[-1])
         rest, moved = np.empty((place_at[-1], 4)), np.empty((pair_at[-1], 6))
-        firsts, column = (
-            np.empty(first_at[-1], np.int64),
-            np.empty(self._bound.bone_count, np.int64),
-        )
+        firsts = np.empty(first_at[-1], np.int64)
+        column = np.empty(self._bound.bone_count, np.int64)
         loaded().hfx_bind(
             *(self._bound.pointers, self._starts, self._bones, len(clusters)),
             *(clusters, column, entry_bones, weights, firsts, rest, moved),

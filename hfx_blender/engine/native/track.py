@@ -13,24 +13,14 @@ from .library import library
 
 
 def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | None:
-    """Encode each vertex set as its difference from the set before; None without the library.
+    """Encode each vertex set as its difference from the set before; None without the library, or
+    for a negative vertex id.
 
-    Parameters
-    ----------
-    sizes : (m,) int64
-        Number of vertices of each set.
-    vertices : (total,) int32
-        Vertex ids set after set, ascending within each. None is returned for a negative id.
-    weights : (total,) uint8
-
-    Returns
-    -------
-    counts : (m,) uint32
-        Number of ids that enter or leave at each set; the first set follows an empty one.
-    gaps : (sum of counts,) uint32
-        Entering and leaving ids of each set, ascending, as differences.
-    changes : (total,) uint8
-        Weight minus the vertex's last stored weight (0 at first), modulo 256.
+    ``sizes`` (m,) are the numbers of vertices of the sets; ``vertices`` and ``weights`` (total,)
+    are set after set, ids ascending within each. Returns the number (m,) of ids that enter or leave
+    at each set, the first following an empty set; these ids, ascending within a set, as
+    differences; and each weight (total,) minus the vertex's last stored weight (0 at first), modulo
+    256.
     """
     native = library()
     if native is None or (len(vertices) and int(vertices.min()) < 0):

@@ -78,27 +78,13 @@ def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
 class SkinCoverage:
     """Samples of a perceptual model's cells, shared by all bodies with the model.
 
-    Parameters
-    ----------
-    finer : PerceptualModel, optional
-        Model of :func:`finer_id`; otherwise the model's own triangles are the skin.
-
-    Attributes
-    ----------
-    is_split : bool
-        True if cells have several samples; False at tolerance ``paper``.
-    edge_m, least_edge_m : float
-        Largest and smallest accepted error of the edge of a contact over the model, metres.
-    finer : PerceptualModel or None
-    surface : PerceptualModel
-        Model with the triangles of the skin. Surface, outlines and table are for the compiled
-        library; without the library, clusters are of the model's vertices.
-    clusters : list of (C,) int32
-        Vertices of the model tested together.
-    outlines : list of (n,) int32
-        Vertices of the surface around the skin of each cluster.
-    margins_m : (clusters,) float64 or None
-        Bulge of the skin beyond the outline in rest pose; None without outlines.
+    ``finer`` is the model of :func:`finer_id`; without it the model's own triangles are the skin.
+    ``is_split``: cells have several samples (False at tolerance ``paper``). ``edge_m`` and
+    ``least_edge_m`` are the largest and smallest accepted error of the edge of a contact over the
+    model, metres. ``clusters`` are the model's vertices (C,) tested together. For the compiled
+    library, ``surface`` is the model with the triangles of the skin, and for each cluster
+    ``outlines`` are the vertices (n,) of the surface around its skin, ``margins_m`` (or None) the
+    bulge of the skin beyond the outline in rest pose.
     """
 
     def __init__(
@@ -125,18 +111,14 @@ class SkinCoverage:
         self.outlines: list[I32] = self.clusters
         self.margins_m: F64 | None = None
         if self.is_split and library.is_there():
-            self.outlines, self.margins_m = self._outlined()
-
-    def _outlined(self) -> tuple[list[I32], F64]:
-        """Vertices of the surface for each cluster (units, then corners around the units), and the
-        bulge of the cluster's skin beyond the vertices in rest pose, metres."""
-        # Skin vertices grouped by cell, then in the order of the cells in the clusters.
-        order, firsts = sorted_by(self._owner, len(self.model))
-        cells = np.concatenate(self.clusters)
-        units = order[expand(firsts, cells)[0]].astype(np.int32)
-        cluster_of = owners_of(self.clusters, len(self.model))[self._owner]
-        starts = sorted_by(cluster_of, len(self.clusters))[1]
-        return native.outlined(SkinMesh.of(self.surface), starts, units, cluster_of)
+            # Skin vertices grouped by cell, then in the order of the cells in the clusters: units
+            # come first in an outline, then the corners around them.
+            order, firsts = sorted_by(owner, len(model))
+            units = order[expand(firsts, np.concatenate(self.clusters))[0]].astype(np.int32)
+            cluster_of = owners_of(self.clusters, len(model))[owner]
+            starts = sorted_by(cluster_of, len(self.clusters))[1]
+            mesh = SkinMesh.of(self.surface)
+            self.outlines, self.margins_m = native.outlined(mesh, starts, units, cluster_of)
 
     @cached_property
     def table(self) -> SkinTable:

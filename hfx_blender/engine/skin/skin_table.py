@@ -32,48 +32,29 @@ class SkinTable:
     The places of a cluster are its units, in the order of their cells, then the corners around the
     units. Memory is used only by clusters filled by :meth:`need`.
 
-    Parameters
-    ----------
-    surface : PerceptualModel
-        Model with the triangles of the skin.
-    cells : list of (C,) int32
-        Vertices of the perceptual model in each cluster.
-    outlines : list of (n,) int32
-        Vertices of the skin in each cluster: units, then corners around them.
-    owner : (skin vertices,) int32
-        Vertex of the perceptual model with the cell around each vertex of the skin.
-    distance, finest : (skin vertices,) float64
-        Largest and smallest distance of skin at rest from its sample, metres.
-    is_split : bool
-        True if cells have more samples than vertices.
-    tolerance : Tolerance
-        Accepted distance of posed skin from its sample, and fraction of a unit counted at its
-        vertex.
+    Arguments: ``surface``, the model with the triangles of the skin; for each cluster ``cells``,
+    vertices (C,) of the perceptual model, and ``outlines``, vertices (n,) of the skin: units, then
+    corners around them; for each vertex of the skin ``owner``, the vertex of the perceptual model
+    with the cell around it, and ``distance`` and ``finest``, largest and smallest distance of skin
+    at rest from its sample, metres; ``is_split``, False if the vertex is the only sample of a unit;
+    ``tolerance`` of posed skin.
 
     Attributes
     ----------
-    surface : PerceptualModel
-    mesh : SkinMesh
-        Triangles of the surface.
-    starts : (clusters + 1,) int64
-        First place of each cluster.
-    place_counts : (clusters,) int64
-        Number of places of each cluster.
+    starts, place_counts : (clusters + 1,), (clusters,) int64
+        First place, and number of places, of each cluster.
     unit_counts, cell_starts : (clusters,), (clusters + 1,) int64
         Number of units of each cluster, and its first cell in the order of clusters.
     is_simple : bool
         True if each cell is one unit.
     vertices : (P,) int32
         Vertex of the skin at each place.
-    is_split : bool
-        If False, the vertex is the only sample of a unit.
     cell_of, unit_shares, vertex_shares, reaches, means : (P,)
         For each unit: cell; fraction of the cell's area; fraction represented by the sample at the
         vertex; largest and mean extent of its skin as a fraction of the way to the farthest corner.
-    quad_starts : (P + 1,) int64
-        First quad of each unit.
-    unit_of, around : (Q,), (Q, 2) int64
-        Unit of each quad, and places of the two other corners of its triangle.
+    quad_starts, unit_of, around : (P + 1,), (Q,), (Q, 2) int64
+        First quad of each unit; unit of each quad, and places of the two other corners of its
+        triangle.
     is_ringed : (P,) uint8
         1 if the first of these corners already are all neighbours of a unit.
     steps, finest, wholes, sample_starts : (Q,)
@@ -84,10 +65,8 @@ class SkinTable:
         points on the two edges, then both for its inner point; area of a sample as a fraction of
         the cell's, with derivatives along both sides; bulges of the triangle's edges (0 if
         ignored).
-    most_samples : (clusters,)
-        Largest number of samples of a cell in each cluster.
-    largest_cell : int
-        Largest number of samples of a filled cell.
+    most_samples, largest_cell : (clusters,), int
+        Largest number of samples of a cell in each cluster, and of a filled cell.
     samples : (4, S) float64
         Placement of each sample: barycentric fractions towards both other corners; height
         relative to the size of the triangle; fraction of the cell's area.
@@ -148,19 +127,15 @@ class SkinTable:
         count = native.fill(
             *(self, self.mesh, new, self._sample_count, self._spacing, self._most_share)
         )
-        self._make_room(count)
-        native.place_samples(self, new)
-        self._is_made[new] = True
-        self.largest_cell = int(self.most_samples.max())
-
-    def _make_room(self, count: int) -> None:
-        """Grow the array of samples to at least ``count`` columns by copying, because other threads
-        may read the old array."""
         self._sample_count = count
         if count > self.samples.shape[1]:
+            # Grown by copying, because other threads may read the old array.
             larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
             larger[:, : self.samples.shape[1]] = self.samples
             self.samples = larger
+        native.place_samples(self, new)
+        self._is_made[new] = True
+        self.largest_cell = int(self.most_samples.max())
 
     @cached_property
     def _spacing(self) -> F64:

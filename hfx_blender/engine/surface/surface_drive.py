@@ -67,7 +67,16 @@ class SurfaceDrives:
         stored = settings.get(SETTING, {})
         if not isinstance(stored, Mapping):
             raise InputError(f"Track: settings.{SETTING} is no list of effects.")
-        self._drives = {name: _read(name, pair) for name, pair in stored.items()}
+        self._drives: dict[str, SurfaceDrive] = {}
+        for name, pair in stored.items():
+            numbers = pair if isinstance(pair, list) and len(pair) == 2 else ()
+            is_number = [isinstance(x, int | float) and not isinstance(x, bool) for x in numbers]
+            if not (numbers and all(is_number) and all(0.0 < x < math.inf for x in numbers)):
+                raise InputError(
+                    f"Track: settings.{SETTING} of effect '{name}' is {pair!r:.60}; expected two "
+                    "numbers above 0."
+                )
+            self._drives[name] = SurfaceDrive(float(numbers[0]), float(numbers[1]))
 
     def on_device(self, run: SampleRun) -> SampleRun:
         """Copy of a run with amplitudes for the device; the run itself without calibration or drive
@@ -90,16 +99,3 @@ def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping
     }
     known = {id: [drive.drive_per_m, drive.full_m_s2] for id, drive in drives.items() if drive}
     return {**settings, SETTING: known} if known else settings
-
-
-def _read(name: str, pair: object) -> SurfaceDrive:
-    """Drive of effect ``name`` from a list of two finite numbers above 0. Raises InputError: the
-    value is anything else."""
-    if isinstance(pair, list) and len(pair) == 2:
-        is_number = [isinstance(x, int | float) and not isinstance(x, bool) for x in pair]
-        if all(is_number) and all(math.isfinite(x) and x > 0.0 for x in pair):
-            return SurfaceDrive(float(pair[0]), float(pair[1]))
-    raise InputError(
-        f"Track: settings.{SETTING} of effect '{name}' is {pair!r:.60}; expected two numbers "
-        "above 0."
-    )

@@ -82,7 +82,11 @@ class SurfaceEffects:
             tracked.follower.restart()
         else:
             follows[0] = True
-        is_placed = _placed(animated, rows)
+        # Rigid vertices (1, n, 3) count for all rows.
+        assert animated.matrices is not None and animated.vertices is not None
+        is_placed: Bool = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
+        per_row = np.isfinite(animated.vertices).all(axis=(1, 2))
+        is_placed &= per_row if len(per_row) == 1 else per_row[rows]
         if not is_placed.all():
             self._counters.warn(
                 f"surface '{effect.name}': its place is not a finite number; it is not felt there",
@@ -93,7 +97,6 @@ class SurfaceEffects:
         if not len(rows):
             return None
         tracked.index = int(block.indices[rows[-1]])
-        assert animated.matrices is not None and animated.vertices is not None
         vertices = animated.vertices
         if len(vertices) > 1:
             vertices = vertices[rows]
@@ -112,11 +115,8 @@ class SurfaceEffects:
                 follows[part],
             )
             rendered = tracked.renderer.render(paths)
-            parts.append(
-                _gathered(
-                    paths, *rendered, animated, rows[part], reported[part], area.texture.device
-                )
-            )
+            own = rows[part], reported[part]
+            parts.append(_gathered(paths, *rendered, animated, *own, area.texture.device))
         if tracked.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
             self._counters.warn(
@@ -192,14 +192,6 @@ class _TrackedContacts:
             area.max_contacts,
             np.asarray(model.part) == _FINGERS,
         )
-
-
-def _placed(animated: EffectBlock, rows: I64) -> Bool:
-    """Mask (n,) of rows with finite matrices and vertices; rigid vertices count for all rows."""
-    assert animated.matrices is not None and animated.vertices is not None
-    is_finite = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
-    per_row = np.isfinite(animated.vertices).all(axis=(1, 2))
-    return np.asarray(is_finite & (per_row if len(per_row) == 1 else per_row[rows]))
 
 
 def _gathered(

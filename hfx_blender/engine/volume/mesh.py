@@ -14,6 +14,7 @@ from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
 from ..native.declarations import structure
 from ..native.library import loaded
+from .decimation import decimated
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
@@ -50,33 +51,15 @@ class MeshVolume:
     Small holes are closed and wrongly oriented faces flipped, see
     :func:`mesh_topology.closed_surface`. A hollow (inner shell facing inwards) is outside,
     overlapping shells are inside, mirrored and inside-out meshes are valid. Points within rounding
-    of the surface may count for either side. Immutable, with cached search structures.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        Shape space.
-    triangles : (F, 3) int32
-    name : str
-        Object name, for messages.
-
-    Attributes
-    ----------
-    note : str
-        Repairs and missing packages, for the user; or empty.
-
-    Raises
-    ------
-    InputError
-        The mesh is empty, flat, not finite, wide open or not orientable.
-    ValueError
-        Arrays have wrong shapes or indices.
+    of the surface may count for either side. Immutable, with cached search structures. Raises
+    InputError: the mesh is empty, flat, not finite, wide open or not orientable. Raises ValueError:
+    arrays have wrong shapes or indices.
     """
 
-    vertices: F64
-    triangles: I32
-    name: str
-    note: str = field(init=False, default="")
+    vertices: F64  # (V, 3) shape space
+    triangles: I32  # (F, 3)
+    name: str  # of the object, for messages
+    note: str = field(init=False, default="")  # repairs and missing packages, for the user
     _vertices: F64 = field(init=False, repr=False)  # merged
     _triangles: I32 = field(init=False, repr=False)  # of merged vertices, consistently oriented
 
@@ -142,30 +125,19 @@ class MeshVolume:
         ``bound`` is in shape space; see :func:`decimation.decimated`.
         """
         if bound not in self._fewer:
-            self._fewer[bound] = self._decimated(bound)
+            self._fewer[bound] = self
+
+            def to_surface(places: F64) -> F64:
+                return self.surface_distance_m(places, np.eye(3))
+
+            try:
+                surface = decimated(self._vertices, self._triangles, bound, to_surface)
+                fewer = self if surface is None else type(self)(*surface, self.name)
+                # A note means that decimation broke the surface, and the repair changed the mesh.
+                self._fewer[bound] = self if fewer.note else fewer
+            except (ImportError, InputError):
+                pass  # fast-simplification has no wheel for some platforms; or a broken surface
         return self._fewer[bound]
-
-    def _decimated(self, bound: float) -> MeshVolume:
-        """Decimated volume within ``bound`` (shape space), or this volume if none is valid."""
-        try:
-            from .decimation import decimated
-
-            surface = decimated(
-                self._vertices,
-                self._triangles,
-                bound,
-                lambda places: self.surface_distance_m(places, np.eye(3)),
-            )
-        except ImportError:  # fast-simplification has no wheel for some platforms
-            return self
-        if surface is None:
-            return self
-        try:
-            fewer = type(self)(*surface, self.name)
-        except InputError:
-            return self
-        # A note means that decimation broke the surface and the repair changed the mesh.
-        return self if fewer.note else fewer
 
     @cached_property
     def _fewer(self) -> dict[float, MeshVolume]:

@@ -26,14 +26,8 @@ class TriangleTree:
     """Triangles prepared for searches of the nearest; without the library all are compared.
 
     ``corners`` (F, 3, 3) are by triangle, corner, axis; a degenerate triangle counts as a segment.
-
-    Attributes
-    ----------
-    order : (2^k,) int64 or None
-        Triangle of each leaf; taken from the tree of the same triangles before a linear map, if
-        given. None without the library.
-    compiled : Structure or None
-        ``hfx_tree``; None without the library.
+    ``order`` (2^k,) is the triangle of each leaf, taken from the tree of the same triangles before
+    a linear map, if given; ``compiled`` is ``hfx_tree``. Both are None without the library.
     """
 
     def __init__(self, corners: F64, order: I64 | None = None) -> None:

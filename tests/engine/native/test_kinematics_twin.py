@@ -17,14 +17,9 @@ from hfx_blender.engine.native.library import library
 pytestmark = pytest.mark.skipif(library() is None, reason="no library was built")
 
 
-class _NoLibrary:
-    def __getattr__(self, name: str) -> Any:
-        return lambda *_arguments: None
-
-
 def _without(work: Any) -> Any:
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-        patch.setattr(bone_hierarchy, "native", _NoLibrary())
+        patch.setattr(bone_hierarchy, "library", lambda: None)
         return work()
 
 
