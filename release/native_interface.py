@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exported functions and structures of the library's C sources, as JSON for ``declarations.py``."""
+"""Exported functions and structures of the library's C sources, as JSON for ``library.py``."""
 
 from __future__ import annotations
 

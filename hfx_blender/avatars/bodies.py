@@ -80,7 +80,12 @@ def adding_body(
             f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
             "mesh and then its armature."
         )
-    check_scipy()
+    if find_spec("scipy") is None:
+        raise InputError(
+            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
+            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
+            "avatar."
+        )
     mapping = mapping_of(armature)
     yield from _importing()
     # Half of this module's import time: imported on use, to keep Blender's start quick.
@@ -147,16 +152,6 @@ def _importing() -> Generator[float, None, None]:
 
 def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
     return sorted(meshes, key=lambda mesh: (-len(mesh.data.vertices), mesh.name))
-
-
-def check_scipy() -> None:
-    """Raise InputError with installation instructions if scipy is missing."""
-    if find_spec("scipy") is None:
-        raise InputError(
-            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
-            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
-            "avatar."
-        )
 
 
 def check_armature(armature: bpy.types.Object) -> None:

@@ -225,7 +225,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
     to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
     places = [to_avatar @ Vector(vertex) for vertex in model.vertices]
     # The canonical armature needs no fit: model and mesh coincide in rest pose.
-    nearest = [tree.find_nearest(place)[2] for place in places]
+    nearest = [tree.find_nearest(point)[2] for point in places]
     corners = triangles[nearest].astype(np.int32)
     shape = vertices.astype(np.float64)[corners]
     weights, offsets = _project_on_triangles(np.array(places, np.float64), shape)

@@ -442,7 +442,7 @@ class _Copies:
                 evaluated = np.arange(len(points))
             tree = BVHTree.FromPolygons(points.tolist(), triangles.tolist(), all_triangles=True)
             positions = rest.skinned[unmatched]
-            nearest = triangles[[tree.find_nearest(place)[2] for place in positions.tolist()]]
+            nearest = triangles[[tree.find_nearest(point)[2] for point in positions.tolist()]]
             shape = points[nearest]
             corners[unmatched], weights[unmatched] = evaluated[nearest], 1.0 / 3.0
             offsets[unmatched] = np.einsum(

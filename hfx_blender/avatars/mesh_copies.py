@@ -95,8 +95,8 @@ def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bp
     if not shape and not mirrors_of(mesh):
         yield mesh.data
         return
-    with scratch() as made:
-        yield at_rest(made, mesh, mesh.data.copy(), shape)
+    with scratch() as datablocks:
+        yield at_rest(datablocks, mesh, mesh.data.copy(), shape)
 
 
 def at_rest(

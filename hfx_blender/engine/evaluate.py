@@ -15,7 +15,7 @@ from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
 from .areas.sample_run_builder import ON_DEMAND, ON_DEMAND_HERE, SampleRunBuilder
 from .body.model import PerceptualModel, load_model
-from .contact.block_broad_phase import BlockBroadPhase
+from .contact.broad_phase import BlockBroadPhase
 from .counters import Counters
 from .native import library
 from .response.answering import Answering
@@ -28,7 +28,7 @@ from .scene import (
     SceneDescription,
     SpotArea,
 )
-from .skin.bound_skins import BoundSkins
+from .skin.cell_coverage import BoundSkins
 from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from ..active_rows import ActiveEffect, followed, of_read, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
-from ..contact.block_broad_phase import BlockBroadPhase
+from ..contact.broad_phase import BlockBroadPhase
 from ..contact.contact_query import ContactQuery, Contacts
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters

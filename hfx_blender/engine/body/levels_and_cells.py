@@ -91,20 +91,11 @@ def read_levels(path: Path) -> tuple[tuple[str, str], tuple[Level, ...]]:
 def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
     """Pressure model to sample a temperature model's skin, and the geodesic cell of each vertex.
 
-    ``model`` is canonical, fitted to an avatar, or of other thresholds.
-
-    Returns
-    -------
-    fine : str
-        Id of the pressure model, of the same variant as ``model``.
-    owner : (V,) int32, read-only
-        For each vertex of the pressure model, the vertex of ``model`` with the cell around it; same
-        body part. Every cell has at least one vertex; cells of limbs have dozens.
-
-    Raises
-    ------
-    InputError
-        No cells are stored for the model, or the cells are of another edition.
+    ``model`` is canonical, fitted to an avatar, or of other thresholds. Returns the id of the
+    pressure model, of the same variant, and for each of its vertices the vertex of ``model`` with
+    the cell around it, (V,) int32, read-only: of the same body part; every cell has at least one
+    vertex, cells of limbs have dozens. Raises InputError: no cells are stored for the model, or the
+    cells are of another edition.
     """
     origin = model_library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / CELLS_FILE

@@ -59,18 +59,6 @@ class _Patch:
     along_m: F64  # (3 T,) projection of the apex on the base, from the first corner
     above_m: F64  # (3 T,) height of the apex above the base
 
-    def with_entries(self, entries: I64) -> _Patch:
-        """Copy with a subset of the entries; ``triangle_of`` and ``firsts`` are stale."""
-        return replace(
-            self,
-            apex=self.apex[entries],
-            base=self.base[:, entries],
-            length_m=self.length_m[entries],
-            sides_m=self.sides_m[:, entries],
-            along_m=self.along_m[entries],
-            above_m=self.above_m[entries],
-        )
-
 
 class SkinDistances:
     """Nearest places and geodesic distances on one triangle mesh.
@@ -189,7 +177,9 @@ def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
     near = np.flatnonzero(is_near[patch.apex] & is_near[patch.base].any(axis=0))
     if not len(near):
         return distances
-    patch = patch.with_entries(near)
+    # Only triangles within reach spread distances; ``triangle_of`` and ``firsts`` become stale.
+    by_entry = ("apex", "base", "length_m", "sides_m", "along_m", "above_m")
+    patch = replace(patch, **{name: getattr(patch, name)[..., near] for name in by_entry})
     starts = np.flatnonzero(np.diff(patch.apex, prepend=-1))
     apexes = patch.apex[starts]
     rings = reach_m / float(np.median(patch.length_m))

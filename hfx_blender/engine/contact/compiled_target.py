@@ -11,8 +11,7 @@ import numpy as np
 
 from ..arrays import F64, I32, I64
 from ..kinematics.placement_motion import Motion
-from ..native.declarations import structure
-from ..native.library import f64, i64, loaded
+from ..native.library import f64, i64, loaded, structure
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.mesh import MeshVolume
 from ..volume.shape import Falloff, FalloffKind, Shape, world_bounds

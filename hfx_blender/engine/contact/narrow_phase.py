@@ -18,8 +18,7 @@ import numpy as np
 
 from ..arrays import F64, I64, Weights
 from ..kinematics.placement_motion import Motion
-from ..native.declarations import structure
-from ..native.library import loaded
+from ..native.library import loaded, structure
 from ..native.skin import Clusters, PosedBones, SkinTableArrays, table_structure
 from ..volume.shape import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces

@@ -73,24 +73,19 @@ def from_eulers(angles: F64, order: str) -> F64:
     return turned
 
 
-def from_axis_angles(values: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of (angle in radians, x, y, z), axis of any length; identity
-    for a zero axis."""
+def rotations(values: F64, mode: str) -> F64:
+    """Rotation matrices (..., 3, 3) of channel values in a rotation mode: quaternions (..., 4),
+    (angle in radians, x, y, z) with an axis of any length, or Euler angles (..., 3)."""
+    if mode == "QUATERNION":
+        return from_quaternions(values)
+    if mode != "AXIS_ANGLE":
+        return from_eulers(values, mode)
     half = values[..., :1] / 2
     lengths = np.linalg.norm(values[..., 1:], axis=-1, keepdims=True)
     axis = values[..., 1:] / np.where(lengths > 0.0, lengths, 1.0)
     unit = np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
+    # An axis without length gives no rotation.
     return from_quaternions(np.where(lengths > 0.0, unit, [1.0, 0.0, 0.0, 0.0]))
-
-
-def rotations(values: F64, mode: str) -> F64:
-    """Rotation matrices (..., 3, 3) of channel values in a rotation mode: (..., 4), or Euler angles
-    (..., 3)."""
-    if mode == "QUATERNION":
-        return from_quaternions(values)
-    if mode == "AXIS_ANGLE":
-        return from_axis_angles(values)
-    return from_eulers(values, mode)
 
 
 def transforms(locations: F64, turned: F64, scales: F64) -> F64:

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F32, F64, I32, I64, missing_ids
-from .declarations import structure
-from .library import i64, loaded
+from .library import i64, loaded, structure
 from .skin import Clusters, SkinTableArrays, SurfaceArrays, mesh_structure, table_structure
 
 _DEPTH = 64  # greatest number of successive halvings

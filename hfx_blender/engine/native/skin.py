@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F32, F64, I32, I64, missing_ids
-from .declarations import structure
-from .library import i64, loaded
+from .library import i64, loaded, structure
 
 
 class SurfaceArrays(Protocol):
@@ -109,11 +108,6 @@ def fill(
     )
     count: int = loaded().hfx_fill(*shared, len(clusters), clusters, samples, *rooms)
     return count
-
-
-def place_samples(table: SkinTableArrays, clusters: I64) -> None:
-    """Write the samples of filled-in clusters; the table must have room."""
-    loaded().hfx_place_samples(table_structure(table), len(clusters), clusters)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,21 +27,11 @@ _ROUNDS: Final = 16  # each halves the step, so that the last squared step is be
 
 
 def nearest(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64, F64]:
-    """Nearest boundary points, outward unit normals there, and distances.
+    """Nearest boundary points, and outward unit normals there, (3, N) each in world space, and
+    distances (N,), metres, 0 for points outside.
 
-    Parameters
-    ----------
-    points : (3, N) float64
-        Inside the volume, shape space.
-    to_world : (4, 4) float64
-        Placing matrix.
-
-    Returns
-    -------
-    places, normals : (3, N) float64
-        World space; one of several equally near points.
-    depths : (N,) float64
-        Metres; 0 for points outside.
+    ``points`` (3, N) are inside the volume, in shape space; ``to_world`` (4, 4) is the placing
+    matrix. Of several equally near boundary points the result is any.
     """
     world, inside = moved(to_world, points), contains(shape, points)
     if isinstance(shape, MeshVolume):

@@ -106,19 +106,12 @@ def contact(
     steps: int | None = None,
     with_details: bool = False,
 ) -> Contact:
-    """Contact of a body with a volume at one row.
+    """Contact of a body with a volume at one row; ``with_details`` with positions and beginnings.
 
-    Parameters
-    ----------
-    before : int, optional
-        Row of the sample before, for contacts in between.
-    steps : int, optional
-        Straight steps of a rotation; default: enough for it, 1 without rotation.
-    with_details : bool
-        Also compute positions and beginnings.
-
-    The position of a contact is its vertex if inside, else the deepest sample of the cell; of a
-    contact that is over, the deepest sample halfway through its passage.
+    With ``before``, the row of the sample before, also contacts in between, in straight ``steps``
+    of a rotation: by default enough for the rotation, 1 without any. The position of a contact is
+    its vertex if inside, else the deepest sample of the cell; of a contact that is over, the
+    deepest sample halfway through its passage.
     """
     count, to_shape = len(body.skin.model), np.linalg.inv(volume.matrix(row))
     details = None

@@ -49,12 +49,8 @@ def by_bones(model: PerceptualModel, bone_names: tuple[str, ...], bones: F64) ->
     A vertex is the sum of ``w_b M_b p`` over the bones b, with matrices ``M_b`` (3, 4) from the
     rest pose and weights ``w_b`` normalised to sum 1 (Magnenat-Thalmann et al.,
     "Joint-dependent local deformations for hand animation and object grasping", 1988; Blender's
-    Armature modifier). A vertex without weights stays at rest.
-
-    Raises
-    ------
-    ValueError
-        A bone with weights is missing from the pose.
+    Armature modifier). A vertex without weights stays at rest. Raises ValueError: a bone with
+    weights is missing from the pose.
     """
     weights, count = model.weights, len(model)
     owner = np.repeat(np.arange(count), np.diff(weights.offsets))

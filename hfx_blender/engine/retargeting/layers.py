@@ -18,11 +18,12 @@ import numpy.typing as npt
 
 from ..arrays import F64, I64
 from ..body.model import Avatar, SkinWeights
+from ..body.rigs.mapping import BoneMapping
 from .bone_regions import REGIONS, above
 from .canonical_pose import matrices, posed
 from .joints import Skeletons, dominant, skeletons_of
 from .surface import TargetSurface, vertex_normals
-from .target import RigMapping, TargetAvatar, areas_of, connected_pieces, vertex_areas, weld
+from .target import TargetAvatar, areas_of, connected_pieces, vertex_areas, weld
 
 Layer = Literal["visible", "skin"]
 
@@ -218,7 +219,7 @@ def _face(piece: I64, way: F64, off_m: F64) -> int:
 
 
 def skin_of(
-    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer = "visible"
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping, layer: Layer = "visible"
 ) -> Generator[float, None, list[int]]:
     """Generator: indices of the meshes of the body, largest area first; yields progress 0..1.
 
@@ -233,7 +234,7 @@ def skin_of(
 
 
 def _shown(
-    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping, layer: Layer
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping, layer: Layer
 ) -> Generator[float, None, F64]:
     """Generator: area (M, R) of the posed canonical body nearest to each of M meshes, by region,
     without unused layers; 0 for meshes without triangles or weights. Yields progress 0..1."""

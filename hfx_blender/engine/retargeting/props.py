@@ -19,12 +19,12 @@ import numpy.typing as npt
 from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import Avatar
+from ..body.rigs.mapping import BoneMapping
 from .bone_regions import region_of
 from .canonical_pose import matrices, posed
 from .joints import skeletons_of
 from .layers import joined
 from .target import (
-    RigMapping,
     TargetAvatar,
     areas_of,
     connected_pieces,
@@ -71,7 +71,7 @@ class _Candidate:
 
 
 def without_props(
-    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: RigMapping
+    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping
 ) -> tuple[list[TargetAvatar], list[Prop]]:
     """Copies of an avatar's meshes without the triangles of props, and the props.
 
@@ -109,7 +109,7 @@ def without_props(
 
 
 def _candidates(
-    targets: Sequence[TargetAvatar], union: TargetAvatar, mapping: RigMapping
+    targets: Sequence[TargetAvatar], union: TargetAvatar, mapping: BoneMapping
 ) -> list[_Candidate]:
     """Pieces weighted to no bone of the body, or to one bone at the end of an arm.
 

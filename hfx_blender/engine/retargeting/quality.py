@@ -244,9 +244,10 @@ def uncertain_places_m(
 ) -> dict[str, float]:
     """Uncertainty by place ("belly", "heel.L"), metres at canonical size (1.8 m).
 
-    ``estimates_m`` has the estimates of each hinge along the limb (:func:`.hinges.placed`);
-    ``posed``, ``shaped`` and ``pulled`` (V, 3) are the canonical avatar after posing, after the
-    shape fit, and on the target's skin. Absent hinges and places without skin are left out.
+    ``estimates_m`` has the estimates of each hinge along the limb, of
+    :func:`.joints.with_placed_hinges`; ``posed``, ``shaped`` and ``pulled`` (V, 3) are the
+    canonical avatar after posing, after the shape fit, and on the target's skin. Absent hinges and
+    places without skin are left out.
     """
     uncertainties = {
         name: _PER_ESTIMATE * float(np.abs(estimates - np.median(estimates)).max())

@@ -18,17 +18,17 @@ import numpy.typing as npt
 from ..arrays import F64, I64
 from ..body import model_library
 from ..body.model import AVATAR_ID, Avatar, PerceptualModel, SkinWeights, load_model
+from ..body.rigs.mapping import BoneMapping
 from ..scene import FittedModel, SurfaceAnchors
 from ..stepwise import within
-from . import hinges
 from .canonical_pose import matrices, posed
-from .joints import Skeletons, skeletons_of
+from .joints import Skeletons, skeletons_of, with_placed_hinges
 from .layers import Layer, leaving_out
 from .limbs import Limbs
 from .quality import FitQuality, judge, uncertain_places_m
 from .shape_fields import fields_for, shape
 from .surface import NearestSkin, TargetSurface, pull, vertex_normals
-from .target import RigMapping, TargetAvatar, areas_of
+from .target import TargetAvatar, areas_of
 
 # Largest distance of projection onto the skin, metres at canonical size (1.8 m)
 _LANDING_M: Final = 0.05
@@ -47,7 +47,7 @@ class Warp:
     """Canonical avatar deformed to a target's shape; shared by all models."""
 
     target: TargetAvatar
-    mapping: RigMapping
+    mapping: BoneMapping
     bodies: Skeletons
     surface: TargetSurface
     vertices: F64  # (V, 3) of the canonical avatar, normalised space
@@ -59,7 +59,7 @@ class Warp:
 
 
 def warping(
-    avatar: Avatar, target: TargetAvatar, mapping: RigMapping, layer: Layer
+    avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, layer: Layer
 ) -> Generator[float, None, Warp]:
     """Generator: deform the canonical avatar to a target's shape; yields progress, returns a Warp.
 
@@ -72,7 +72,7 @@ def warping(
     triangles = avatar.triangles
     points = avatar.vertices.astype(np.float64)
     # Rigs place knees and elbows differently: their joints move to the most likely place.
-    bodies, estimates = hinges.placed(bodies, points, triangles, target.triangles)
+    bodies, estimates = with_placed_hinges(bodies, points, triangles, target.triangles)
     if bodies.absent:
         target = with_mapped_bones(target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
@@ -90,7 +90,14 @@ def warping(
     moved = matrices(avatar, bare, _LARGEST_HEAD)
     start = posed(avatar, moved)
     same, uncertain_m = _same_mesh(avatar, target), {}
-    if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[left_out])):
+    # A matched mesh with over 2 % of its area in left-out layers is under clothes: no match.
+    is_covered = False
+    if same is not None:
+        areas = areas_of(surface.points, surface.triangles)
+        is_body = np.isin(surface.triangles, same).all(axis=1)
+        out = np.unique(surface.parent[left_out])
+        is_covered = areas[out][is_body[out]].sum() > _UNDER_CLOTHES * areas[is_body].sum()
+    if same is not None and not is_covered:
         vertices = start = bodies.points[same]
     else:
         same = None
@@ -109,14 +116,6 @@ def warping(
     return Warp(
         target, mapping, bodies, surface, vertices, normals, limbs, start, same, uncertain_m
     )
-
-
-def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
-    """True if more than 2 % of the area of the matched mesh (vertices ``same``) is in the left-out
-    ``triangles`` (indices)."""
-    areas = areas_of(surface.points, surface.triangles)
-    is_body = np.isin(surface.triangles, same).all(axis=1)
-    return float(areas[triangles][is_body[triangles]].sum()) > _UNDER_CLOTHES * areas[is_body].sum()
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
@@ -158,7 +157,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
 
 
 def fit_by_bones(
-    models: Sequence[PerceptualModel], avatar: Avatar, target: TargetAvatar, mapping: RigMapping
+    models: Sequence[PerceptualModel], avatar: Avatar, target: TargetAvatar, mapping: BoneMapping
 ) -> list[FittedModel]:
     """Fit perceptual models to a target's joints alone, in the target's own space and unit.
 
@@ -315,13 +314,13 @@ def _skin_weights(
     return _skin_weights_of(blended.tocsr())
 
 
-def with_mapped_bones(target: TargetAvatar, mapping: RigMapping) -> TargetAvatar:
+def with_mapped_bones(target: TargetAvatar, mapping: BoneMapping) -> TargetAvatar:
     """Copy of a target with all mapped and fallback bones appended to ``bone_names``, each once."""
     moving = (*mapping.bones.values(), *mapping.fallbacks.values())
     return replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
 
 
-def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -> Any:
+def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: BoneMapping) -> Any:
     """Sparse matrix (V, target bones) of canonical skin weights on mapped or fallback bones;
     weights of bones that the target lacks are dropped."""
     from scipy.sparse import coo_array

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import SkinWeights
-from ..body.rigs.rig import upwards
+from ..body.rigs.rig import RigBone, upwards
 
 # Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)
 _LARGE_PIECE: Final = 0.01
@@ -31,31 +31,6 @@ _TURNED: Final = 0.02
 _UNSKINNED: Final = 0.2
 
 
-class Bone(Protocol):
-    """Interface of a bone of a user's rig in rest pose."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def parent(self) -> str | None: ...
-    @property
-    def head(self) -> npt.ArrayLike: ...
-    @property
-    def tail(self) -> npt.ArrayLike: ...
-
-
-class RigMapping(Protocol):
-    """Interface of a mapping from canonical bones to the bones of a rig."""
-
-    @property
-    def bones(self) -> Mapping[str, str]:
-        """Canonical bone to its counterpart."""
-
-    @property
-    def fallbacks(self) -> Mapping[str, str]:
-        """Canonical bone without counterpart to the rig's bone to follow."""
-
-
 @dataclass(frozen=True, eq=False)
 class TargetAvatar:
     """Avatar in the rest space and unit of its own armature."""
@@ -64,7 +39,7 @@ class TargetAvatar:
     triangles: I64  # (F, 3) counter-clockwise seen from outside
     weights: SkinWeights  # rows may be empty
     bone_names: tuple[str, ...]  # bones of the weights
-    bones: tuple[Bone, ...]  # all bones of the armature, same space as the vertices
+    bones: tuple[RigBone, ...]  # all bones of the armature, same space as the vertices
     metres: float = 1.0  # metres per unit
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from ..arrays import F32, F64, I32, I64, missing_ids, sorted_by
 from ..body.model import PerceptualModel
 from ..native import skin as native
+from ..native.library import loaded
 from ..tolerance import Tolerance
 
 # Fraction of a unit always represented by the vertex, at any tolerance
@@ -133,7 +134,7 @@ class SkinTable:
             larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
             larger[:, : self.samples.shape[1]] = self.samples
             self.samples = larger
-        native.place_samples(self, new)
+        loaded().hfx_place_samples(native.table_structure(self), len(new), new)
         self._is_made[new] = True
         self.largest_cell = int(self.most_samples.max())
 

@@ -60,8 +60,19 @@ class _Convex:
         """Squared gauge (N,) of points (3, N): 0 in the core, 1 on the boundary, above outside."""
         raise NotImplementedError
 
+    def _inner_depth_m(self, points: F64, linear: F64) -> F64:
+        """Depth (N,) of inner points (3, N) under the linear part (3, 3) of a placement, m."""
+        raise NotImplementedError
+
     def contains(self, points: F64) -> Bool:
         return self._squared(points) <= 1.0
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Distance (N,) of inner points to the boundary, 0 outside; see :meth:`Shape.depth_m`."""
+        depths = np.zeros(points.shape[1])
+        inside = self.contains(points)
+        depths[inside] = self._inner_depth_m(points[:, inside], to_world[:3, :3])
+        return depths
 
 
 @dataclass(frozen=True)
@@ -73,11 +84,9 @@ class Cuboid(_Convex):
             squared: F64 = np.max(np.abs(points), axis=0) ** 2
         return squared
 
-    def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Least distance to the six planes, 0 outside; see :meth:`Shape.depth_m`."""
-        widths = _half_widths(to_world[:3, :3])
-        rises = np.fmax(1.0 - np.abs(points), 0.0)
-        depths: F64 = np.min(rises * widths[:, None], axis=0)
+    def _inner_depth_m(self, points: F64, linear: F64) -> F64:
+        """Least distance to the six planes."""
+        depths: F64 = np.min((1.0 - np.abs(points)) * _half_widths(linear)[:, None], axis=0)
         return depths
 
 
@@ -88,12 +97,9 @@ class Sphere(_Convex):
     def _squared(self, points: F64) -> F64:
         return _squared_norm(points)
 
-    def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to the ellipsoid, 0 outside; see :meth:`Shape.depth_m`."""
-        depths = np.zeros(points.shape[1])
-        inside = self.contains(points)
-        depths[inside] = Ellipsoid.of_map(to_world[:3, :3]).depth(points[:, inside])
-        return depths
+    def _inner_depth_m(self, points: F64, linear: F64) -> F64:
+        """Distance to the ellipsoid."""
+        return Ellipsoid.of_map(linear).depth(points)
 
 
 @dataclass(frozen=True)
@@ -103,19 +109,14 @@ class Cylinder(_Convex):
     def _squared(self, points: F64) -> F64:
         return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
-    def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to caps and side, 0 outside; see :meth:`Shape.depth_m`.
+    def _inner_depth_m(self, points: F64, linear: F64) -> F64:
+        """Distance to caps and side.
 
         A ball inside each of two convex sets is inside their intersection, so the depth
         is the smaller of the depths between the cap planes and in the infinite cylinder.
         """
-        linear = to_world[:3, :3]
-        depths = np.zeros(points.shape[1])
-        inside = self.contains(points)
-        within = points[:, inside]
-        caps = (1.0 - np.abs(within[2])) * _half_widths(linear)[2]
-        depths[inside] = np.minimum(caps, _across(linear).depth(within[:2]))
-        return depths
+        caps = (1.0 - np.abs(points[2])) * _half_widths(linear)[2]
+        return np.minimum(caps, _across(linear).depth(points[:2]))
 
 
 @dataclass(frozen=True)
@@ -143,29 +144,24 @@ class Capsule(_Convex):
             squared: F64 = _squared_norm(points[:2]) + beyond * beyond
         return squared
 
-    def depth_m(self, points: F64, to_world: F64) -> F64:
-        """Distance to side and caps, 0 outside or if flat; see :meth:`Shape.depth_m`.
+    def _inner_depth_m(self, points: F64, linear: F64) -> F64:
+        """Distance to side and caps, 0 if flat.
 
         An affine capsule is an ellipsoid swept along a segment. The nearest boundary point is
         either on the side, where the infinite cylinder has the same depth, or on the outer half of
         an end's ellipsoid, a local minimum of the distance.
         """
-        linear = to_world[:3, :3]
-        depths = np.zeros(points.shape[1])
-        inside = self.contains(points)
-        within = points[:, inside]
         ellipsoid = Ellipsoid.of_map(linear)
         if ellipsoid.semi_axes[-1] == 0.0:
-            return depths
-        least = _across(linear).depth(within[:2])
+            return np.zeros(points.shape[1])
+        least = _across(linear).depth(points[:2])
         for end in (1.0, -1.0):
-            from_end = within - np.array([[0.0], [0.0], [end * self.half_segment]])
+            from_end = points - np.array([[0.0], [0.0], [end * self.half_segment]])
             for feet, distances in ellipsoid.local_feet(from_end):
                 # Feet on the inner half are inside the capsule, and bound nothing.
                 outer = end * feet[2] >= 0.0
                 least = np.where(outer, np.minimum(least, distances), least)
-        depths[inside] = least
-        return depths
+        return least
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,10 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
-from ..native.declarations import structure
-from ..native.library import loaded
-from .decimation import decimated
+from ..native.library import loaded, structure
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
-from .mesh_topology import closed_surface, merged
+from .mesh_topology import closed_surface, decimated, merged
 from .shape import Shape
 
 MANY_FACES: Final = 50_000
@@ -122,7 +120,7 @@ class MeshVolume:
     def within(self, bound: float) -> MeshVolume:
         """Volume of fewer faces whose surface is within ``bound``, or this volume; cached.
 
-        ``bound`` is in shape space; see :func:`decimation.decimated`.
+        ``bound`` is in shape space; see :func:`.mesh_topology.decimated`.
         """
         if bound not in self._fewer:
             self._fewer[bound] = self

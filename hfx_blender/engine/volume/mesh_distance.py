@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F64, I64, Bool
-from ..native.declarations import structure
-from ..native.library import library, loaded
+from ..native.library import library, loaded, structure
 
 PAIRS_AT_ONCE: Final = 2**20
 """Pairs of a point and a triangle that are compared at a time without the library."""

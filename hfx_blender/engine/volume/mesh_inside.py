@@ -21,8 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import F64, I32, I64, Bool, ramp
-from ..native.declarations import structure
-from ..native.library import library, loaded
+from ..native.library import library, loaded, structure
 
 CELLS: Final = 2**18  # more cells miss the cache, fewer leave more points to columns
 CELLS_PER_AXIS: Final = (4, 256)
@@ -122,7 +121,15 @@ class InsideGrid:
         corners = placed.T[triangles]
         self._spans = _spans(corners)
         self._fill(*covered_columns(corners, self._counts))
-        self.compiled = self._packed(corners) if library() is not None else None
+        self.compiled: Any = None
+        if library() is not None:
+            columns = np.repeat(self._columns, np.diff(self.run_offsets))
+            bounds = bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN)
+            self.compiled = structure("hfx_grid")(
+                *(np.stack([self._low, self._high]), np.array(self._axes), self._scale[:, 0]),
+                *(self._counts, self.voxels.astype(np.int64), self.run_offsets, self._beyond),
+                *(self._listed, bounds, self._spans.T),
+            )
 
     def _to_cells(self, points: F64) -> F64:
         """Points (3, N) in cells of the grid, axes reordered with the column axis last."""
@@ -164,16 +171,6 @@ class InsideGrid:
 
         codes = np.where(mixed, runs, np.where(winding == 0, _OUTSIDE, _INSIDE))
         self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
-
-    def _packed(self, corners: F64) -> Any:
-        """Structure ``hfx_grid`` for the library; corners (F, 3, 3) in cells."""
-        columns = np.repeat(self._columns, np.diff(self.run_offsets))
-        bounds = bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN)
-        return structure("hfx_grid")(
-            *(np.stack([self._low, self._high]), np.array(self._axes), self._scale[:, 0]),
-            *(self._counts, self.voxels.astype(np.int64), self.run_offsets, self._beyond),
-            *(self._listed, bounds, self._spans.T),
-        )
 
     def contains(self, points: F64) -> Bool:
         """Test points (3, N) for being inside, (N,) bool; NaN is outside."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from coverage_synthetic import evaluated, placed, rigid, sheet
 
-from hfx_blender.engine.contact import block_broad_phase
+from hfx_blender.engine.contact import broad_phase
 from hfx_blender.engine.contact.reachable_bounds import ReachableBounds
 from hfx_blender.engine.volume.analytic import Cuboid, Sphere
 
@@ -29,7 +29,7 @@ def _rod(angle: float) -> np.ndarray:
 def _both_ways(monkeypatch: pytest.MonkeyPatch, *arguments, **options) -> tuple:
     actual = []
     for fewest in (1, 10**9):
-        monkeypatch.setattr(block_broad_phase, "FEWEST_PAIRS", fewest)
+        monkeypatch.setattr(broad_phase, "FEWEST_PAIRS", fewest)
         actual.append(evaluated(sheet(), *arguments, **options))
     assert (actual[0][0] == actual[1][0]).all()
     return actual[0]
@@ -63,7 +63,7 @@ def test_no_cluster_is_bounded_for_a_volume_that_stays_away(
     matrices = np.stack([placed(0.1, (0.0, 0.0, z)) for z in (0.5, 0.6, 0.7)])
     _, runs, engine = _both_ways(monkeypatch, Sphere(), matrices)
     assert runs == []
-    monkeypatch.setattr(block_broad_phase, "FEWEST_PAIRS", 1)
+    monkeypatch.setattr(broad_phase, "FEWEST_PAIRS", 1)
     _, _, engine = evaluated(sheet(), Sphere(), matrices)
     assert (engine.counters.volume_tests, engine.counters.clusters_tested) == (3, 0)
 

@@ -22,8 +22,7 @@ from hfx_blender.engine.native.skin import table_structure
 from hfx_blender.engine.reference.cells import Fineness, Samples, Skin, cells_of
 from hfx_blender.engine.reference.pose import world_points
 from hfx_blender.engine.scene import SkinBinding
-from hfx_blender.engine.skin.bound_skins import BoundSkins
-from hfx_blender.engine.skin.cell_coverage import SkinCoverage, finer_id
+from hfx_blender.engine.skin.cell_coverage import BoundSkins, SkinCoverage, finer_id
 from hfx_blender.engine.skin.posing import clusters_of
 from hfx_blender.engine.skin.skin_table import SkinMesh
 from hfx_blender.engine.skin.skinned_model import BoneBoxes, BoundWeights, SkinnedModel

@@ -13,14 +13,14 @@ from test_compiled_contact import TOLERANCES, load
 
 from hfx_blender.engine.active_rows import FARTHEST
 from hfx_blender.engine.contact import broad_phase
-from hfx_blender.engine.contact.block_broad_phase import volume_boxes
+from hfx_blender.engine.contact.broad_phase import volume_boxes
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.contact.reachable_bounds import ReachableBounds, bounds_of
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.kinematics.placement_motion import largest_stretch, turned_by
 from hfx_blender.engine.native import cluster_bounds as native_bounds
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
-from hfx_blender.engine.skin.bound_skins import BoundSkins
+from hfx_blender.engine.skin.cell_coverage import BoundSkins
 from hfx_blender.engine.skin.skinned_model import BoneBoxes, BoundWeights, SkinnedModel
 
 pytestmark = needs_library

@@ -18,8 +18,8 @@ import pytest
 from mesh_twins import needs_library
 
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
-from hfx_blender.engine.native import declarations
-from hfx_blender.engine.native.declarations import ArrayOf, structure
+from hfx_blender.engine.native import library as loading
+from hfx_blender.engine.native.library import ArrayOf, structure
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.shape import Falloff
 from release.native_interface import interface
@@ -127,11 +127,11 @@ def test_declarations_are_read_as_they_stand_in_c(
     """
     source = tmp_path / "x.c"
     source.write_text(text)
-    monkeypatch.setattr(declarations, "structure", cache(declarations.structure.__wrapped__))
+    monkeypatch.setattr(loading, "structure", cache(loading.structure.__wrapped__))
     content = interface([source]).encode()
     library = SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=FunctionStub(content))
-    declarations.declare(library)
-    thing = declarations.structure("hfx_thing")
+    loading.declare(library)
+    thing = loading.structure("hfx_thing")
     assert library.hfx_ask.restype is ctypes.c_double
     assert library.hfx_interface.argtypes == []
     first, ids, actual, others = library.hfx_ask.argtypes
@@ -161,7 +161,7 @@ def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> Non
     source.write_text("HFX_EXPORT long hfx_ask(int64_t n) {")
     content = interface([source]).encode()
     with pytest.raises(KeyError, match="long"):
-        declarations.declare(
+        loading.declare(
             SimpleNamespace(hfx_ask=SimpleNamespace(), hfx_interface=FunctionStub(content))
         )
 

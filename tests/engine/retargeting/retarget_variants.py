@@ -121,7 +121,7 @@ def shaped(shape: str) -> source.Source:
 
 
 def warp(
-    avatar: Avatar, target: TargetAvatar, mapping: retarget.RigMapping, layer: Layer = "visible"
+    avatar: Avatar, target: TargetAvatar, mapping: retarget.BoneMapping, layer: Layer = "visible"
 ) -> retarget.Warp:
     """Return :func:`retarget.warping` as a single step."""
     return finish(retarget.warping(avatar, target, mapping, layer))

@@ -13,8 +13,8 @@ from strangers import BIPED, CENTIMETRES, ENGINE, Figure, made
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.body.rigs.rig import canonical_heads
-from hfx_blender.engine.retargeting import hinges, retarget
-from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.joints import skeletons_of, with_placed_hinges
 from hfx_blender.engine.retargeting.quality import HINGE_MM, PLACE_MM, uncertainty_sentence
 from hfx_blender.engine.retargeting.turns import apply
 
@@ -43,7 +43,7 @@ def _placed_m(figure: Figure) -> dict[str, np.ndarray]:
     quads = avatar.faces.astype(np.int64)
     triangles = np.concatenate((quads[:, :3], quads[:, [0, 2, 3]]))
     points = avatar.vertices.astype(np.float64)
-    actual, _ = hinges.placed(bodies, points, triangles, target.triangles)
+    actual, _ = with_placed_hinges(bodies, points, triangles, target.triangles)
     return {name: apply(bodies.to_target, actual.joints[name]) for name in HINGES}
 
 

@@ -196,7 +196,10 @@ class _Assignment(Digits):
         of a second rig do not form a chain with the limb."""
         given = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
         choices = product(*(names[:_TRIED] for _, names in given))
-        best = max(choices, key=self._links)  # first of equal combinations
+        best = max(  # the first of equal combinations
+            choices,
+            key=lambda chain: sum(a in self.rig.ancestors(name) for a, name in pairwise(chain)),
+        )
         self.found |= {f"{bone}.{side}": name for (bone, _), name in zip(given, best, strict=True)}
 
     def _complete(self) -> None:
@@ -213,10 +216,6 @@ class _Assignment(Digits):
                         added[f"{below}.{side}"] = children[0]
             if all(f"{below}.{side}" in {**self.found, **added} for side in "LR"):
                 self.found |= added
-
-    def _links(self, chain: Sequence[str]) -> int:
-        """Number of successive pairs (a, b) with a among the ancestors of b."""
-        return sum(above in self.rig.ancestors(name) for above, name in pairwise(chain))
 
     def _split_limbs(self, side: str) -> None:
         """Assign second parts of limb bones, if split within 15 % of the limb of the canonical

@@ -83,22 +83,12 @@ def map_bones(
     labels: Mapping[str, str] | None = None,
     skin: Callable[[], Mapping[str, F64]] = dict,
 ) -> BoneMapping:
-    """Map the bones of an avatar's armature to the canonical skeleton.
+    """Map all bones of an avatar's armature, control bones included, to the canonical skeleton.
 
-    Parameters
-    ----------
-    bones : sequence of RigBone
-        All bones of the armature, control bones included.
-    labels : mapping, optional
-        Bone name to VRM human bone name, stored in the file; preferred to bone names.
-    skin : callable, optional
-        Returns points (n, 3) of the skin moved by each bone, in armature space; called only for
-        rigs without toes.
-
-    Raises
-    ------
-    InputError
-        No human joints are recognised by name or hierarchy, or the armature has two characters.
+    ``labels`` are VRM human bone names by bone name, stored in the file; preferred to bone names.
+    ``skin`` returns points (n, 3) of the skin moved by each bone, in armature space; called only
+    for rigs without toes. Raises InputError: no human joints are recognised by name or hierarchy,
+    or the armature has two characters.
     """
     # In order: labels of the file, deforming bones, all bones, the shape of the hierarchy.
     rig = Rig(bones, labels)
