@@ -108,7 +108,7 @@ def test_the_panel_of_a_body_and_of_its_mesh_is_the_same(anna: tuple[Any, Any]) 
 def test_the_panel_says_what_poses_the_body_and_why(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     skin.modifiers["Armature"].use_deform_preserve_volume = True
-    assert "is measured when" in body_panel.how_followed(rig)
+    assert "is measured during" in body_panel.how_followed(rig)
     body_binding.surface_reason(rig)
     said = body_panel.how_followed(rig)
     assert said == "Follows the evaluated surface, because Preserve Volume is on"
