@@ -136,8 +136,8 @@ def _panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Reason why a scheme cannot pan, to follow "actuators", or empty. Reasons: a place in the
-    room, no vertex on the model. Raises InputError as :func:`rows_of`."""
+    """Reason why actuators cannot pan, as a predicate: any "stand in the room", or any "are nowhere
+    on it" (without a vertex on the model); else empty. Raises InputError for a misfit."""
     if any(isinstance(actuator.place, RoomPlace) for actuator in actuators):
         return "stand in the room"
     if not all(len(row) for row in rows_of(device, actuators, model)):

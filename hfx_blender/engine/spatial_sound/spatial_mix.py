@@ -48,7 +48,7 @@ class SpatialMix:
         self._raster_hz = float(raster_hz)
         self._channels = reverberators.impulses.shape[0]
         self._voices = [
-            _Voice.of(source, panner, reverberators, self._raster_hz) for source in sources
+            _Voice(source, panner, reverberators, self._raster_hz) for source in sources
         ]
         self._rows = len(sources[0].amplitudes) if sources else 0
 
@@ -80,31 +80,21 @@ class SpatialMix:
                 + 0.5 * share * (voice.frequencies[row + 1] - voice.frequencies[row])
             )
             signal = np.sin(2.0 * np.pi * turns) * inside
-            apart = _between(voice.apart, row, share)
-            wet = np.sin(2.0 * np.pi * (turns + apart)) * inside
+            lead = _between(voice.lead, row, share)
+            wet = np.sin(2.0 * np.pi * (turns + lead)) * inside
             bus += wet * _between(voice.wet, row, share)
             for channel in np.flatnonzero(voice.dry[span].any(axis=0)).tolist():
                 mixed[:, channel] += signal * _between(voice.dry[:, channel], row, share)
         return mixed + self._reverberators.process(bus)
 
 
-@dataclass(frozen=True, eq=False)
 class _Voice:
-    """A source at T rows and silence after the last row, (T + 1, ...)."""
+    """A source at T rows and silence after the last row, (T + 1, ...): panned, with Doppler shift
+    and absorption of air if the panner's hearing has these. Non-finite amplitudes are 0."""
 
-    dry: F64  # (T + 1, C) amplitude times the panner's gain
-    wet: F64  # (T + 1,)
-    loudness: F64  # (T + 1,)
-    frequencies: F64  # (T + 1,)
-    turns: F64  # (T + 1,) played before each row
-    apart: F64  # (T + 1,) lead of the wet part, in turns
-
-    @classmethod
-    def of(
-        cls, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
-    ) -> _Voice:
-        """Voice of a source: panned, with Doppler shift and absorption of air if ``hearing`` has
-        these; amplitudes that are not finite are 0."""
+    def __init__(
+        self, source: SoundSource, panner: Panner, reverberators: Reverberators, raster_hz: float
+    ) -> None:
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
         hearing, at_listener_hz = panner.hearing, source.frequencies_hz
@@ -116,20 +106,15 @@ class _Voice:
             amplitudes *= 10.0 ** (-loss_db / 20.0)
         dry, wet = dry * amplitudes[:, None], wet * amplitudes
         # Turns at each row, by the trapezoidal rule: exact for frequencies that change linearly.
-        frequencies = np.append(at_listener_hz, at_listener_hz[-1:])
-        steps = 0.5 * (frequencies[1:] + frequencies[:-1]) / raster_hz
-        turns = np.concatenate([[0.0], np.cumsum(steps)])
-        turns[1:] = np.mod(turns[1:], 1.0)
-        apart = _quadrature(dry, reverberators, at_listener_hz)
-        silence = np.zeros((1, dry.shape[1]))
-        return cls(
-            np.vstack([dry, silence]),
-            np.append(wet, 0.0),
-            np.append(np.abs(dry).sum(axis=1) + np.abs(wet), 0.0),
-            frequencies,
-            turns,
-            np.append(apart, apart[-1:]),
-        )
+        self.frequencies = np.append(at_listener_hz, at_listener_hz[-1:])
+        steps = 0.5 * (self.frequencies[1:] + self.frequencies[:-1]) / raster_hz
+        self.turns = np.concatenate([[0.0], np.cumsum(steps)])  # played before each row
+        self.turns[1:] = np.mod(self.turns[1:], 1.0)
+        lead = _quadrature(dry, reverberators, at_listener_hz)
+        self.lead = np.append(lead, lead[-1:])  # of the wet part, in turns
+        self.dry = np.vstack([dry, np.zeros((1, dry.shape[1]))])  # amplitude times panner's gain
+        self.wet = np.append(wet, 0.0)
+        self.loudness = np.append(np.abs(dry).sum(axis=1) + np.abs(wet), 0.0)
 
 
 def _quadrature(dry: F64, reverberators: Reverberators, frequencies_hz: F64) -> F64:
@@ -174,7 +159,7 @@ class Reverberators:
     ) -> None:
         self.block = block
         self._rate_hz = rate_hz
-        self._chains = [_Chain.drawn(channel, rate_hz, decay_s) for channel in range(channels)]
+        self._chains = [_Chain(channel, rate_hz, decay_s) for channel in range(channels)]
         length = max(int(decay_s * rate_hz), 1)
         impulses = np.stack([chain.impulse(length) for chain in self._chains])
         # Power of the impulses as cut off, so that the channels share exactly the input's power.
@@ -206,23 +191,19 @@ class Reverberators:
         return np.ascontiguousarray(whole[:, : self.block].T)
 
 
-@dataclass(frozen=True)
 class _Chain:
-    """Successive all-pass sections y[n] = -g x[n] + x[n - d] + g y[n - d]."""
+    """Successive all-pass sections y[n] = -g x[n] + x[n - d] + g y[n - d] of a channel, drawn from
+    a fixed seed; the longest section decays by 60 dB in ``decay_s``."""
 
-    delays: tuple[int, ...]  # samples
-    gains: tuple[float, ...]
-
-    @classmethod
-    def drawn(cls, channel: int, rate_hz: int, decay_s: float) -> _Chain:
-        """Chain of a channel, from a fixed seed; the longest section decays in ``decay_s``."""
+    def __init__(self, channel: int, rate_hz: int, decay_s: float) -> None:
         rng = np.random.default_rng([_SEED, channel])
         # A comb with gain g and delay d decays by 60 dB in -3 d / log10(g) samples.
         longest = decay_s * rate_hz * -np.log10(_GAIN) / 3.0
         delays = longest * _SHRINKING ** np.arange(_SECTIONS)
         delays = np.maximum(delays * rng.uniform(_LEAST_SHARE, 1.0, _SECTIONS), 1.0)
         gains = _GAIN * rng.choice([-1.0, 1.0], _SECTIONS)
-        return cls(tuple(delays.astype(int).tolist()), tuple(gains.tolist()))
+        self.delays: list[int] = delays.astype(int).tolist()  # samples
+        self.gains: list[float] = gains.tolist()
 
     def impulse(self, length: int) -> F64:
         """First ``length`` samples of the impulse response of all sections in a row."""

@@ -168,7 +168,7 @@ def cubic(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
 
 def bilinear(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
     """Bilinear values of a grid (H, W) at rows and columns (2, ...), 0 at the first texel's centre.
-    Overwrites ``places``."""
+    Beyond the grid wrapped for ``tiles``, else the edge continues. Overwrites ``places``."""
     rows, columns = grid.shape
     low = np.floor(places)
     places -= low

@@ -162,7 +162,7 @@ def _grain(
 
 
 def _hammered(diameter_m: float, depth_m: float) -> Recipe:
-    """Recipe: dents, ``depth_m`` deep, and a fine grain."""
+    """Recipe: dents, ``depth_m`` deep, and a fine grain of RMS 1 micrometre."""
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         dents = -depth_m * _stones(rng, texels, size_m, diameter_m, 1.0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -77,22 +77,20 @@ class Section:
             is_new = self.is_new[rows].copy()
             is_new[0] = True
             number = int(numbers[first])
-            yield (
-                number,
-                Section(
-                    stream=self.stream,
-                    steps=self.steps[rows] - number * size,
-                    levels=self.levels[rows],
-                    parameters=self.parameters[rows],
-                    is_new=is_new,
-                    sizes=self.sizes[sets],
-                    vertices=self.vertices[entries],
-                    weights=self.weights[entries],
-                    channels={name: values[entries] for name, values in self.channels.items()},
-                    focus=None if self.focus is None else self.focus[rows],
-                    drive=None if self.drive is None else self.drive[rows],
-                ),
+            part = replace(
+                self,
+                steps=self.steps[rows] - number * size,
+                levels=self.levels[rows],
+                parameters=self.parameters[rows],
+                is_new=is_new,
+                sizes=self.sizes[sets],
+                vertices=self.vertices[entries],
+                weights=self.weights[entries],
+                channels={name: values[entries] for name, values in self.channels.items()},
+                focus=None if self.focus is None else self.focus[rows],
+                drive=None if self.drive is None else self.drive[rows],
             )
+            yield number, part
 
     @property
     def entry_count(self) -> int:

@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
@@ -89,14 +88,9 @@ class TrackWriter:
         header = to_json(self.header, encoding)
         self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is not None:  # the stack closes the archive and removes the file
-            self._finishing.__exit__(kind, error, trace)
+    def __exit__(self, *failure: Any) -> None:
+        if failure[0] is not None:  # the stack closes the archive and removes the file
+            self._finishing.__exit__(*failure)
             return
         with self._finishing:
             self._write_blocks(sorted(self._open))

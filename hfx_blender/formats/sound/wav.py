@@ -179,7 +179,8 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
 def _driven(
     pairs: F64, curves: Sequence[Sequence[DriveCurve]], full_scale: float, totals: F64 | None = None
 ) -> F64:
-    """Pairs (T, C, 2) with amplitudes converted to drive levels; unchanged without drive curves.
+    """Pairs (T, C, 2) of amplitude and Hz, with each amplitude replaced by full scale times the
+    drive needed for it; ``pairs`` itself without any drive curve.
 
     ``curves``: drive curves of each actuator; ``totals`` (T, C): summed amplitudes of its effects.
     Non-finite pairs are silent.
