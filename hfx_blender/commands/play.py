@@ -148,9 +148,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
     """OutputError for an unwritable file of ``--path``; None if the log is not the cause."""
-    fault = f"{path} cannot be written"
     for state in client.devices.values():
-        if path is not None and state.state == "lost" and state.text.startswith(fault):
+        if path is not None and state.state == "lost" and state.text.startswith(f"{path} "):
             return OutputError(f"{state.text.removesuffix('.')}.")
     return None
 

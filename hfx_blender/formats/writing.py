@@ -103,17 +103,23 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
     device, two different devices with equal ids (their files would coincide). Returns nothing.
     """
     refuse_unknown(formats, "format")
-    known: dict[str, DeviceConfig] = {}
+    of_id: dict[str, list[DeviceConfig]] = {}
     for device in devices:
         # Two devices with one id would write the same file names.
-        known_device = known.setdefault(name_key(device.id), device)
-        if vars(known_device) != vars(device):
-            ids = dict.fromkeys((f"'{known_device.id}'", f"'{device.id}'"))
-            raise UsageError(
-                f"two different devices have the id {' or '.join(ids)}, which their files are "
-                "named by: give the configuration of one of them another 'id', as its file is "
-                "called"
-            )
+        same = of_id.setdefault(name_key(device.id), [])
+        if all(vars(device) != vars(known_device) for known_device in same):
+            same.append(device)
+    clashes = [
+        f"{'two' if len(same) == 2 else len(same)} different devices have the id "
+        + " or ".join(dict.fromkeys(f"'{device.id}'" for device in same))
+        for same in of_id.values()
+        if len(same) > 1
+    ]
+    if clashes:
+        raise UsageError(
+            f"{', '.join(clashes)}, which their files are named by: give the configurations of all "
+            "but one of them another 'id', as its file is called"
+        )
     for id in formats:
         info = FORMATS[id]
         if info.is_of_device and not devices:

@@ -85,6 +85,11 @@ def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
         writing.check(["csv"], [one, replace(again, gain=0.5)])
     with pytest.raises(UsageError, match="the id 'back_pad' or 'Back_Pad'"):  # equal on Windows
         writing.check(["csv"], [one, replace(again, id="Back_Pad")])
+    belt = load_device("waist_belt")
+    several = [one, replace(one, gain=0.5), belt, replace(one, gain=0.25), replace(belt, gain=0.5)]
+    message = "3 different devices have the id 'back_pad', two .* have the id 'waist_belt',"
+    with pytest.raises(UsageError, match=rf"{message}"):
+        writing.check(["csv"], [*several, one])
 
 
 def test_unplayable_modalities_are_reported(tmp_path):

@@ -305,6 +305,10 @@ def test_a_clip_is_played_by_the_output_process_with_its_limits(
     assert max(block[1] for block in loud) == 4.0 and loud[-1][2] == 60.0
     assert sent[-1][1] == 0.0 and "stop" in rows[-1]
     capsys.readouterr()
+    before = log.read_bytes()
+    start[start.index("simulator")] = "log"
+    assert run(start) == 3 and log.read_bytes() == before  # an output that cannot be written
+    assert f"{log} exists already" in capsys.readouterr().err
     device.write_text(json.dumps({**DEVICE, "id": "belt"}))
     assert run(start) == 3
     assert f"{clip}: it has no values for 'belt'; it has those of: 'touch' on" in (
