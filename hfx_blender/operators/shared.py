@@ -341,10 +341,7 @@ def draw_wrapped(
 
 
 def to_object_mode(context: bpy.types.Context) -> None:
-    """Set the active object to Object Mode; no effect without an active object.
-
-    Raises InputError: the active object is the canvas of a painted effect.
-    """
+    """Set the active object, if any, to Object Mode; InputError for a canvas in painting."""
     active = context.object
     if active is None or active.mode == "OBJECT":
         return

@@ -141,10 +141,7 @@ def _arrange_when_shown(window: bpy.types.Window, workspace: bpy.types.WorkSpace
 
 
 def _arrange(window: bpy.types.Window) -> None:
-    """Arrange a window's screen: largest viewport, or area, with the HFX tab above an NLA editor.
-
-    An existing NLA editor stays as it is.
-    """
+    """Arrange a window's areas: largest viewport with the HFX tab; NLA editor below, if missing."""
     areas = window.screen.areas
     viewports = [area for area in areas if area.type == "VIEW_3D"]
     viewport = max(viewports or areas, key=lambda area: area.width * area.height)

@@ -55,6 +55,12 @@ def _setting(kind: Callable[..., object], label: str, tip: str, **options: objec
     return kind(name=label, description=tip, update=_request_update, **options)
 
 
+def _size(label: str, tip: str, default: float) -> object:
+    """Width and height in millimetres, equal by default, whose changes update the maps."""
+    limits = {"size": 2, "default": (default, default), "min": 1e-3}
+    return _setting(FloatVectorProperty, label, tip, **limits)
+
+
 # Blender stores the number of an enum item. A position in the list would change with each new
 # material, so the number is the CRC-32 of the name, without the lowest bit: Blender's are signed.
 PROCEDURALS = tuple(
@@ -104,14 +110,7 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         min=1e-6,
         max=1e6,
     )
-    scan_size_mm: _setting(
-        FloatVectorProperty,
-        "Size (mm)",
-        "Width and height of a scanned height map",
-        size=2,
-        default=(50.0, 50.0),
-        min=1e-3,
-    )
+    scan_size_mm: _size("Size (mm)", "Width and height of a scanned height map", 50.0)
     procedural: _setting(
         EnumProperty,
         "Material",
@@ -132,14 +131,7 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     use_own_scale: _setting(
         BoolProperty, "Own Scale", "Enter the size of a UV unit instead of measuring the object"
     )
-    uv_mm: _setting(
-        FloatVectorProperty,
-        "UV Unit (mm)",
-        "Width and height of one UV unit on the object",
-        size=2,
-        default=(100.0, 100.0),
-        min=1e-3,
-    )
+    uv_mm: _size("UV Unit (mm)", "Width and height of one UV unit on the object", 100.0)
 
     blur_mm: _setting(
         FloatProperty,

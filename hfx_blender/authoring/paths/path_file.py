@@ -76,10 +76,7 @@ _PATH: Final = strict(
 
 
 def load(path: Path) -> PathRecipe:
-    """Read a path file and check every field.
-
-    Raises InputError for the first fault, with file, field, found and allowed value.
-    """
+    """Read and check a path file; InputError with file, field, found and allowed value."""
     return recipe_of(read(path, _MOST_BYTES))
 
 

@@ -83,10 +83,7 @@ def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> No
 
 
 def path_of(effect: bpy.types.Object) -> F64:
-    """Stored path of an effect, (n, 3) metres; (0, 3) without a path.
-
-    Raises InputError: the stored values are not a path.
-    """
+    """Stored path of an effect, (n, 3) metres, (0, 3) without a path; InputError if damaged."""
     return _points(effect, PATH)
 
 

@@ -105,10 +105,7 @@ def curves_of(
 
 
 def set_curve(effect: bpy.types.Object, actuator: str, keys: list[tuple[float, float]]) -> None:
-    """Replace the keyframes of an actuator by (frame, value 0 to 1) pairs.
-
-    Raises InputError: the effect has no such actuator.
-    """
+    """Replace an actuator's keyframes by (frame, value 0..1) pairs; InputError if unknown."""
     index = effect.hfx.drive.find(actuator)
     if index < 0:
         names = ", ".join(item.name for item in effect.hfx.drive) or "none"

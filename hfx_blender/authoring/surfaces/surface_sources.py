@@ -35,10 +35,7 @@ class SurfaceRelief:
 
 
 def relief_of(obj: bpy.types.Object) -> SurfaceRelief:
-    """Make the relief of an object's surface from the chosen source.
-
-    Raises InputError: the source is missing or unusable.
-    """
+    """Relief of an object's surface from its source; InputError if missing or unusable."""
     source = obj.hfx.surface.source
     if source == "MATERIAL":
         return _material_relief(obj)

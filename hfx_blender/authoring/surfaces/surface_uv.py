@@ -133,10 +133,7 @@ def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
 
 
 def make_tile(mesh: bpy.types.Mesh, charts: Charts, scale: float) -> None:
-    """Replace a mesh by a face with a whole UV tile at the size in the world.
-
-    ``scale`` is the scale of the mesh's object.
-    """
+    """Replace the mesh of an object of ``scale`` by one face: a UV unit at its world size."""
     width, height = charts.tile[0] / scale, charts.tile[1] / scale
     mesh.clear_geometry()
     mesh.from_pydata(
@@ -158,10 +155,7 @@ def update_mesh(obj: bpy.types.Object) -> None:
 
 
 def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
-    """Width and height of a UV unit on an object, millimetres.
-
-    Raises InputError: the object is no mesh, or has no size, no UV map or no UV area.
-    """
+    """Width and height of a UV unit on a mesh object, millimetres; InputError without any."""
     update_mesh(obj)
     tile = charts_of(obj.data, uv_map, obj.name, obj.matrix_world).tile
     unit_mm = 1000.0 * metres_of(bpy.context.scene)

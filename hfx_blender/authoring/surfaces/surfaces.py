@@ -226,10 +226,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
 
 
 def device_of(obj: bpy.types.Object) -> DeviceRange:
-    """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1.
-
-    Raises InputError if the lowest frequency exceeds the highest.
-    """
+    """Physical range of the values 0 to 1, m/s^2 and Hz; InputError for lowest above highest."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     hfx = obj.hfx

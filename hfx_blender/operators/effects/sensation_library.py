@@ -37,10 +37,7 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 
 
 def _place(context: bpy.types.Context, sensation: effect_file.Sensation) -> list[bpy.types.Object]:
-    """Add a sensation's effects at the current frame, on the target body, and select them.
-
-    Object Mode is entered first. Returns the effects.
-    """
+    """Add a sensation's effects at the current frame, in Object Mode; select and return these."""
     to_object_mode(context)
     body = target_body(context)
     from ...authoring.effects import effect_exchange, swarms

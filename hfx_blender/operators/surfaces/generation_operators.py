@@ -33,10 +33,7 @@ _folders: list[str] = []
 
 
 def _job(context: bpy.types.Context) -> dict[str, Any]:
-    """Request for the generation process, from the panel's settings; makes its folder.
-
-    Raises InputError: no text, or no picture readable by Blender.
-    """
+    """Request for the generation process, with a new folder; InputError for unusable input."""
     import numpy as np
 
     from ...authoring.surfaces import image_values
