@@ -123,8 +123,9 @@ class StrokePad:
     def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
         """Move the pointer through points since the last call, at equal intervals.
 
-        A busy window delivers several mouse events at once, without their times. No effect between
-        strokes, at a time not after the last, and after :data:`LONGEST_S`, which is a fault.
+        A busy window delivers several mouse events at once, without their times. The state is
+        evaluated every 8 ms at most, and at the end. No effect between strokes, at a time not after
+        the last, and after :data:`LONGEST_S`, which is a fault.
         """
         now = time_s - self._begin_s
         if not self._times or now <= self._times[-1]:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from operator import attrgetter
 
 import bpy
 import numpy as np
@@ -37,6 +38,12 @@ LONGEST_STEP_S = 0.3
 
 FEWEST = 64
 """Slots of a source without present instances, for particles of later frames."""
+
+# Properties of bodies and effects that a description holds; animated ones are read at each moment.
+_CONSTANT_PROPERTIES = attrgetter(
+    *"role modality kind shape falloff falloff_share temperature_reference model_hash".split(),
+    *"body_name follow is_muted is_solo".split(),
+)
 
 
 class LiveClock:
@@ -268,23 +275,12 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
         parts.append(
             (
                 obj.name,
-                hfx.role,
-                hfx.modality,
-                hfx.kind,
-                hfx.shape,
-                hfx.falloff,
-                hfx.falloff_share,
-                hfx.temperature_reference,
-                hfx.model_hash,
+                *_CONSTANT_PROPERTIES(hfx),
                 hfx.body.name if hfx.body else "",
-                hfx.body_name,
                 hfx.avatar.name if hfx.avatar else "",
-                hfx.follow,
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
                 hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
                 visibility.is_disabled(obj),
-                hfx.is_muted,
-                hfx.is_solo,
                 responses.signature(hfx),
                 surfaces.signature(obj) if hfx.kind == "SURFACE" else (),
                 area_values.signature(obj),

@@ -300,7 +300,7 @@ def _in_blender(
             for k in range(frames):
                 scene.frame_set(scene.frame_start + k % (scene.frame_end - scene.frame_start))
                 live.describe(bpy.context)
-                live.invalidate()
+                evaluation.invalidate()
                 begun = time.perf_counter()
                 evaluation.runs()
                 between, worked = time.perf_counter(), time.thread_time()

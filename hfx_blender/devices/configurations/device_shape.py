@@ -249,8 +249,7 @@ _HEX: Final = Text(
 )
 _ASCII: Final = Text(pattern=r"[\x20-\x7e]{0,32}", note="up to 32 printable ASCII characters")
 _SEPARATOR: Final = Text(
-    pattern=r"[\x20-\x2f\x3a-\x7e]{1,32}",
-    note="1 to 32 printable ASCII characters without digits",
+    pattern=r"[\x20-\x2f\x3a-\x7e]{1,32}", note="1 to 32 printable ASCII characters without digits"
 )
 _PLACEHOLDERS: Final = r"\{(?:device|actuator|control|number|side|Side)\}"
 OSC_ADDRESS: Final = Text(
@@ -317,10 +316,7 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
             {
                 "outputs": Items(
                     strict(
-                        {
-                            "feature": Number(0, 255, is_whole=True),
-                            "output": Text(BUTTPLUG_OUTPUTS),
-                        }
+                        {"feature": Number(0, 255, is_whole=True), "output": Text(BUTTPLUG_OUTPUTS)}
                     ),
                     1,
                     MAX_ACTUATORS,

@@ -30,17 +30,7 @@ from ...engine.rendering.actuator_vertices import on_parts
 from ...errors import InputError
 from ...files import resources
 from ...files.atomic import atomic_file
-from ...files.json_shapes import (
-    PRINTABLE,
-    Anything,
-    Items,
-    Node,
-    Number,
-    Text,
-    loose,
-    read,
-    strict,
-)
+from ...files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Text, loose, read, strict
 from .device_shape import ID, MAX_ACTUATORS
 
 MODEL: Final = "hfx-vibration-1"
@@ -65,15 +55,12 @@ _MIDDLE: Final = {
     "Head": ("head",),
 }
 _POSITION: Final = loose(
-    dict.fromkeys("xyz", Number(-3.0, 3.0, "m")),
-    title="an object with x, y and z",
+    dict.fromkeys("xyz", Number(-3.0, 3.0, "m")), title="an object with x, y and z"
 )
 _MAP: Final = loose(
     {
         "nodes": Items(
-            loose({}, {"radius": Number(0.0, 1.0, "m"), "node_data": _POSITION}),
-            1,
-            MAX_ACTUATORS,
+            loose({}, {"radius": Number(0.0, 1.0, "m"), "node_data": _POSITION}), 1, MAX_ACTUATORS
         )
     },
     title="an object with 'nodes'",
@@ -97,9 +84,7 @@ _REFERENCE: Final = Text(tuple(name for name in _REFERENCES if name is not None)
 _LAYOUT: Final = strict(
     {
         "actuators": Items(
-            loose({"projectedViewPosition": strict(dict.fromkeys("xyz", _AXIS))}),
-            1,
-            MAX_ACTUATORS,
+            loose({"projectedViewPosition": strict(dict.fromkeys("xyz", _AXIS))}), 1, MAX_ACTUATORS
         ),
         "views": Items(
             strict({"name": Text(_VIEWS)}, {"Indexes": _INDICES, "indexes": _INDICES}), 0, 64
@@ -171,24 +156,22 @@ def _of_node_map(document: Node, device_id: str, model: PerceptualModel) -> dict
         addresses.append(address)
     if len(set(addresses)) != len(addresses):
         raise InputError(f"{document.file}: two nodes have the same address.")
+    motor = {
+        "modality": "vibration",
+        "parameters": {
+            "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10.0},
+            "frequency_hz": {"unit": "Hz", "fixed": 150.0},
+        },
+        "update_interval_ms": 20,
+    }
+    source = Path(document.file).name
     return {
         "schema": "hfx-device",
         "version": 1,
         "id": device_id,
         "name": device_id.replace("_", " "),
-        "description": (
-            f"Imported from the node map {Path(document.file).name}; amplitudes are guessed."
-        ),
-        "actuator_types": {
-            "motor": {
-                "modality": "vibration",
-                "parameters": {
-                    "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10.0},
-                    "frequency_hz": {"unit": "Hz", "fixed": 150.0},
-                },
-                "update_interval_ms": 20,
-            }
-        },
+        "description": f"Imported from the node map {source}; amplitudes are guessed.",
+        "actuator_types": {"motor": motor},
         "actuators": actuators,
         "output": {"encoder": {"kind": "osc", "addresses": addresses, "send": "messages"}},
     }
@@ -225,16 +208,19 @@ def _of_unitouch(document: Node, device_id: str, model: PerceptualModel) -> dict
     places = np.array([[float(position[axis]) for axis in "xyz"] for position in positions])
     parts = _REFERENCES[reference]
     centres = _on_skin(places, _front_mask(top["views"], places), parts, model)
-    actuators = [
-        {
-            "id": f"actuator_{k}",
-            "type": "actuator",
-            "place": {
-                "placement": {"parts": list(parts), "centre_m": centre, "radius_m": _RADIUS_M}
-            },
-        }
-        for k, centre in enumerate(centres)
-    ]
+    actuators = []
+    for k, centre in enumerate(centres):
+        placement = {"parts": list(parts), "centre_m": centre, "radius_m": _RADIUS_M}
+        place = {"placement": placement}
+        actuators.append({"id": f"actuator_{k}", "type": "actuator", "place": place})
+    vibrator = {
+        "modality": "vibration",
+        "parameters": {
+            "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10},
+            "frequency_hz": {"unit": "Hz", "minimum": 50, "maximum": 400},
+        },
+        "takes_waveform": True,
+    }
     return {
         "schema": "hfx-device",
         "version": 1,
@@ -244,16 +230,7 @@ def _of_unitouch(document: Node, device_id: str, model: PerceptualModel) -> dict
             f"Imported from the actuator layout {Path(document.file).name[:200]}; places are "
             "fitted to the body, amplitudes and frequencies are guessed."
         ),
-        "actuator_types": {
-            "actuator": {
-                "modality": "vibration",
-                "parameters": {
-                    "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10},
-                    "frequency_hz": {"unit": "Hz", "minimum": 50, "maximum": 400},
-                },
-                "takes_waveform": True,
-            }
-        },
+        "actuator_types": {"actuator": vibrator},
         "actuators": actuators,
     }
 

@@ -6,23 +6,13 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from typing import Protocol
 
 
-class Clock(Protocol):
-    """Interface of a clock that waits."""
+class Clock:
+    """Clock of the computer; tests have a clock with the same methods."""
 
     def now(self) -> float:
         """Monotonic time in seconds, including sleeps of the computer; the origin is arbitrary."""
-
-    def wait(self, condition: threading.Condition, seconds: float) -> None:
-        """Wait for the notification of a condition that is held, for ``seconds`` at most."""
-
-
-class SystemClock:
-    """Clock of the computer."""
-
-    def now(self) -> float:
         # ``time.monotonic`` stops in a sleep on Linux and macOS, and goes on elsewhere.
         if sys.platform == "linux":
             return time.clock_gettime(time.CLOCK_BOOTTIME)
@@ -31,7 +21,8 @@ class SystemClock:
         return time.monotonic()
 
     def wait(self, condition: threading.Condition, seconds: float) -> None:
+        """Wait for the notification of a condition that is held, for ``seconds`` at most."""
         condition.wait(seconds)
 
 
-SYSTEM = SystemClock()
+SYSTEM = Clock()

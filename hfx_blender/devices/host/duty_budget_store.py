@@ -153,11 +153,8 @@ class _StoredBudget:
 
 
 class DutyBudgetStore:
-    """Duty budgets of all devices of this process, and their files.
-
-    ``folder``: folder of the files; created when needed.
-    ``clock``: clock of the device threads.
-    """
+    """Duty budgets of all devices of this process, and their files in ``folder``, which is created
+    when needed. ``clock``: clock of the device threads."""
 
     def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
         self._folder, self._clock = folder, clock

@@ -89,8 +89,9 @@ def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 
 def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    """Connect to host and port of a target, by default those of the device's transport.
-    OutputLostError: the host is not local, the port is not 1 to 65535, or no connection."""
+    """Connect by OSC, Buttplug or bHaptics, as the encoder says, to host and port of a target, by
+    default those of the device's transport. OutputLostError: the host is not local, the port is not
+    1 to 65535, or no connection."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert not isinstance(transport, SerialTransport)

@@ -29,16 +29,12 @@ LONGEST_RAMP_S: Final = 0.05
 # Tolerance of times, as a share of an interval: clocks and sleeps are not exact.
 _ROUNDING: Final = 0.05
 
-FASTEST_S: Final = 0.005
-SLOWEST_S: Final = 0.05
-"""Bounds of the interval between two values, seconds. The upper one keeps a device's dead-man
-switch from stopping it."""
-
 
 def tick_s(device: DeviceConfig) -> float:
-    """Interval between two values of a device, seconds, for the fastest actuator; clipped."""
+    """Interval between two values of a device, of the fastest actuator, 0.005 to 0.05 seconds."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
-    return min(max(fastest, FASTEST_S), SLOWEST_S)
+    # Values come at least every 50 ms, so that a device's dead-man switch does not stop the device.
+    return min(max(fastest, 0.005), 0.05)
 
 
 class DelayQueue:

@@ -54,11 +54,9 @@ def _linux_test(pid: int) -> Callable[[], bool]:
     descriptor = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def is_ending() -> bool:
-        try:
-            content = os.pread(descriptor, 4096, 0)
-        except ProcessLookupError:
-            return True
-        return says_ending(content)
+        with suppress(ProcessLookupError):
+            return says_ending(os.pread(descriptor, 4096, 0))
+        return True
 
     return is_ending
 

@@ -8,7 +8,7 @@ of each tone, for W actuators with a waveform.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,7 +45,7 @@ class Tones:
 def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: int) -> Tones:
     """Tones of a moment; partials of the same effect or of equal frequency are merged.
 
-    At most :data:`MAX_TONES`, the strongest first.
+    At most :data:`MAX_TONES`, the strongest first; silent partials are left out.
 
     ``partials``: partials of a single row at W = ``width`` actuators.
     ``numbers``: tone numbers by effect id; a merged tone has the number of the first effect.
@@ -210,21 +210,15 @@ def _between(start: Tones, end: Tones, share: float) -> Tones:
     # The end of the ramp drops tones that have faded out.
     if share >= 1.0:
         return end
-    # Tones of both sets, in a common order; 0 where a set lacks a tone.
+    # Rows of both sets in a common order; 0 where a set lacks a tone.
     numbers = list(dict.fromkeys([*start.numbers.tolist(), *end.numbers.tolist()]))
-    (a, a_hz), (b, b_hz) = _in_order(start, numbers), _in_order(end, numbers)
+    rows = np.zeros((2, 2, len(numbers), start.amplitudes.shape[1]))
+    for tones, (amplitudes, hz) in zip((start, end), rows, strict=True):
+        at = [numbers.index(number) for number in tones.numbers.tolist()]
+        amplitudes[at], hz[at] = tones.amplitudes, tones.frequencies_hz
+    (a, a_hz), (b, b_hz) = rows
     with np.errstate(invalid="ignore", over="ignore"):
         amplitudes = a + share * (b - a)
     # Frequencies jump, as in pacing.Ramp; the sound card smooths the change within 5 ms.
     hz = np.where(b > 0.0, b_hz, a_hz)
     return Tones(np.array(numbers, np.int64), amplitudes, hz)
-
-
-def _in_order(tones: Tones, numbers: Sequence[int]) -> tuple[F64, F64]:
-    """Amplitudes and frequencies (K, W) of K tone ``numbers``; 0 for numbers not in ``tones``."""
-    shape = len(numbers), tones.amplitudes.shape[1]
-    amplitudes, hz = np.zeros(shape), np.zeros(shape)
-    for k, number in enumerate(tones.numbers.tolist()):
-        row = numbers.index(number)
-        amplitudes[row], hz[row] = tones.amplitudes[k], tones.frequencies_hz[k]
-    return amplitudes, hz

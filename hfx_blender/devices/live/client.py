@@ -75,18 +75,9 @@ class LiveClient:
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
-    @property
-    def is_running(self) -> bool:
-        return self.pipe.is_running
-
-    @property
-    def pid(self) -> int | None:
-        """Process id of the output process, or None."""
-        return self.pipe.pid
-
     def start(self) -> None:
         """Start the output process unless running; DeviceError if that fails."""
-        if not self.is_running:
+        if not self.pipe.is_running:
             self.close()
             self.pipe.start()
 
@@ -248,5 +239,6 @@ class LiveClient:
 
     def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
         state = self.devices.get(name)
-        if state is not None and self.pipe.is_open:
+        # Not `is_running`: this is called for each frame, and the test of a process is slow.
+        if state is not None and self.pipe.worker is not None:
             self.pipe.replace(state.number, message(kind, state.number, body))

@@ -76,11 +76,6 @@ class HostPipe:
         self.places: Mapping[Stream, int] = {}
 
     @property
-    def is_open(self) -> bool:
-        """Test that a process was started and not closed; quicker than :attr:`is_running`."""
-        return self.worker is not None
-
-    @property
     def is_running(self) -> bool:
         """Test that the output process runs."""
         return self.worker is not None and self.worker.is_running

@@ -101,7 +101,8 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
 
 def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     """Target for :func:`~hfx_blender.devices.host.opening.open_output`, by kind of the settings:
-    log, sound card, or the device's output; a serial port by USB ids or serial number.
+    log, sound card, or the device's output, with host, port and unit only where set; a serial port
+    by USB ids or serial number.
 
     Raises DeviceError: the device has no output, is on no port, or the settings are incomplete.
     """

@@ -155,10 +155,7 @@ def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
 
 
 def _runs(
-    drives: Sequence[Any],
-    time_s: float,
-    streams: Sequence[Stream],
-    arrays: Mapping[str, Array],
+    drives: Sequence[Any], time_s: float, streams: Sequence[Stream], arrays: Mapping[str, Array]
 ) -> list[SampleRun]:
     """Runs of one sample at ``time_s`` from the return value and arrays (as views) of
     :func:`_add_runs`; ``streams``: of the scene's header, by index."""

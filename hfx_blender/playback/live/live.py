@@ -23,7 +23,7 @@ from ..timeline.timeline_recorder import recorder
 from . import live_handlers
 from .latency import Playback
 from .live_handlers import SlowFrames
-from .live_sources import Generation, SceneSource, Source, TrackSource
+from .live_sources import Generation, SceneSource, TrackSource
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient
@@ -81,11 +81,6 @@ class Live:
     def is_armed(self) -> bool:
         """Test for any device in state "armed", which plays samples."""
         return any(device.is_armed for device in self.states.values())
-
-    @property
-    def is_frozen(self) -> bool:
-        """Test for a device stopped by a missing heartbeat of Blender."""
-        return any(device.state == "frozen" for device in self.states.values())
 
     @property
     def latencies_ms(self) -> set[float]:
@@ -220,10 +215,6 @@ class Live:
         if client is not None:
             client.close()
 
-    def invalidate(self) -> None:
-        """Discard the cached samples of the scene."""
-        evaluation.invalidate()
-
     def forget(self) -> None:
         """Discard the scene's description and the open track; no samples are sent until the next
         :meth:`describe`."""
@@ -245,7 +236,7 @@ class Live:
         if self._source(bpy.context.scene) is self.tracks:
             self.handlers.request_update()  # the description is the preview's
 
-    def _source(self, scene: bpy.types.Scene) -> Source:
+    def _source(self, scene: bpy.types.Scene) -> SceneSource | TrackSource:
         """Source selected in the scene: the scene itself, or a track."""
         return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
@@ -339,8 +330,11 @@ class Live:
         is_playing = live_handlers.is_playing()
         # Called also while nothing plays: the direction is inferred from every frame.
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
-        with self.slow_frames.own_work():
+        begun = time.monotonic()
+        try:
             frame = source.frame(scene, self._gains(scene), later)
+        finally:
+            self.slow_frames.own_s += time.monotonic() - begun
         states = self.states.items()
         muted = frozenset(name for name, state in states if not frame.gains.get(state.number, 1.0))
         self.sent = Sent(time.monotonic(), frame.time_s, muted)

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,6 +14,7 @@ from bpy.app.handlers import persistent
 from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...errors import HfxError
 from ...reading.stepped import stepping
+from ..evaluation import evaluation
 
 BEAT_S = 0.05
 
@@ -91,7 +90,7 @@ class LiveHandlers:
         Nothing is sent while no device is armed, while the scene is described, stepped or rendered,
         and for other scenes. Without playback, a description is scheduled.
         """
-        self._listener.invalidate()  # disarmed devices need fresh samples on Play
+        evaluation.invalidate()  # disarmed devices need fresh samples on Play
         # A description evaluates the scene: its own updates must not send samples.
         if self._is_describing or not self._listener.is_armed or scene != bpy.context.scene:
             return
@@ -172,20 +171,12 @@ class SlowFrames:
 
     def __init__(self) -> None:
         self.newest: SlowFrame | None = None  # last interval above SLOW_S
-        self._sign_s, self._own_s = time.monotonic(), 0.0
+        self._sign_s = time.monotonic()
+        self.own_s = 0.0  # haptic evaluation in the current interval
 
     def sign(self) -> None:
         """End the interval at a heartbeat; one above :data:`SLOW_S` becomes :attr:`newest`."""
         now = time.monotonic()
         if now - self._sign_s > SLOW_S:
-            self.newest = SlowFrame(now - self._sign_s, self._own_s)
-        self._sign_s, self._own_s = now, 0.0
-
-    @contextmanager
-    def own_work(self) -> Iterator[None]:
-        """Context that adds its duration to ``own_s`` of the current interval."""
-        begun = time.monotonic()
-        try:
-            yield
-        finally:
-            self._own_s += time.monotonic() - begun
+            self.newest = SlowFrame(now - self._sign_s, self.own_s)
+        self._sign_s, self.own_s = now, 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -27,39 +27,11 @@ Generation = tuple[str, int]
 """Kind of a source, and the number of its description, which rises."""
 
 
-class Source(Protocol):
-    """Interface of a sample source."""
-
-    @property
-    def generation(self) -> Generation: ...
-
-    @property
-    def is_open(self) -> bool:
-        """Test for a readable scene or an open track."""
-
-    @property
-    def fault(self) -> str:
-        """Error of the last :meth:`open`; empty without an error."""
-
-    def open(self, context: bpy.types.Context) -> None:
-        """Describe the scene, or open the track, if changed; never call this during a depsgraph
-        update. Raises InputError: the selected track cannot be read."""
-
-    def begin(self, client: LiveClient) -> None:
-        """Send the description to the output process."""
-
-    def frame(
-        self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
-    ) -> LiveFrame:
-        """Samples of the current frame. ``gains``: by device number, as in :class:`LiveFrame`.
-        ``later``: frame shown after each actuator latency, by latency in milliseconds.
-
-        Raises InputError: an effect or body has a fault, or the track is damaged.
-        """
-
-
 class SceneSource:
-    """The open scene; samples of later frames come from the record of values over the timeline."""
+    """The open scene; samples of later frames come from the record of values over the timeline.
+
+    :class:`TrackSource` has the same methods.
+    """
 
     def __init__(self) -> None:
         self._streams: tuple[Stream, ...] = ()
@@ -70,17 +42,21 @@ class SceneSource:
 
     @property
     def is_open(self) -> bool:
+        """Test for a readable scene."""
         return evaluation.scene is not None
 
     @property
     def fault(self) -> str:
+        """Error of the last :meth:`open`; empty without an error."""
         return evaluation.fault
 
     def open(self, context: bpy.types.Context) -> None:
+        """Describe the scene if changed; never call this during a depsgraph update."""
         evaluation.describe(context)
         recorder.check_settings(context.scene)
 
     def begin(self, client: LiveClient) -> None:
+        """Send the description to the output process."""
         from ...engine.rendering.moment import moment_header
 
         assert evaluation.scene is not None
@@ -92,6 +68,11 @@ class SceneSource:
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
+        """Samples of the current frame. ``gains``: by device number, as in :class:`LiveFrame`.
+        ``later``: frame shown after each actuator latency, by latency in milliseconds.
+
+        Raises InputError: an effect or body has a fault.
+        """
         from ...devices.workers.live_frame import LiveFrame
         from ...reading.description.scene_settings import play_space_now
 
@@ -129,6 +110,7 @@ class TrackSource:
         return self.track is not None
 
     def open(self, context: bpy.types.Context) -> None:
+        """Open the selected track if it or the wearer changed; InputError if not readable."""
         from ...devices.live.track_playback import PlayedTrack
 
         scene = context.scene

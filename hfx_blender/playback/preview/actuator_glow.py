@@ -307,8 +307,8 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
 def _canonical_place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, bool]:
     """Point (3,) on the canonical avatar and radius, metres; True for a place in the room.
 
-    The mean of a vertex set, of the first set if none is of ``model_id``; the vertex nearest to a
-    body place; a point in front of body parts in the room.
+    The mean of a vertex set, of the first set if none is of ``model_id``, and the mean distance
+    from it; the vertex nearest to a body place; a point in front of body parts in the room.
     """
     if isinstance(place, VertexPlace):
         vertex_set = next((s for s in place.sets if s.model_id == model_id), place.sets[0])
@@ -327,8 +327,8 @@ def _canonical_place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, 
 
 
 def _bound_places(body: bpy.types.Object, model_id: str, points: F64) -> F64:
-    """Map points (P, 3) from the canonical avatar to a body's rest space, by the nearest four
-    model vertices, weighted by inverse distance."""
+    """Map points (P, 3) from the canonical avatar to a body's rest space: the mean of the nearest
+    four model vertices by inverse distance, plus the offset from it, scaled by the body's size."""
     model, own = load_model(model_id), stored_fits.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())

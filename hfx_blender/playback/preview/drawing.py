@@ -160,9 +160,7 @@ def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types
         which = corners[:, 3].astype(np.int64)
         full = np.column_stack([looks.colours[part], looks.radii[part]])
         batch = gpu.types.GPUBatch(
-            type="TRIS",
-            buf=_column("corner", corners),
-            elem=_index_buffer(triangles),
+            type="TRIS", buf=_column("corner", corners), elem=_index_buffer(triangles)
         )
         batch.vertbuf_add(_column("full", full[which]))
         batch.vertbuf_add(_column("cold", looks.cold[part][which]))
@@ -182,7 +180,7 @@ def forget() -> None:
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
-    """Left and right end of the part of a region without toolbar and sidebar, pixels."""
+    """Left and right end of a region without toolbar, sidebar and 10 pixels at both ends."""
     left, right = 0.0, float(region.width)
     for panel in area.regions:
         if panel.width <= 1 or panel.type not in ("TOOLS", "UI"):
@@ -256,6 +254,8 @@ class ChartView:
 
         No effect without overlays, in narrow regions, and in all views of a quad view but one.
         """
+        import blf
+
         area, region, scene = context.area, context.region, context.scene
         if not context.space_data.overlay.show_overlays:
             return
@@ -266,7 +266,10 @@ class ChartView:
             return
         record = recorder.result
         if record is None:
-            write_note(recorder.fault or "Values over time: nothing is felt yet", left)
+            blf.size(0, 11.0 * bpy.context.preferences.system.ui_scale)
+            blf.color(0, *_TEXT)
+            note = recorder.fault or "Values over time: nothing is felt yet"
+            _write(note, left, _MARGIN, 10_000.0)
             return
         shown = self._chart_of(record, scene.hfx.palette, right - left, _TALLEST * region.height)
         note = "; ".join(record.notes)
@@ -293,17 +296,8 @@ class ChartView:
         return self._charts[key]
 
 
-def write_note(text: str, left: float) -> None:
-    """Write a sentence in the place of the chart."""
-    import blf
-
-    scale = bpy.context.preferences.system.ui_scale
-    blf.size(0, 11.0 * scale)
-    blf.color(0, *_TEXT)
-    _write(text, left, _MARGIN, 10_000.0)
-
-
 def _write(text: str, x: float, y: float, width: float) -> None:
+    """Write a text, shortened by "..." to ``width`` pixels, or nothing if no text fits."""
     import blf
 
     shown, size = text, len(text)

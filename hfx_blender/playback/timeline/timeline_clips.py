@@ -52,7 +52,8 @@ def wanted_height(context: bpy.types.Context) -> float:
 
 
 def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
-    """Draw the rows below the ruler; rows without room are left out."""
+    """Draw envelopes of clips in colours of modalities, pale where muted, a row below the ruler for
+    each entry of ``rows``, with its name where there is room; rows without room are left out."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

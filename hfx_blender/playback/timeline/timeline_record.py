@@ -217,8 +217,8 @@ def record(
 
 
 def _rate(scene: bpy.types.Scene) -> Fraction:
-    """Sampling rate in Hz: the scene's rate (1000 at most), or its frame rate if that gives more
-    than :data:`MOST_SAMPLES` samples. InputError for more frames."""
+    """Sampling rate in Hz: the scene's rate (1000 at most), or the frame rate if that were more
+    than :data:`MOST_SAMPLES` samples. InputError for more frames than this limit."""
     time = time_base(scene)
     rate: Fraction = min(time.rate_hz, Fraction(1000))
     if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
@@ -249,7 +249,7 @@ def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
 
 
 def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecord:
-    """Record of an effect in a stream, with ``count`` values of 0."""
+    """Record with ``count`` values of 0; neutral is 0, for warmth the neutral temperature."""
     modality = MODALITIES[effect.modality]
     is_warmth = modality.name == "temperature"
     neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0

@@ -129,7 +129,8 @@ class TimelineRecorder:
 
     @contextmanager
     def _working(self) -> Iterator[None]:
-        """Context whose depsgraph updates, caused by reading, do not invalidate the record."""
+        """Context whose depsgraph updates, caused by reading, do not invalidate the record; at its
+        end the view layers of all windows are updated."""
         self._is_working = True
         try:
             yield

@@ -77,7 +77,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             column.operator("hfx.live_stop_all", icon="CANCEL")
             if not all(device.is_armed for device in live.states.values()):
                 layout.operator("hfx.live_play", icon="PLAY")
-        if live.is_frozen:
+        if any(state.state == "frozen" for state in live.states.values()):
             _draw_advice(context, layout.box())
         hfx = context.scene.hfx
         if hfx.devices:

@@ -115,7 +115,7 @@ class _Several(WithClient):
         self._client.heartbeat()
 
     def _play(self) -> None:
-        if not self._client.is_running:
+        if not self._client.pipe.is_running:
             for k in range(_DEVICES):
                 path = self._folder / f"log{k}"
                 self._logs[str(k)] = Log(path)
@@ -208,7 +208,7 @@ class _Sleeps(BandRounds):
 
     def round(self) -> float:
         self.play()
-        pid = self._client.pid
+        pid = self._client.pipe.pid
         assert pid is not None
         self.feed()
         os.kill(pid, signal.SIGSTOP)

@@ -349,7 +349,7 @@ class BandRounds(WithClient):
 
     def play(self) -> None:
         """Connect the device if needed, and wait for playback."""
-        if not self._client.is_running:
+        if not self._client.pipe.is_running:
             self._count += 1
             path = self._folder / f"log{self._count}"
             self.log = Log(path)

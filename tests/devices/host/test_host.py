@@ -102,7 +102,7 @@ def test_closing_is_silence(client: LiveClient, log: Path) -> None:
     client.close()
     assert is_silent(log)
     client.close()  # may be done again
-    assert not client.is_running
+    assert not client.pipe.is_running
 
 
 def test_a_new_start_after_closing_plays(client: LiveClient, log: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_process_that_lives_is_not_ending_and_one_that_has_gone_is() -> None:
 
 def test_the_output_process_is_silent_before_ending(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    os.kill(client.pid or 0, signal.SIGTERM)
+    os.kill(client.pipe.pid or 0, signal.SIGTERM)
     wait(client, lambda: client.devices["band"].state == "lost")
     assert is_silent(log)
 
@@ -310,10 +310,10 @@ def test_a_port_that_stalls_stops_its_device_only(
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="POSIX signals")
 def test_an_output_process_that_confirms_no_stop_is_ended(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    os.kill(client.pid or 0, signal.SIGSTOP)
+    os.kill(client.pipe.pid or 0, signal.SIGSTOP)
     time.sleep(0.05)  # until all threads sleep
     client.stop_all()
-    wait(client, lambda: not client.is_running)
+    wait(client, lambda: not client.pipe.is_running)
     wait(client, lambda: client.devices["band"].state == "lost")
     assert "ended" in client.devices["band"].text
 
@@ -322,7 +322,7 @@ def test_sending_never_waits_for_an_output_process_that_sleeps(
     client: LiveClient, log: Path
 ) -> None:
     play(client, "band", log)
-    os.kill(client.pid or 0, signal.SIGSTOP)
+    os.kill(client.pipe.pid or 0, signal.SIGSTOP)
     begun = time.monotonic()
     for _ in range(20000):  # far more than a pipe takes
         client.send("band", playing())
@@ -330,7 +330,7 @@ def test_sending_never_waits_for_an_output_process_that_sleeps(
     assert time.monotonic() - begun < PATIENCE_S
     assert len(client.pipe.newest) <= 1
     assert len(client.pipe.urgent) <= 1
-    os.kill(client.pid or 0, signal.SIGKILL)
+    os.kill(client.pipe.pid or 0, signal.SIGKILL)
 
 
 def test_without_blender_no_device_is_left_behind(client: LiveClient, log: Path) -> None:

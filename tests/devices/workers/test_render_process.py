@@ -313,7 +313,7 @@ def _worker(client: LiveClient) -> int:
                 is_ours = b"render_worker" in (entry / "cmdline").read_bytes()
             except OSError:
                 continue
-            if parent == client.pid and is_ours:
+            if parent == client.pipe.pid and is_ours:
                 return int(entry.name)
     raise AssertionError("there is none")
 

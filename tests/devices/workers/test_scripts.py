@@ -240,7 +240,7 @@ def test_no_worker_is_left_behind(client: LiveClient, folder: Path, log: Path) -
     source = f"import os\nopen({str(mark)!r}, 'w').write(str(os.getpid()))\n" + HOSTILE["hangs"]
     connect(client, folder, source, log)
     wait(client, lambda: mark.exists() and mark.read_text())
-    os.kill(client.pid or 0, 9)
+    os.kill(client.pipe.pid or 0, 9)
     end = time.monotonic() + PATIENCE_S
     while Path(f"/proc/{mark.read_text()}").exists():
         if Path(f"/proc/{mark.read_text()}/stat").read_text().split()[2] == "Z":
