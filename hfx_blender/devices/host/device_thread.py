@@ -183,8 +183,8 @@ class DeviceThread:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Discard queued frames and the test pulse; answers to earlier requests become void. For
-        callers that hold the lock."""
+        """Discard queued frames and the test pulse, and raise the generation: answers to earlier
+        requests become void. For callers that hold the lock."""
         self.generation += 1
         self.waiting.clear()
         self.test_pulse = None

@@ -144,7 +144,8 @@ class Ramp:
     def aim(self, values: F64, now_s: float) -> None:
         """Start the ramp from the last values to a new frame's values (columns,).
 
-        NaN as a target is kept for the guard.
+        Columns with an unchanged target start there, non-finite last values at neutral. NaN as a
+        target is kept for the guard.
 
         Raises ValueError: the shape is not (columns,).
         """

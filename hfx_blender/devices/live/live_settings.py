@@ -146,7 +146,7 @@ def latencies_ms(device: DeviceConfig) -> set[float]:
 
 
 def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
-    """Values (columns,): both arguments for each vibration actuator, neutral for the rest."""
+    """Values (columns,): amplitude and frequency at each vibration actuator, neutral elsewhere."""
     values = device.neutral
     for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
         if actuator.type.modality == "vibration":

@@ -218,7 +218,8 @@ def _unstopped(client: LiveClient, states: list[DeviceState]) -> list[DeviceStat
 
 
 def fault_of(state: DeviceState) -> str:
-    """Sentence about a device that does not play, with the reason."""
+    """Sentence about a device that does not play: the last text of the device, else its state; for
+    a frozen device, that this command did not run in time."""
     text = state.text or f"it is {state.state}"
     if state.state == "frozen":  # the text of the output process is about Blender
         text = "this command did not run for 250 ms, so the device stopped"

@@ -286,7 +286,8 @@ class SoundCard:
             self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
-        """Fill PortAudio's ``outdata`` (frames, channels); fade out 0.25 s after the last send."""
+        """Fill PortAudio's ``outdata`` (frames, channels): silence before the first channel, then
+        the tones; fade out 0.25 s after the last send."""
         outdata[:] = 0.0
         with self._lock:
             # Dead-man switch: this thread goes on when the device thread hangs.
