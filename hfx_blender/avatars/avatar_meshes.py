@@ -102,9 +102,7 @@ def choosing_skin(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes that together show the body, or the skin layer alone if chosen, in steps.
-
-    The result is cached, and never empty. Less than two meshes are returned unchanged.
-    """
+    The result is cached, and never empty. Less than two meshes are returned unchanged."""
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import layers, props
     from . import fit_cache
@@ -207,10 +205,8 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 
 def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
-    """Visible vertices (n, 3) with a weight above 0.5 on a bone, by bone, armature rest space.
-
-    The armature's visible meshes are read; meshes with errors are skipped.
-    """
+    """Visible vertices (n, 3) with a weight above 0.5 on a bone, by bone, armature rest space. The
+    armature's visible meshes are read; meshes with errors are skipped."""
     import numpy as np
 
     pieces: dict[str, list[np.ndarray]] = {}
@@ -300,9 +296,7 @@ def rest_surface(
     mesh_object: bpy.types.Object, shape: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (A, 3) and triangles (F, 3) of a mesh before the Armature modifier, local space.
-
-    ``shape`` holds values of shape keys; keys that are not given are 0.
-    """
+    ``shape`` holds values of shape keys; keys that are not given are 0."""
     from ..blender import mesh_arrays
     from . import mesh_copies
 

@@ -179,10 +179,8 @@ def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) ->
 
 
 def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector:
-    """Free location for a new avatar, nearest to the 3D cursor along the x axis.
-
-    Returns the 3D cursor itself if no free location lies within five avatar widths.
-    """
+    """Free location for a new avatar, nearest to the 3D cursor along the x axis. Returns the 3D
+    cursor itself if no free location lies within five avatar widths."""
     cursor = context.scene.cursor.location
     context.view_layer.update()
     avatar_objects = {armature, *armature.children_recursive}

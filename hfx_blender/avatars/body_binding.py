@@ -31,11 +31,8 @@ a convex ridge then reproduce the rest pose exactly."""
 
 
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
-    """Binding of a body, with the fits or anchors of the given models.
-
-    Raises InputError: the armature is not canonical and not fitted, or the avatar cannot be
-    followed.
-    """
+    """Binding of a body, with the fits or anchors of the given models. Raises InputError: the
+    armature is not canonical and not fitted, or the avatar cannot be followed."""
     fitted: dict[str, FittedModel] = {}
     if stored_fits.is_fitted(body):
         models = (stored_fits.fitted_model(body, model) for model in _with_skins(model_ids))
@@ -72,9 +69,7 @@ def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
 
 def surface_reason(body: bpy.types.Object) -> str | None:
     """Reason for following the avatar's evaluated surface; None if the body follows the bones.
-
-    Raises InputError: *Surface* was chosen for a body without a mesh.
-    """
+    Raises InputError: *Surface* was chosen for a body without a mesh."""
     if stored_fits.is_by_bones(body):
         return None
     follow = body.hfx.follow

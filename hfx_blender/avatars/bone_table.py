@@ -49,10 +49,8 @@ def is_corrected(armature: bpy.types.Object) -> bool:
 
 
 def detected_mapping(armature: bpy.types.Object) -> BoneMapping:
-    """Mapping detected from an armature's bones, their skin and VRM labels.
-
-    Raises InputError: no human bones were recognised.
-    """
+    """Mapping detected from an armature's bones, their skin and VRM labels. Raises InputError: no
+    human bones were recognised."""
     try:
         labels = human_bones_of(armature)
         return map_bones(read_bones(armature), labels, partial(skin_by_bone, armature))
@@ -94,10 +92,8 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
 def show_mapping(
     armature: bpy.types.Object, mapping: BoneMapping, *, is_automatic: bool = False
 ) -> None:
-    """Fill the table with a mapping. Rows unlike the detected mapping count as corrections.
-
-    With ``is_automatic`` no row does; if no bones are recognised, all do.
-    """
+    """Fill the table with a mapping. Rows unlike the detected mapping count as corrections. With
+    ``is_automatic`` no row does; if no bones are recognised, all do."""
     try:
         detected = (mapping if is_automatic else detected_mapping(armature)).bones
     except InputError:

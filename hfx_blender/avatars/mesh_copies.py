@@ -37,10 +37,8 @@ def scratch() -> Iterator[list[bpy.types.ID]]:
 def copy_into(
     datablocks: list[bpy.types.ID], source: bpy.types.Object, data: bpy.types.ID | None
 ) -> bpy.types.Object:
-    """Copy an object into a scratch scene, without parent, constraints and animation.
-
-    Copy and data are added to ``datablocks``. ``data`` becomes the copy's data and is not copied.
-    """
+    """Copy an object into a scratch scene, without parent, constraints and animation. Copy and data
+    are added to ``datablocks``. ``data`` becomes the copy's data and is not copied."""
     copy = source.copy()
     datablocks += [new for new in (copy, data) if new is not None and new not in datablocks]
     copy.data = data

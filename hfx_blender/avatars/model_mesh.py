@@ -45,10 +45,8 @@ _COARSE = 5000
 def add_posed(
     context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
 ) -> bpy.types.Object:
-    """Add a mesh of a model in a body's rest pose, skinned to the armature as in an export.
-
-    The object is hidden in renders, and its bones' vertex groups are locked.
-    """
+    """Add a mesh of a model in a body's rest pose, skinned to the armature as in an export. The
+    object is hidden in renders, and its bones' vertex groups are locked."""
     mesh = mesh_arrays.mesh_of(name, model.vertices, model.triangles)
     mesh.shade_flat()
     obj = bpy.data.objects.new(mesh.name, mesh)
@@ -81,10 +79,8 @@ def add_bone_groups(
 
 
 def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Store the present pose of a mesh as a shape key; remove modifiers and vertex groups.
-
-    The mesh itself stays in rest pose, symmetric for mirrored brush strokes.
-    """
+    """Store the present pose of a mesh as a shape key; remove modifiers and vertex groups. The mesh
+    itself stays in rest pose, symmetric for mirrored brush strokes."""
     context.view_layer.update()
     posed = obj.evaluated_get(context.view_layer.depsgraph)
     places = mesh_arrays.positions(posed.data).ravel()
@@ -99,10 +95,8 @@ def freeze_pose(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> bpy.types.Object:
-    """Display a model on the avatar, with a colour per body part, to check the fit.
-
-    Displayed models of the body are removed first.
-    """
+    """Display a model on the avatar, with a colour per body part, to check the fit. Displayed
+    models of the body are removed first."""
     hide(body)
     model = stored_fits.model_of(body, model_id)
     obj = add_posed(context, body, model, f"{body.name} {model_id}")

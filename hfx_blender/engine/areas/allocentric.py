@@ -254,11 +254,9 @@ def _with_adjacent_rows(rows: I64, posed: I64, animated: EffectBlock, block: Ani
 def _coarse(
     animated: EffectBlock, rows: I64, skin: BodySkin, bounds: ReachableBounds
 ) -> EffectBlock:
-    """Copy of the block with a fine mesh decimated, within the tolerance.
-
-    Unchanged for other shapes, exact tolerances, and boxes apart from the body. Faster only for
-    searches of depth; tests of inside use voxels.
-    """
+    """Copy of the block with a fine mesh decimated, within the tolerance. Unchanged for other
+    shapes, exact tolerances, and boxes apart from the body. Faster only for searches of depth;
+    tests of inside use voxels."""
     bound_m = DECIMATION_SHARE * skin.skin.least_edge_m
     is_fine = any(isinstance(shape, MeshVolume) and shape.is_fine for shape in animated.shapes)
     if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):

@@ -118,10 +118,8 @@ def _motion(
     with_velocities: bool,
 ) -> tuple[F32, F32]:
     """World positions and velocities (total, 3) of the vertices of each row, concatenated.
-
     Velocities are central differences of the neighbouring samples; one-sided where a neighbour is
-    missing in the block or without pose; 0 without neighbours, or without ``with_velocities``.
-    """
+    missing in the block or without pose; 0 without neighbours, or without ``with_velocities``."""
     is_posed = np.zeros(len(indices), np.bool_)
     is_posed[posed_rows(pose)] = True
     # follows[k]: row k is one sample after row k - 1; False at both ends.

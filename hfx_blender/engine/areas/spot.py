@@ -30,9 +30,7 @@ def lengths_along(path: F64) -> F64:
 
 def places_on(path: F64, shares: F64) -> F64:
     """Points (T, 3) at fractions (T,) of a path's length; 0 is the start, 1 the end, clipped.
-
-    ``path`` (n, 3) has n > 0 points; one point is a fixed place.
-    """
+    ``path`` (n, 3) has n > 0 points; one point is a fixed place."""
     lengths = lengths_along(path)
     at = np.clip(shares, 0.0, 1.0) * lengths[-1]
     return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(3)], axis=1)

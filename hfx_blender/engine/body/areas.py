@@ -65,9 +65,7 @@ def mirrored(model: PerceptualModel, weights: F64) -> F64:
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
     """Copy the weights of one side to the opposite side; the source side and the midline stay.
-
-    ``source_side`` is an index into ``parts.SIDES``.
-    """
+    ``source_side`` is an index into ``parts.SIDES``."""
     result = weights.copy()
     is_opposite = model.side[model.mirror] == source_side
     is_opposite &= model.side != source_side
@@ -77,9 +75,7 @@ def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
 
 def blended(weights: F64, other: F64, blend: Blend) -> F64:
     """Combine an area with another area by a blend mode; sums and differences are clipped to 0..1.
-
-    "replace" returns ``other`` itself. Raises ValueError: unknown blend mode.
-    """
+    "replace" returns ``other`` itself. Raises ValueError: unknown blend mode."""
     if blend == "replace":
         return other
     if blend == "add":

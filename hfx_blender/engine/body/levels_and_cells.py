@@ -34,10 +34,8 @@ class Level:
 
 
 def level_of(model: PerceptualModel, level: int) -> Level:
-    """Level of detail of a model; level 0 has all vertices.
-
-    Raises InputError: the model has no such level.
-    """
+    """Level of detail of a model; level 0 has all vertices. Raises InputError: the model has no
+    such level."""
     if level == 0:
         all_ids = np.arange(len(model), dtype=np.int32)
         return Level(all_ids, model.triangles, all_ids)
@@ -71,10 +69,8 @@ def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
 
 @lru_cache(maxsize=8)
 def read_levels(path: Path) -> tuple[tuple[str, str], tuple[Level, ...]]:
-    """Read a levels file: (model id, content hash) and levels, finest first; cached.
-
-    Raises InputError: the file is unreadable.
-    """
+    """Read a levels file: (model id, content hash) and levels, finest first; cached. Raises
+    InputError: the file is unreadable."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}

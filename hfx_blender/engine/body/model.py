@@ -133,9 +133,7 @@ _Hashed = TypeVar("_Hashed", PerceptualModel, Avatar)
 
 def stored_arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
     """Arrays of a model by their names in its file; nested dataclasses as ``weights.values``.
-
-    Arrays are not copied.
-    """
+    Arrays are not copied."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     for field in fields(item):
         value = getattr(item, field.name)
@@ -159,10 +157,8 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
 
 
 def load(kind: type[_Stored], path: Path) -> _Stored:
-    """Read a perceptual model, avatar or walk cycle from an .npz file.
-
-    Raises InputError: the file is missing, damaged, of another kind or of a newer version.
-    """
+    """Read a perceptual model, avatar or walk cycle from an .npz file. Raises InputError: the file
+    is missing, damaged, of another kind or of a newer version."""
     meta, arrays = _read(kind, path)
     if kind is PerceptualModel:
         _check_model(path, meta, arrays)
@@ -278,18 +274,14 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
 @lru_cache(maxsize=8)
 def load_model(model_id: str) -> PerceptualModel:
     """Perceptual model by id (``"hfx-pressure-1"``), shipped or installed by the user; cached.
-
-    Raises InputError: unknown id, unreadable file, or content hash different from the manifest.
-    """
+    Raises InputError: unknown id, unreadable file, or content hash different from the manifest."""
     return _loaded(PerceptualModel, model_library.find(model_id))
 
 
 @lru_cache(maxsize=4)
 def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
-    """Shipped avatar or avatar of an installed variant, by id; cached.
-
-    Raises InputError: unknown id, unreadable file, or content hash different from the manifest.
-    """
+    """Shipped avatar or avatar of an installed variant, by id; cached. Raises InputError: unknown
+    id, unreadable file, or content hash different from the manifest."""
     return _loaded(Avatar, model_library.find(avatar_id, "avatar"))
 
 

@@ -49,10 +49,8 @@ def manifest() -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the manifest of a set.
-
-    Raises InputError: the manifest is missing, unreadable, or names files outside its folder.
-    """
+    """Read the manifest of a set. Raises InputError: the manifest is missing, unreadable, or names
+    files outside its folder."""
     path = folder / MANIFEST_FILE
     try:
         index: dict[str, Any] = json.loads(path.read_bytes())
@@ -65,10 +63,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _entries(folder: Path, index: Mapping[str, Any], is_shipped: bool) -> list[Entry]:
-    """Entries of a manifest, the avatar first.
-
-    Raises ValueError: a file lies outside the folder, or a hash is empty.
-    """
+    """Entries of a manifest, the avatar first. Raises ValueError: a file lies outside the folder,
+    or a hash is empty."""
     entries = [
         Entry(id, "model", folder, facts, is_shipped) for id, facts in index["models"].items()
     ]
@@ -122,10 +118,8 @@ def people() -> list[Entry]:
 
 
 def find(identity: str, kind: str = "model") -> Entry:
-    """Find a model or avatar by id; ``kind`` is "model" or "avatar".
-
-    Raises InputError: the id is unknown, or the user's sets have two different models of this id.
-    """
+    """Find a model or avatar by id; ``kind`` is "model" or "avatar". Raises InputError: the id is
+    unknown, or the user's sets have two different models of this id."""
     # Most ids are shipped: the user's folders are read only for the others.
     for entry in shipped():
         if (entry.id, entry.kind) == (identity, kind):

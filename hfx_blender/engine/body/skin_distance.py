@@ -72,10 +72,8 @@ class SkinDistances:
         self._patch: _Patch | None = None
 
     def nearest(self, point: F64) -> SkinPlace:
-        """Nearest place of the surface to a point (3,).
-
-        Only triangles at the eight nearest vertices are tested; exact for meshes without slivers.
-        """
+        """Nearest place of the surface to a point (3,). Only triangles at the eight nearest
+        vertices are tested; exact for meshes without slivers."""
         point = np.asarray(point, np.float64)
         patch = self._around(point, 0.0)
         offsets = patch.points - point
@@ -119,10 +117,8 @@ class SkinDistances:
 
 
 def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
-    """Edge lengths of a mesh as a sparse matrix (V, V) for ``scipy.sparse.csgraph``.
-
-    Upper triangle only: each edge has a single entry, from the smaller to the larger vertex id.
-    """
+    """Edge lengths of a mesh as a sparse matrix (V, V) for ``scipy.sparse.csgraph``. Upper triangle
+    only: each edge has a single entry, from the smaller to the larger vertex id."""
     from scipy.sparse import coo_array, csr_array
 
     points = np.asarray(vertices, np.float64)
@@ -165,10 +161,8 @@ def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m:
 
 
 def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
-    """Geodesic distances (n,) of a patch's vertices, metres; upper bounds beyond reach.
-
-    ``source`` (3,) are the corners around the point.
-    """
+    """Geodesic distances (n,) of a patch's vertices, metres; upper bounds beyond reach. ``source``
+    (3,) are the corners around the point."""
     straight = np.linalg.norm(patch.points - point, axis=1)
     distances = np.full(len(straight), _FAR)
     distances[source] = straight[source]
@@ -198,11 +192,8 @@ def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
 
 
 def _through_triangles(patch: _Patch, distances: F64) -> F64:
-    """Distance of each entry's apex through the triangle of the entry, (entries,).
-
-    Straight across the base if the line to the unfolded source crosses the base, otherwise along an
-    edge.
-    """
+    """Distance of each entry's apex through the triangle of the entry, (entries,). Straight across
+    the base if the line to the unfolded source crosses the base, otherwise along an edge."""
     first, second = distances[patch.base]
     length = patch.length_m
     by_edge = np.minimum(first + patch.sides_m[0], second + patch.sides_m[1])

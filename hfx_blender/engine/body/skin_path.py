@@ -90,9 +90,7 @@ class SkinPaths:
 
     def traced(self, places: F64) -> tuple[F64, F64]:
         """Path traced by hand, and the fraction of the path length at each given place, (n,).
-
-        Straight lines between the places are projected on the skin; repeated places are skipped.
-        """
+        Straight lines between the places are projected on the skin; repeated places are skipped."""
         path, knot_indices = [places[0]], [0]
         for a, b in _pairs(places, closed=False):
             length = float(np.linalg.norm(b - a))
@@ -137,9 +135,7 @@ class SkinPaths:
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
         """Move inner points to the projected middle of their neighbours until the path settles.
-
-        Returns a new path; the ends stay.
-        """
+        Returns a new path; the ends stay."""
         path = path.copy()
         path[1:-1] = near.nearest(path[1:-1]).place
         for _ in range(_MOST_ROUNDS):
@@ -215,10 +211,8 @@ def _evenly(path: F64, count: int) -> F64:
 
 
 def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
-    """Catmull-Rom segments between successive knots, ends included.
-
-    ``counts`` are the numbers of steps of a segment; one number applies to all segments.
-    """
+    """Catmull-Rom segments between successive knots, ends included. ``counts`` are the numbers of
+    steps of a segment; one number applies to all segments."""
     closed = closed and len(knots) > 2
     if closed:
         padded = np.concatenate([knots[-1:], knots, knots[:2]])

@@ -97,9 +97,7 @@ class BlockBroadPhase:
 
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
         """Lowest and highest corner (3,) of all skin of a model during the block, world, m.
-
-        Enlarged by the arc of a turning body between rows, and by rounding.
-        """
+        Enlarged by the arc of a turning body between rows, and by rounding."""
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
         skin = self._skins.of(body, model_id)
         if isinstance(skin.surface, PointwiseModel):
@@ -139,9 +137,7 @@ class _VolumeBoxes:
 
     def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
         """Test each volume for meeting a box with corners (3,), m; True for an unknown box.
-
-        ``is_bent`` enlarges the volumes' boxes by their size and 5 cm.
-        """
+        ``is_bent`` enlarges the volumes' boxes by their size and 5 cm."""
         spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
         meets = ((self._low - spare <= high) & (self._high + spare >= low)).all(axis=1)
         near: list[bool] = (meets | ~self._sure).tolist()
@@ -299,9 +295,7 @@ class CompiledBroadPhase:
         groups: Any,
     ) -> Reached:
         """Run ``hfx_reach``, with room for every near cluster at every row; returns the used part.
-
-        ``body``: pointers of pose, bones, bone mask and surface places, None where absent.
-        """
+        ``body``: pointers of pose, bones, bone mask and surface places, None where absent."""
         near, count = self.near_count, self._target.count
         # Room for every near cluster at every row; the library returns the used part.
         clusters, rows, steps = np.empty((3, near * count), np.int64)

@@ -45,10 +45,8 @@ def placed(query: ContactQuery) -> PlacedTarget:
 
 
 def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
-    """Begin the contacts of a body with a volume that is usable at all rows; counts tests.
-
-    Returns a function that waits for and returns the contacts, as :func:`.contacts.begin`.
-    """
+    """Begin the contacts of a body with a volume that is usable at all rows; counts tests. Returns
+    a function that waits for and returns the contacts, as :func:`.contacts.begin`."""
     falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
     tolerance, table = skin.skin.tolerance, skin.skin.table

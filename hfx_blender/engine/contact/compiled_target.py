@@ -99,10 +99,8 @@ class PlacedTarget:
         return [self._shapes[k] for k in self._which.tolist()]
 
     def find_meshes(self, with_ways: bool) -> None:
-        """Prepare meshes for the library, once skin is near; nothing without meshes.
-
-        With ``with_ways`` also store the boxes swept by turning meshes between rows.
-        """
+        """Prepare meshes for the library, once skin is near; nothing without meshes. With
+        ``with_ways`` also store the boxes swept by turning meshes between rows."""
         is_mesh = self.part("kinds").view(np.int64) == _MESH
         if not is_mesh.any():
             return

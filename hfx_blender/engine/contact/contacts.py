@@ -50,10 +50,8 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
-    """Query restricted to the rows of the mask ``usable`` (n,); warns of lost samples.
-
-    Rows after an unusable row do not follow. The query itself if all are usable.
-    """
+    """Query restricted to the rows of the mask ``usable`` (n,); warns of lost samples. Rows after
+    an unusable row do not follow. The query itself if all are usable."""
     if usable.all():
         return query
     query.counters.warn(
@@ -110,10 +108,8 @@ def _gathered(
 def _contacts_at(
     query: ContactQuery, rows: I64, follows: Bool, reported: Bool
 ) -> Iterator[tuple[int, Contact]]:
-    """Yield (index, contact) for ``reported`` rows (n,) with skin cells near the volume.
-
-    ``rows`` and ``follows`` are as in the query; the volume is usable at all rows.
-    """
+    """Yield (index, contact) for ``reported`` rows (n,) with skin cells near the volume. ``rows``
+    and ``follows`` are as in the query; the volume is usable at all rows."""
     skin, volume = query.skin.skin, Volume(query.effect, query.falloff)
     of_model = Skin.of(skin.model, skin.finer)
     fineness = None  # only vertices are tested
@@ -160,11 +156,9 @@ def _cells_near(body: Body, volume: Volume, row: int, before: int | None) -> I64
 
 
 def _swing(frames: F64, points: list[F64]) -> float:
-    """Bound of the distance of points (3, N) from straight paths while their frame turns, metres.
-
-    A point o in frames A and B (2, 4, 4) stays as near to both ends of its path as the ends are to
-    each other, |A o - B o|, apart from the origin, which moves straight.
-    """
+    """Bound of the distance of points (3, N) from straight paths while their frame turns, metres. A
+    point o in frames A and B (2, 4, 4) stays as near to both ends of its path as the ends are to
+    each other, |A o - B o|, apart from the origin, which moves straight."""
     change = frames[1, :3, :3] - frames[0, :3, :3]
     ways = change @ np.concatenate(points, axis=1)
     return float(np.sqrt(np.square(ways).sum(axis=0).max()))

@@ -90,10 +90,8 @@ _SAMPLES: Final = 1 << 18
 def _with_details(
     call: NarrowPhaseCall, weights: Weights, details: DetailArrays, target: PlacedTarget
 ) -> int:
-    """Fill ``details`` and ``weights`` by a call, repeated if its samples do not fit.
-
-    Returns the number of positions posed.
-    """
+    """Fill ``details`` and ``weights`` by a call, repeated if its samples do not fit. Returns the
+    number of positions posed."""
     room = _SAMPLES
     while True:
         samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)

@@ -31,10 +31,8 @@ def rotation_channel(mode: str) -> str:
 
 
 def from_quaternions(quaternions: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length.
-
-    Length 0 gives half a turn about X, as in Blender.
-    """
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length. Length 0 gives half a
+    turn about X, as in Blender."""
     if (native := library()) is not None:
         rotations = np.empty((*quaternions.shape[:-1], 3, 3))
         native.hfx_from_quaternions(rotations.size // 9, quaternions, rotations)

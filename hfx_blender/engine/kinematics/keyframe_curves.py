@@ -49,11 +49,8 @@ class KeyedCurves:
         return np.ascontiguousarray(self.values.T)
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
-        """Values (T, C) at frames (T,), constant beyond the first and last key.
-
-        ``single`` evaluates linear segments in float32 and in Blender's order, for bit-identical
-        values.
-        """
+        """Values (T, C) at frames (T,), constant beyond the first and last key. ``single``
+        evaluates linear segments in float32 and in Blender's order, for bit-identical values."""
         last = len(self.frames) - 1
         if last == 0:
             return np.repeat(self.values.T, len(frames), axis=0)

@@ -70,10 +70,8 @@ def state() -> str:
 
 
 def find_library() -> tuple[ctypes.CDLL | None, str]:
-    """Search for a library and load the first usable file, ignoring any loaded before.
-
-    Returns the library or None, and the text of :func:`state`.
-    """
+    """Search for a library and load the first usable file, ignoring any loaded before. Returns the
+    library or None, and the text of :func:`state`."""
     if os.environ.get(SWITCH) == "0":
         return None, f"numpy ({SWITCH}=0)"
     faults = []
@@ -87,9 +85,7 @@ def find_library() -> tuple[ctypes.CDLL | None, str]:
 
 def _library_files() -> Iterator[Path]:
     """Existing library files: in this folder, then in the module that a Blender extension bundles.
-
-    The module is named after the digest of the sources; no code of the module is imported.
-    """
+    The module is named after the digest of the sources; no code of the module is imported."""
     folders = [Path(__file__).parent]
     try:
         spec = importlib.util.find_spec(f"{sources.MARK}_{sources.digest()}")
@@ -100,11 +96,9 @@ def _library_files() -> Iterator[Path]:
 
 
 def _load(path: Path) -> ctypes.CDLL:
-    """Load a library file and declare the functions.
-
-    Raises OSError for a file of another platform, unreadable or damaged, AttributeError for another
-    library, and ValueError for a library of other sources.
-    """
+    """Load a library file and declare the functions. Raises OSError for a file of another platform,
+    unreadable or damaged, AttributeError for another library, and ValueError for a library of other
+    sources."""
     # ``dlopen`` of a truncated file kills the process with SIGBUS: the section table at the end of
     # a Linux library (ELF) must be there. Bytes of the header: its offset, entry size and count.
     with path.open("rb") as file:
@@ -179,10 +173,8 @@ class ArrayOf:
         return fitting.ctypes.data
 
     def _of_type(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the array if its type is accepted, else a converted copy.
-
-        Raises TypeError: the library writes to the array, so that a copy would lose the result.
-        """
+        """Return the array if its type is accepted, else a converted copy. Raises TypeError: the
+        library writes to the array, so that a copy would lose the result."""
         if not self._types or array.dtype in self._types:
             return array
         if self._is_written:
@@ -190,10 +182,8 @@ class ArrayOf:
         return array.astype(self._types[0], casting="same_kind")
 
     def _contiguous(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the array if its memory is contiguous, else a contiguous copy.
-
-        Raises TypeError: the library writes to the array, so that a copy would lose the result.
-        """
+        """Return the array if its memory is contiguous, else a contiguous copy. Raises TypeError:
+        the library writes to the array, so that a copy would lose the result."""
         if self._is_written and not array.flags.c_contiguous:
             raise TypeError("expected a contiguous array")
         return np.ascontiguousarray(array)
@@ -248,10 +238,8 @@ def structure(name: str) -> Any:
 
 
 def declare(library: ctypes.CDLL) -> None:
-    """Set argument and result types of all functions of the library.
-
-    Raises AttributeError for a missing function, and ValueError for an interface that is no JSON.
-    """
+    """Set argument and result types of all functions of the library. Raises AttributeError for a
+    missing function, and ValueError for an interface that is no JSON."""
     library.hfx_interface.restype = ctypes.c_char_p
     interface = json.loads(library.hfx_interface())
     _structures.update(interface["structures"])
@@ -262,10 +250,8 @@ def declare(library: ctypes.CDLL) -> None:
 
 
 def _kind(declared: str) -> Any:
-    """ctypes type, structure pointer or :class:`ArrayOf` of a C declaration; const: read-only.
-
-    ``T **`` is an array of addresses.
-    """
+    """ctypes type, structure pointer or :class:`ArrayOf` of a C declaration; const: read-only. ``T
+    **`` is an array of addresses."""
     name, stars = declared.removeprefix("const ").rstrip(" *"), declared.count("*")
     if not stars:
         return _NUMBERS[name]

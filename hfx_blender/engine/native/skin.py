@@ -214,11 +214,8 @@ class Clusters:
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
     def add(self, clusters: I64, table: SkinTableArrays | None) -> None:
-        """Compute missing entries of some clusters.
-
-        With a table, whose skin must be filled in there, also the distances and weight differences
-        between neighbouring units; 0 otherwise.
-        """
+        """Compute missing entries of some clusters. With a table, whose skin must be filled in
+        there, also the distances and weight differences between neighbouring units; 0 otherwise."""
         new = missing_ids(self._is_known, clusters)
         if len(new):
             self._bind(new)

@@ -19,10 +19,8 @@ def files(folder: Path = FOLDER) -> list[Path]:
 
 
 def digest() -> str | None:
-    """Digest of the sources, 16 hexadecimal digits; None without sources.
-
-    CRLF counts as LF, as git may convert line ends.
-    """
+    """Digest of the sources, 16 hexadecimal digits; None without sources. CRLF counts as LF, as git
+    may convert line ends."""
     hasher = hashlib.sha256()
     paths = files()
     for path in paths:

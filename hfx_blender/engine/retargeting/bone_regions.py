@@ -112,10 +112,8 @@ def above(region: str) -> str:
 
 
 def known_regions(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Region used for each region on a rig: itself, or the nearest parent with a bone.
-
-    On a rig without finger bones, the hand represents the fingers.
-    """
+    """Region used for each region on a rig: itself, or the nearest parent with a bone. On a rig
+    without finger bones, the hand represents the fingers."""
     present = {region_of(bone) for bone in mapped}
     substitutes: dict[str, str] = {}
     for region in REGIONS:

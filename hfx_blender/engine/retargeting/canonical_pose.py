@@ -152,10 +152,8 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Upright transform of the head; size and position from the skull above the ears.
-
-        With 10 or fewer vertices: the torso's rotation at the head joint, or the torso's transform.
-        """
+        """Upright transform of the head; size and position from the skull above the ears. With 10
+        or fewer vertices: the torso's rotation at the head joint, or the torso's transform."""
         own, target = self._skins("head")
         if len(target) <= 10:
             has_joint = "head" in self._t
@@ -250,10 +248,8 @@ class _Segments:
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Transform of a flat foot: rotated about the vertical only, scaled by the sole.
-
-        The shank's transform without an ankle; unscaled with 10 or fewer vertices.
-        """
+        """Transform of a flat foot: rotated about the vertical only, scaled by the sole. The
+        shank's transform without an ankle; unscaled with 10 or fewer vertices."""
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:

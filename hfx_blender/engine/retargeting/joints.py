@@ -131,9 +131,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> 
 
 def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F64:
     """Similarity transform (4, 4) from canonical joints to a target's, with bent legs straightened.
-
-    Raises InputError: hips or shoulders are missing, or all joints coincide.
-    """
+    Raises InputError: hips or shoulders are missing, or all joints coincide."""
     missing = [joint for joint in _NEEDED if joint not in joints]
     if missing:
         raise InputError(
@@ -155,11 +153,8 @@ def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tu
 def _regions(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str], points: F64
 ) -> tuple[F64, F64]:
-    """Skin weights by region of the canonical avatar (V, R) and a target (A, R).
-
-    ``points`` (A, 3) are target vertices in normalised space. Target vertices without triangle get
-    0.
-    """
+    """Skin weights by region of the canonical avatar (V, R) and a target (A, R). ``points`` (A, 3)
+    are target vertices in normalised space. Target vertices without triangle get 0."""
     from scipy.spatial import cKDTree
 
     stands_for = known_regions(mapped)
@@ -190,11 +185,9 @@ def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
 
 
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
-    """Copy of the joints with bent legs stretched below the trunk, lengths unchanged.
-
-    Bent are thighs or shanks more than 41 degrees off. The legs of a sitting avatar would tilt the
-    alignment.
-    """
+    """Copy of the joints with bent legs stretched below the trunk, lengths unchanged. Bent are
+    thighs or shanks more than 41 degrees off. The legs of a sitting avatar would tilt the
+    alignment."""
     straight = dict(joints)
     trunk = [joint for joint in joints if joint.partition(".")[0] in _TRUNK_JOINTS]
     canonical_trunk, target_trunk = (
@@ -221,11 +214,8 @@ def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> di
 
 
 def _check_posture(joints: Mapping[str, F64]) -> None:
-    """Reject joints impossible for an upright human.
-
-    Raises InputError: names all faults: legs across the trunk, low head, narrow or wide hips or
-    shoulders.
-    """
+    """Reject joints impossible for an upright human. Raises InputError: names all faults: legs
+    across the trunk, low head, narrow or wide hips or shoulders."""
     hips, chest = (
         (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder")
     )
@@ -289,9 +279,7 @@ def _joints(
     avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str]
 ) -> tuple[dict[str, F64], dict[str, F64]]:
     """Points (3,) of the joints on the canonical body (all) and the target (mapped joints only).
-
-    Rest and target space. The ball of a foot is the mean of the first toe joints.
-    """
+    Rest and target space. The ball of a foot is the mean of the first toe joints."""
     heads = avatar.skeleton.heads
     rig_heads = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
     canonical = {joint: heads[bone] for bone, joint in JOINT_OF.items()}

@@ -93,11 +93,9 @@ def leaving_out(
 def _pairs(
     surface: TargetSurface, candidates: I64, piece: I64, region: I64, layer: Layer
 ) -> Generator[float, None, tuple[I64, I64]]:
-    """Generator: pairs (inner, outer) of overlapping cut triangles; yields progress 0..1.
-
-    The outer triangle belongs to another piece, at most 4 cm above the inner, with a similar normal
-    and an equal or adjacent region. Triangles already known to be left out are not searched again.
-    """
+    """Generator: pairs (inner, outer) of overlapping cut triangles; yields progress 0..1. The outer
+    triangle belongs to another piece, at most 4 cm above the inner, with a similar normal and an
+    equal or adjacent region. Triangles already known to be left out are not searched again."""
     from scipy.spatial import cKDTree
 
     centres, normals = surface.centres[candidates], surface.flat_normals[surface.parent[candidates]]
@@ -191,11 +189,9 @@ def _head_pieces(
 
 
 def _face(piece: I64, way: F64, off_m: F64) -> int:
-    """Piece hit first in most forward directions; -1 if no triangle lies ahead.
-
-    A solid inside the head that comes out behind (a sphere as hair) is also hit before the face.
-    Then the face is the piece behind the solid ahead, and below it elsewhere.
-    """
+    """Piece hit first in most forward directions; -1 if no triangle lies ahead. A solid inside the
+    head that comes out behind (a sphere as hair) is also hit before the face. Then the face is the
+    piece behind the solid ahead, and below it elsewhere."""
     pieces, row = np.unique(piece, return_inverse=True)
     steps = np.round(way / _STEP).astype(int)
     cells, column = np.unique(steps, axis=0, return_inverse=True)

@@ -165,9 +165,7 @@ class Limbs:
 
     def with_joints_joined(self, points: F64, posed: F64) -> F64:
         """Copy of points (V, 3), moved along limbs so that slides stay within the spread of rigs.
-
-        ``posed`` (V, 3) are the points after posing alone: canonical joints at the rig's joints.
-        """
+        ``posed`` (V, 3) are the points after posing alone: canonical joints at the rig's joints."""
         moved = points.copy()
         for name, ring in self.rings.items():
             slack = SLACK_M[name.partition(".")[0]]

@@ -73,10 +73,8 @@ class _Candidate:
 def without_props(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping
 ) -> tuple[list[TargetAvatar], list[Prop]]:
-    """Copies of an avatar's meshes without the triangles of props, and the props.
-
-    Unchanged, without props, where joints are missing or not human.
-    """
+    """Copies of an avatar's meshes without the triangles of props, and the props. Unchanged,
+    without props, where joints are missing or not human."""
     union = joined(targets)
     candidates = _candidates(targets, union, mapping) if len(union.triangles) else []
     if not candidates:
@@ -111,12 +109,9 @@ def without_props(
 def _candidates(
     targets: Sequence[TargetAvatar], union: TargetAvatar, mapping: BoneMapping
 ) -> list[_Candidate]:
-    """Pieces weighted to no bone of the body, or to one bone at the end of an arm.
-
-    Pieces of a mesh on the same bone outside of the body form one candidate, as does a whole mesh
-    on one bone. Pieces with unweighted vertices, on the head, or on bones of hair or clothes are
-    skipped.
-    """
+    """Pieces weighted to no bone of the body, or to one bone at the end of an arm. Pieces of a mesh
+    on the same bone outside of the body form one candidate, as does a whole mesh on one bone.
+    Pieces with unweighted vertices, on the head, or on bones of hair or clothes are skipped."""
     canonical = {rig_bone: bone for bone, rig_bone in mapping.bones.items()}
     owners = owners_of(union, canonical)
     carrying = with_ancestors({bone.name: bone.parent for bone in union.bones}, canonical)

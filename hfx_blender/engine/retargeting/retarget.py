@@ -119,10 +119,8 @@ def warping(
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
-    """Fit a perceptual model to a target, in the target's own space and unit.
-
-    The quality is measured at canonical size.
-    """
+    """Fit a perceptual model to a target, in the target's own space and unit. The quality is
+    measured at canonical size."""
     places, unprojected, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
     scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
@@ -225,9 +223,7 @@ def fitted_to_variant(avatar: Avatar) -> list[FittedModel]:
 
 def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F64]:
     """Points and unit normals (V, 3 each) of a model on moved vertices of the canonical avatar.
-
-    ``vertices`` and ``normals`` are of the canonical avatar, (A, 3).
-    """
+    ``vertices`` and ``normals`` are of the canonical avatar, (A, 3)."""
     corners = vertices[model.avatar_vertices]
     weights = model.avatar_weights.astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -241,10 +237,8 @@ def _project(
     model: PerceptualModel, warped: Warp
 ) -> tuple[NearestSkin, F64, npt.NDArray[np.bool_]]:
     """Project a model's vertices onto the target: places, points (V, 3) before, skin flags (V,).
-
     ``found`` of a place is False for vertices without skin of their region in reach; the flag is
-    True if the target has skin of the vertex's region at all.
-    """
+    True if the target has skin of the vertex's region at all."""
     points, normals = carried(model, warped.vertices, warped.normals)
     weights = model.avatar_weights.astype(np.float64)
     shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
@@ -266,9 +260,8 @@ def _project(
 
 def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
     """Target vertex (V,) of each avatar vertex if the meshes have the same topology, else None.
-
-    Tests the ids of the shipped avatar and of MakeHuman's base mesh: 95 % of the edges must exist.
-    """
+    Tests the ids of the shipped avatar and of MakeHuman's base mesh: 95 % of the edges must
+    exist."""
     # Edges as single integers (smaller id times count plus larger id): set tests by numpy.
     runs = avatar.provenance.get("source_vertices", [])
     base = np.concatenate(

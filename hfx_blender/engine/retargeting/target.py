@@ -93,10 +93,8 @@ def check(target: TargetAvatar, name: str) -> str | None:
 
 
 def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
-    """Flip inward faces; return the target and the flipped fraction of the surface, 0..1.
-
-    Flips all faces of a mesh of negative volume, and inward faces of pieces of mixed winding.
-    """
+    """Flip inward faces; return the target and the flipped fraction of the surface, 0..1. Flips all
+    faces of a mesh of negative volume, and inward faces of pieces of mixed winding."""
     areas = areas_of(target.vertices, target.triangles)
     if not areas.sum() > 0.0:
         return target, 0.0
@@ -183,10 +181,8 @@ def vertex_areas(points: F64, triangles: I64) -> F64:
 
 
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
-    """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0.
-
-    ``group_of`` (B,) is the group of each bone, -1 for none.
-    """
+    """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0. ``group_of`` (B,)
+    is the group of each bone, -1 for none."""
     count = len(weights.offsets) - 1
     owners = np.repeat(np.arange(count), np.diff(weights.offsets))
     group = group_of[weights.bones]

@@ -67,10 +67,8 @@ def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
 
 
 def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
-    """Id of a finer model to sample a model's cells on, or None for the model itself.
-
-    Only for temperature models, whose vertices are too far apart on limbs.
-    """
+    """Id of a finer model to sample a model's cells on, or None for the model itself. Only for
+    temperature models, whose vertices are too far apart on limbs."""
     if model.modality != "temperature" or not _is_split(model, tolerance):
         return None
     return cell_of_skin(model)[0]

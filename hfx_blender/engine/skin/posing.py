@@ -33,10 +33,8 @@ class PosableModel(Protocol):
     clusters: list[I32]
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """Lower and upper corners (n, C, 3) of cluster bounding boxes, target space.
-
-        ``rows`` (n,) are rows of the pose; ``to_target`` (n, 4, 4) has a matrix for each.
-        """
+        """Lower and upper corners (n, C, 3) of cluster bounding boxes, target space. ``rows`` (n,)
+        are rows of the pose; ``to_target`` (n, 4, 4) has a matrix for each."""
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions (3, n, Vc) of a cluster's vertices at rows (n,), target space."""
@@ -44,10 +42,8 @@ class PosableModel(Protocol):
     def pair_points(
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
-        """Positions (3, N) of the vertices of (cluster, row) pairs, concatenated.
-
-        ``clusters`` (m,) ascend; ``at`` (m,) are indices into ``rows``.
-        """
+        """Positions (3, N) of the vertices of (cluster, row) pairs, concatenated. ``clusters`` (m,)
+        ascend; ``at`` (m,) are indices into ``rows``."""
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions (3, k) of vertices at one row, target space; ``to_target`` is (4, 4)."""

@@ -103,11 +103,9 @@ class SurfaceJoints:
 
 
 def _mix(nearest: I64, weights: F64, count: int) -> Any:
-    """Sparse matrix (count, V): weighted sum over the vertices of each patch.
-
-    Vertices of neighbouring patches have a small weight, because a patch of one vertex has no
-    defined rotation.
-    """
+    """Sparse matrix (count, V): weighted sum over the vertices of each patch. Vertices of
+    neighbouring patches have a small weight, because a patch of one vertex has no defined
+    rotation."""
     from scipy.sparse import csr_matrix, diags
 
     vertices = np.repeat(np.arange(len(nearest)), nearest.shape[1])

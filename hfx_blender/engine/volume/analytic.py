@@ -26,11 +26,9 @@ def _squared_norm(points: F64) -> F64:
 
 
 def _half_widths(linear: F64) -> F64:
-    """Distances from a parallelepiped's centre to its three pairs of faces, (3,).
-
-    ``linear`` (3, 3) has the half edges as columns. Edges are scaled to length 1 first, so that no
-    scale overflows or underflows; a flat parallelepiped has a width of 0.
-    """
+    """Distances from a parallelepiped's centre to its three pairs of faces, (3,). ``linear`` (3, 3)
+    has the half edges as columns. Edges are scaled to length 1 first, so that no scale overflows or
+    underflows; a flat parallelepiped has a width of 0."""
     lengths = np.max(np.abs(linear), axis=0)
     edges = linear / np.where(lengths > 0.0, lengths, 1.0)
     normals = np.cross(np.roll(edges, -1, axis=1), np.roll(edges, -2, axis=1), axis=0)
@@ -110,11 +108,9 @@ class Cylinder(_Convex):
         return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Distance to caps and side.
-
-        A ball inside each of two convex sets is inside their intersection, so the depth
-        is the smaller of the depths between the cap planes and in the infinite cylinder.
-        """
+        """Distance to caps and side. A ball inside each of two convex sets is inside their
+        intersection, so the depth is the smaller of the depths between the cap planes and in the
+        infinite cylinder."""
         caps = (1.0 - np.abs(points[2])) * _half_widths(linear)[2]
         return np.minimum(caps, _across(linear).depth(points[:2]))
 
@@ -186,10 +182,8 @@ class Ellipsoid:
         return cls(semi_axes, axes)
 
     def depth(self, points: F64) -> F64:
-        """Distance (N,) to the surface of points (n, N) in the unit ball, world units.
-
-        0 for a flat ellipsoid.
-        """
+        """Distance (N,) to the surface of points (n, N) in the unit ball, world units. 0 for a flat
+        ellipsoid."""
         if self.semi_axes[-1] == 0.0:
             return np.zeros(points.shape[1])
         along = self.axes @ points
@@ -246,9 +240,7 @@ class Ellipsoid:
 
     def _solve(self, along: F64, nearest: bool) -> F64:
         """Solve for ``tau`` (N,) of the nearest foot or else of the second minimum; NaN without.
-
-        ``along`` (n, N) are points in the principal frame.
-        """
+        ``along`` (n, N) are points in the principal frame."""
         numerators, poles = self._numerators(along), self._poles
         size = np.abs(numerators)
         if nearest:

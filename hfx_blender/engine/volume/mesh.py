@@ -95,9 +95,7 @@ class MeshVolume:
     @classmethod
     def box(cls, bounds: F64, name: str) -> Self:
         """Box with corners ``bounds`` (2, 3), possibly flat, for a mesh out of reach of skin.
-
-        Without the checks and repairs of a mesh.
-        """
+        Without the checks and repairs of a mesh."""
         volume = object.__new__(cls)
         corners = bounds[_BOX_CORNERS, np.arange(3)]
         values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
@@ -119,9 +117,7 @@ class MeshVolume:
 
     def within(self, bound: float) -> MeshVolume:
         """Volume of fewer faces whose surface is within ``bound``, or this volume; cached.
-
-        ``bound`` is in shape space; see :func:`.mesh_topology.decimated`.
-        """
+        ``bound`` is in shape space; see :func:`.mesh_topology.decimated`."""
         if bound not in self._fewer:
             self._fewer[bound] = self
 
@@ -162,9 +158,7 @@ class MeshVolume:
 
     def surface_distance_m(self, points: F64, linear: F64) -> F64:
         """Distance (N,) of points (3, N), shape space, to the surface under a linear map (3, 3).
-
-        Unsigned, so positive inside too; in the unit of the mapped space.
-        """
+        Unsigned, so positive inside too; in the unit of the mapped space."""
         about = points - self._middle[:, None]
         stretch = np.linalg.svd(linear, compute_uv=False)
         if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:

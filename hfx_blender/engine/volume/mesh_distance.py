@@ -63,9 +63,7 @@ class TriangleTree:
 
     def nearest(self, points: F64, reach: float) -> tuple[I64, F64]:
         """Nearest triangle of each point of (3, N) within ``reach``, and the distance, (N,) each.
-
-        -1 and infinity beyond; -1 and NaN for points that are not finite.
-        """
+        -1 and infinity beyond; -1 and NaN for points that are not finite."""
         if self.order is None:
             triangles, distances = self._compare(points)
             triangles[distances > reach], distances[distances > reach] = -1, np.inf
@@ -76,10 +74,8 @@ class TriangleTree:
         return np.where(leaves < 0, -1, self.order[leaves]), distances
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
-        """Approximate :meth:`distances` of finite points: too large by at most share ``slack``.
-
-        A point nearer than ``limit`` gets any distance up to the limit. Exact without the library.
-        """
+        """Approximate :meth:`distances` of finite points: too large by at most share ``slack``. A
+        point nearer than ``limit`` gets any distance up to the limit. Exact without the library."""
         if self.order is None:
             return self.distances(points)
         count, distances = points.shape[1], np.empty(points.shape[1])
@@ -111,11 +107,9 @@ class TriangleTree:
 
 
 def _plane_frames(corners: F64) -> F64:
-    """Orthonormal frame of each triangle in its own plane, (15, F).
-
-    The x axis runs along the longest edge and y towards the apex. Rows: origin (3), axes x, y and z
-    (9), length of the longest edge, apex x, apex y. Frames are exact to rounding also for slivers.
-    """
+    """Orthonormal frame of each triangle in its own plane, (15, F). The x axis runs along the
+    longest edge and y towards the apex. Rows: origin (3), axes x, y and z (9), length of the
+    longest edge, apex x, apex y. Frames are exact to rounding also for slivers."""
     edges = np.roll(corners, -1, axis=1) - corners
     longest = np.argmax(np.sum(edges**2, axis=2), axis=1)
     rows = np.arange(len(corners))

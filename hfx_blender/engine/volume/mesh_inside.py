@@ -58,10 +58,8 @@ def _spans(corners: F64) -> F64:
 
 def _cross(spans: F64, triangles: I64, points: F64) -> tuple[I64, F64, F64]:
     """Intersect vertical lines (along z) through points (3, n) with triangles (n,), pair by pair.
-
     Returns the ascending indices (m,) of the pairs that cross, the z (m,) of each crossing, and the
-    change (m,) of the winding number, +1 or -1.
-    """
+    change (m,) of the winding number, +1 or -1."""
     y_low, y_middle, y_high = spans[:3]
     y = points[1]
     pairs = np.flatnonzero((y_low[triangles] <= y) & (y < y_high[triangles]))
@@ -137,10 +135,8 @@ class InsideGrid:
         return placed
 
     def _fill(self, triangles: I64, columns: I64, first: I64, last: I64) -> None:
-        """Classify the voxels, and list the triangles of each run.
-
-        ``triangles`` touch the voxels ``first`` to ``last`` of ``columns``, (n,) each.
-        """
+        """Classify the voxels, and list the triangles of each run. ``triangles`` touch the voxels
+        ``first`` to ``last`` of ``columns``, (n,) each."""
         shape = (int(self._counts[0] * self._counts[1]), int(self._counts[2]))
         size = shape[0] * (shape[1] + 1)  # one more on top, for sums that end there
         # Coverage by +1 at the start and -1 after the end of each interval, then a running sum.
@@ -254,9 +250,7 @@ def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
 
 def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[F64, F64]:
     """Lowest and highest x and z, (2, n) each, of triangles (n,) clipped to below <= y <= above.
-
-    Infinite, low above high, for a triangle outside.
-    """
+    Infinite, low above high, for a triangle outside."""
     low = np.full((2, len(triangles)), np.inf)
     high = np.full((2, len(triangles)), -np.inf)
     order = np.argsort(corners[:, :, 1], axis=1, kind="stable")

@@ -34,10 +34,8 @@ _FINE: Final = 16.0  # largest mean edge length in bounds with any hope of a gai
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Merge coincident vertices; drop unused vertices and degenerate triangles.
-
-    Vertices are sorted in the result (by z, then y, then x); triangles keep their order.
-    """
+    """Merge coincident vertices; drop unused vertices and degenerate triangles. Vertices are sorted
+    in the result (by z, then y, then x); triangles keep their order."""
     used, corners = _used(triangles, len(vertices))
     vertices = vertices[used]
     # Equal vertices become adjacent in sorted order and get the same group.
@@ -115,10 +113,8 @@ def is_closed(triangles: I32) -> bool:
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
     """Undirected edges of triangles (F, 3); corner ``k`` starts an edge of triangle ``k // 3``.
-
     Returns the edge (3 F,) of each corner, the number of corners of each edge (edges,), and a mask
-    (3 F,) of edges to the higher vertex id.
-    """
+    (3 F,) of edges to the higher vertex id."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     up = starts < ends
     keys = np.minimum(starts, ends).astype(np.int64) * (triangles.max() + 1) + np.maximum(
@@ -136,11 +132,8 @@ def _balance(edge: I64, up: Bool) -> F64:
 def _with_caps(
     vertices: F64, triangles: I32, edge: I64, uses: I64, name: str
 ) -> tuple[F64, I32, str]:
-    """Close holes: vertices with apexes, triangles with caps, and a note.
-
-    ``edge`` and ``uses`` are of :func:`_edges`. Raises InputError for caps above a quarter of the
-    area.
-    """
+    """Close holes: vertices with apexes, triangles with caps, and a note. ``edge`` and ``uses`` are
+    of :func:`_edges`. Raises InputError for caps above a quarter of the area."""
     from trimesh.graph import connected_component_labels
 
     # Opposite uses of an edge cancel; uncancelled edges form closed loops, the rims.
@@ -166,10 +159,8 @@ def _with_caps(
 
 
 def _rim_edges(edge: I64, triangles: I32, uses: I64) -> I64:
-    """Directed edges (n, 2) of hole rims, in the direction of the surplus use.
-
-    Only edges with an odd number of uses; repeated for each surplus use.
-    """
+    """Directed edges (n, 2) of hole rims, in the direction of the surplus use. Only edges with an
+    odd number of uses; repeated for each surplus use."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     balance = _balance(edge, starts < ends)
     firsts = np.zeros(len(uses), np.int64)
@@ -268,10 +259,8 @@ def _is_within(
     bound: float,
     to_surface: Callable[[F64], F64],
 ) -> bool:
-    """Test a decimated mesh (points, faces): closed, within ``bound`` both ways and in volume.
-
-    The volume may differ by the area times ``bound``.
-    """
+    """Test a decimated mesh (points, faces): closed, within ``bound`` both ways and in volume. The
+    volume may differ by the area times ``bound``."""
     from trimesh.triangles import area, mass_properties
 
     if not is_closed(faces) or _farthest(vertices, points, faces) > bound:

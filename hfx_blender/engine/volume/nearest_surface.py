@@ -50,10 +50,8 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
 
 
 def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Outward unit normals, world space (3, N), at boundary points (3, N) in shape space.
-
-    0 where none exists, as in the centre of a sphere.
-    """
+    """Outward unit normals, world space (3, N), at boundary points (3, N) in shape space. 0 where
+    none exists, as in the centre of a sphere."""
     if isinstance(shape, Cuboid):
         normals = np.where(np.abs(points) == np.abs(points).max(axis=0), np.sign(points), 0.0)
     elif isinstance(shape, Sphere):
@@ -75,9 +73,7 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
 
 def _by_neighbours(shape: Shape, points: F64) -> F64:
     """Outward directions (3, N), shape space, from the inner part of a small ball at each point.
-
-    Not normalised; 64 directions sample each ball.
-    """
+    Not normalised; 64 directions sample each ball."""
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
     # Golden-angle spiral: 64 evenly spread directions.

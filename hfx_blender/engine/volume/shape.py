@@ -27,10 +27,8 @@ class Shape(Protocol):
         """Test points for being inside or on the boundary, (N,) bool."""
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
-        """World-space distance of inner points to the boundary, (N,) metres.
-
-        ``to_world`` is the (4, 4) placing matrix, finite. 0 outside and for NaN.
-        """
+        """World-space distance of inner points to the boundary, (N,) metres. ``to_world`` is the
+        (4, 4) placing matrix, finite. 0 outside and for NaN."""
 
 
 class FalloffKind(StrEnum):
@@ -64,9 +62,7 @@ class Falloff:
 
     def weight(self, rise: F64) -> F64:
         """Contact weights (N,) in 0..1 of inner points: linear or smoothstep up to ``share``.
-
-        ``rise`` (N,) is each point's share of the way from the boundary (0) to the core (1).
-        """
+        ``rise`` (N,) is each point's share of the way from the boundary (0) to the core (1)."""
         if self.is_flat:
             return np.ones_like(rise)
         t = np.clip(rise, 0.0, self.share) / self.share

@@ -153,10 +153,8 @@ class _Assignment(Digits):
     def _numbered(
         self, first: list[str], second: list[str], third: list[str]
     ) -> tuple[list[str], list[str], list[str], list[str]]:
-        """Split numbered bones into the joints of a limb: first, second, third, remainder.
-
-        The remainder are toes, or the last of three bones above a hand. Unchanged without a chain.
-        """
+        """Split numbered bones into the joints of a limb: first, second, third, remainder. The
+        remainder are toes, or the last of three bones above a hand. Unchanged without a chain."""
         chain = self._hanging(first)
         if len(chain) < 2:
             return first, second, third, []
@@ -173,9 +171,7 @@ class _Assignment(Digits):
 
     def _nearest_to(self, joint: str, chain: Sequence[str], end: Sequence[str]) -> list[str]:
         """Bone with its head nearest to a canonical elbow or knee, as a list of length one.
-
-        Compares fractions of the length from the chain's first head to the head of ``end``.
-        """
+        Compares fractions of the length from the chain's first head to the head of ``end``."""
         first, last = _ENDS[joint[:-2]]
         canonical, ends = canonical_heads(), (self.rig.head(chain[0]), self.rig.head(end[0]))
         side = joint[-2:]

@@ -90,10 +90,8 @@ class Digits:
     def _is_thumb_without_base(
         self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
     ) -> bool:
-        """True if a thumb of two bones begins at the knuckle, as in MikuMikuDance.
-
-        Compares the distance from the wrist, relative to the index finger, with the canonical hand.
-        """
+        """True if a thumb of two bones begins at the knuckle, as in MikuMikuDance. Compares the
+        distance from the wrist, relative to the index finger, with the canonical hand."""
         if hand is None or len(chain) != 2 or not joints["index"]:
             return False
         wrist, thumb, index = (self.rig.head(n) for n in (hand, chain[0], joints["index"][-1]))
@@ -193,9 +191,7 @@ class Digits:
 
 def _by_finger(numbers: Mapping[str, Sequence[str]]) -> dict[int, list[str]]:
     """Bones by finger number (from 1), from the numbers in their names; without any, left out.
-
-    Fingers counted from 0 are shifted; of a two-digit number the first digit is the finger.
-    """
+    Fingers counted from 0 are shifted; of a two-digit number the first digit is the finger."""
     from_zero = any(parts[:1] in (("0",), ("00",)) for parts in numbers.values())
     fingers: dict[int, list[str]] = {}
     for name, parts in numbers.items():

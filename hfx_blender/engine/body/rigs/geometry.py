@@ -108,10 +108,8 @@ def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
 def _body(
     rig: Rig, reach: Mapping[str, float], pelvis: str, legs: tuple[str, str], trunk: Sequence[str]
 ) -> dict[str, str] | None:
-    """Canonical bones of a body with the given legs and trunk (pelvis to chest).
-
-    None without one pair of arms and one neck, or with other numbers of joints.
-    """
+    """Canonical bones of a body with the given legs and trunk (pelvis to chest). None without one
+    pair of arms and one neck, or with other numbers of joints."""
     chest = trunk[-1]
     arm_pairs = _pairs(rig, reach, chest)
     if len(arm_pairs) != 1:

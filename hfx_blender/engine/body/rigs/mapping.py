@@ -168,9 +168,7 @@ def convention_of(names: Iterable[str]) -> str:
 
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
     """Mapping with some canonical bones reassigned to another avatar bone, or to none (None, "").
-
-    Raises InputError: a name is not a canonical bone, or no bone remains.
-    """
+    Raises InputError: a name is not a canonical bone, or no bone remains."""
     _check_canonical(corrections)
     bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
     for canonical, bone in corrections.items():
@@ -201,11 +199,8 @@ def to_json(mapping: BoneMapping) -> str:
 
 
 def from_json(text: str) -> BoneMapping:
-    """Mapping from the JSON text of :func:`to_json`.
-
-    Raises InputError: the text is not a bone mapping, of a newer version, or has unknown canonical
-    bones.
-    """
+    """Mapping from the JSON text of :func:`to_json`. Raises InputError: the text is not a bone
+    mapping, of a newer version, or has unknown canonical bones."""
     try:
         stored = json.loads(text)
         if stored["format"] != "hfx bone mapping":
@@ -235,11 +230,9 @@ def _check_canonical(names: Mapping[str, object]) -> None:
 
 
 def _check_single(rig: Rig) -> None:
-    """Reject an armature with two human bodies at different places; returns nothing.
-
-    Control rigs or duplicate bones at the same place count as one body. Raises InputError: equal
-    joints of two human branches are, by the median, over a tenth of the body apart.
-    """
+    """Reject an armature with two human bodies at different places; returns nothing. Control rigs
+    or duplicate bones at the same place count as one body. Raises InputError: equal joints of two
+    human branches are, by the median, over a tenth of the body apart."""
     bodies = list(_bodies(rig, [name for name, above in rig.parent.items() if above is None]))
     for number, (top, first) in enumerate(bodies):
         heads = np.array([rig.head(name) for name in first.values()])

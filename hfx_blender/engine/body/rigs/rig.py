@@ -77,9 +77,7 @@ class Rig:
         self, name: str, parents: Mapping[str, str | None], deforming: Mapping[str, str]
     ) -> str | None:
         """Nearest ancestor in ``bones``, or counterpart of an ancestor; None at the top.
-
-        ``deforming`` maps names without a Rigify role to the considered bones.
-        """
+        ``deforming`` maps names without a Rigify role to the considered bones."""
         for above in islice(upwards(parents, name), 1, None):
             counterpart = deforming.get(without_role(above))
             if above in self.by_name and counterpart is not None and counterpart != name:

@@ -30,10 +30,8 @@ _ACROSS: Final = 0.7
 
 
 def with_sides(rig: Rig, names: Mapping[str, BoneName]) -> dict[str, BoneName]:
-    """Copies of parsed names with exactly one side; limb bones of unknown side are left out.
-
-    The side follows from the position, then the name, then the nearest ancestor with a side.
-    """
+    """Copies of parsed names with exactly one side; limb bones of unknown side are left out. The
+    side follows from the position, then the name, then the nearest ancestor with a side."""
     names = {
         name: replace(parsed, numbers=parsed.numbers[:-1]) if _is_copy(rig, name) else parsed
         for name, parsed in names.items()
@@ -61,9 +59,7 @@ def _placed_sides(
     rig: Rig, names: Mapping[str, BoneName], roots: Mapping[str, str]
 ) -> dict[str, str]:
     """Sides ("" near the middle) of bones by the position of their limb; empty without an axis.
-
-    Leaves out bones named after one side and lying on the other side than their limb.
-    """
+    Leaves out bones named after one side and lying on the other side than their limb."""
     axis = _LeftAxis.of(rig, names, roots)
     if axis is None:
         return {}

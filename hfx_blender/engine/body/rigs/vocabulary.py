@@ -255,10 +255,8 @@ _JAPANESE_NAME: Final = re.compile(r"([左右]?)(.+?)(\d*)([左右]?)(?:[._ ]([L
 
 
 def in_english(name: str) -> str:
-    """English words of a MikuMikuDance bone name, ``左ひじ`` as ``left forearm``.
-
-    Other names, and names of controls and helpers, are returned unchanged.
-    """
+    """English words of a MikuMikuDance bone name, ``左ひじ`` as ``left forearm``. Other names, and
+    names of controls and helpers, are returned unchanged."""
     if name.isascii():
         return name
     folded = unicodedata.normalize("NFKC", name).translate(_NUMERALS)
