@@ -216,6 +216,7 @@ def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
         except InputError:  # reported when the mesh is fitted
             continue
         owners = np.repeat(np.arange(len(target.vertices)), np.diff(target.weights.offsets))
+        # Vertices without a triangle are hidden by modifiers, and show no skin.
         shown = np.zeros(len(target.vertices), np.bool_)
         shown[target.triangles] = True
         is_dominant = (target.weights.values > 0.5) & shown[owners]
@@ -280,6 +281,7 @@ def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
     """Matrix from a mesh's local space to that of the armature, with all bones in rest pose."""
     if bone_of(armature, mesh) is None:
         return armature.matrix_world.inverted() @ mesh.matrix_world
+    # Up the chain of parents to the bone: each step as Blender composes it.
     matrix, obj = Matrix(), mesh
     while obj.parent != armature or obj.parent_type != "BONE":
         matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix

@@ -91,6 +91,7 @@ def adding_body(
     # Half of this module's import time: imported on use, to keep Blender's start quick.
     from .fitting import fitting
 
+    # Everything that may fail comes before the scene is changed.
     fit = yield from fitting(armature, meshes, mapping)
     stored_fits.store(armature, fit)
     bone_table.show_mapping(armature, mapping, is_automatic=not bone_table.is_corrected(armature))
@@ -189,6 +190,7 @@ def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector
     avatar = mesh_arrays.world_box(armature.children[0])
     width = avatar[1, 0] - avatar[0, 0]
     for step in range(40):
+        # Steps of a quarter of the width, to the right and left in turn.
         offset = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
         shift = cursor + Vector((offset, 0.0, 0.0))
         low, high = avatar + shift

@@ -76,6 +76,7 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
     Raises InputError: no human bones were recognised. The table is filled with the corrections
     alone.
     """
+    # A correction is a row unlike the mapping detected before.
     corrections = {
         row.name: row.bone
         for row in armature.hfx.bone_map

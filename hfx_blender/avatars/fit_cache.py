@@ -89,6 +89,7 @@ def write(key: str, document: Mapping[str, object]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
             write_npz(file, {"meta": np.frombuffer(values.encode(), np.uint8), **arrays})
+        # Reading an entry renews its time, so the oldest are the least recently used.
         entries = path.parent.glob(f"{'[0-9a-f]' * len(key)}.npz")  # no file of another name
         oldest_first = sorted(entries, key=lambda entry: entry.stat().st_mtime)
         for entry in oldest_first[:-_MOST]:

@@ -94,6 +94,7 @@ def _fitting_models(
         warping = retarget.warping(avatar, target, mapping, layer)
         warped_avatar = yield from within(warping, 0.0, 0.8)
         fits = []
+        # The warp is shared, so each model takes a small part of the time.
         for number, model in enumerate(models):
             yield 0.8 + 0.2 * number / len(models)
             fits.append(retarget.fit(model, warped_avatar))

@@ -53,6 +53,7 @@ def add_posed(
     obj.hide_render = True
     context.scene.collection.objects.link(obj)
     for group in add_bone_groups(obj, model.bone_names, model.weights):
+        # Brushes change only the painted group.
         group.lock_weight = True
     obj.parent = body
     obj.modifiers.new("Armature", "ARMATURE").object = body
@@ -114,6 +115,7 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
     part_of_face = model.part[model.triangles[:, 0]].astype(np.int32)
     obj.data.polygons.foreach_set("material_index", part_of_face)
     lift = obj.modifiers.new("Above the Skin", "DISPLACE")
+    # Along the normals, by the strength alone.
     lift.mid_level = 0.0
     scale = abs(body.matrix_world.to_3x3().determinant()) ** (1 / 3)
     lift.strength = _ABOVE_SKIN_M / (metres_of(context.scene) * scale)

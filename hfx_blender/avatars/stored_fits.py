@@ -150,6 +150,7 @@ def worst_first(qualities: Sequence[FitQuality]) -> list[PartQuality]:
 
 def _badness(part: PartQuality) -> float:
     """Largest measure of a part over its limit: 0 perfect, above 1 a fault is reported."""
+    # Half and double the area are equally bad.
     spread = abs(np.log(max(part.area_ratio, 1e-9)))
     return max(
         part.distance_p95_mm / FARTHEST_MM,

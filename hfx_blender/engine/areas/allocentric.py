@@ -229,6 +229,7 @@ class AllocentricAreas:
         )
         if answer is None or not self._builder.record:
             return answer
+        # Recorded fields are per vertex and row, so rows cannot share vertex sets.
         answer = with_own_sets(answer)
         active = replace(active, rows=np.searchsorted(block.indices, answer.indices))
         motion = self._builder.motion(active, body.id, answer.vertices, answer.offsets)
@@ -246,6 +247,7 @@ def _with_adjacent_rows(rows: I64, posed: I64, animated: EffectBlock, block: Ani
     values = np.concatenate(
         [animated.levels[adjacent, None], animated.parameters[adjacent]], axis=1
     )
+    # A row of the history counts only with the effect on.
     is_on = np.isfinite(values).all(axis=1) & (animated.levels[adjacent] > 0.0)
     adjacent = adjacent[is_on & np.isin(adjacent, posed)]
     return np.union1d(rows, adjacent) if len(adjacent) else rows

@@ -98,6 +98,7 @@ class EgocentricAreas:
         rows = active.rows[is_on]
         if not len(rows):
             return None
+        # Runs without vertices still need a set, or one per row if fields are recorded.
         count = len(rows) if self._builder.record else 1
         return self._builder.run(
             replace(active, rows=rows),

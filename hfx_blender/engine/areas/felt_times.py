@@ -75,6 +75,7 @@ class FeltTimes:
     def _count(self, effect_id: str, body_id: str, span: list[int]) -> None:
         """Add a span (number, first, last sample index) to that of an effect and body."""
         spans = self.felt.setdefault(effect_id, {})
+        # Minimum and maximum: parts of a recording may be added in any order.
         count, first, last = spans.get(body_id, [0, *span[1:]])
         spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
 

@@ -137,6 +137,7 @@ def _motion(
         if not with_velocities or before == after:
             velocities.append(np.zeros_like(here.T))
             continue
+        # Central differences where both neighbours are known.
         displacement = (places(after, ids) if after > row else here) - (
             places(before, ids) if before < row else here
         )

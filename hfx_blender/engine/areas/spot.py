@@ -98,6 +98,7 @@ class SpotSkin:
         set_index = np.zeros(len(focus), np.int64)
         vertex_sets: list[tuple[I32, F32]] = []
         for k, (position, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):
+            # A still spot, such as between two keys of a constant path, is computed once.
             if k and radius == radii_m[k - 1] and bool((position == focus[k - 1]).all()):
                 if own_sets:
                     vertex_sets.append(vertex_sets[-1])

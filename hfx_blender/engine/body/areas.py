@@ -106,6 +106,7 @@ def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) 
         near = min(_NEAREST_COUNT, len(source_ids))
         # Finer target: interpolation between source vertices.
         distance, nearest = cKDTree(source_points).query(target_points, k=[*range(1, near + 1)])
+        # Inverse distances; 1e-9 m lets a vertex at the same place win.
         share = 1.0 / np.maximum(distance, 1e-9)
         interpolated = (weights[source_ids][nearest] * share).sum(axis=1) / share.sum(axis=1)
         # Coarser target: mean over the source vertices in the Voronoi cell of each target vertex.

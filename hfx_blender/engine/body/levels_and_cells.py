@@ -119,5 +119,6 @@ def _read_cells(path: Path) -> tuple[tuple[str, str], str, I32]:
             fine = str(stored["fine"][0])
     except NPZ_DAMAGE as error:
         raise InputError(f"{path}: not readable as skin cells ({error}).") from error
+    # Cached and shared by all callers.
     owner.flags.writeable = False
     return (identity, content_hash), fine, owner

@@ -152,6 +152,7 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
     digest.update("\0".join((item.id, *names)).encode())
     for name, array in sorted(stored_arrays(item).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        # Name, type and shape are hashed, too: equal bytes of another layout are another model.
         digest.update(np.ascontiguousarray(array).reshape(-1).data)
     return digest.hexdigest()
 

@@ -99,6 +99,7 @@ def installed() -> tuple[list[Entry], list[str]]:
             faults.append(str(error))
             continue
         for entry in _entries(folder, index, is_shipped=False):
+            # A copy of a set with equal content is no fault; the first counts.
             first = first_by_id.setdefault(entry.id, entry)
             if first is entry:
                 entries.append(entry)

@@ -123,6 +123,7 @@ def finest_masks(model_id: str) -> dict[str, Bool]:
     """Masks (V,) of disjoint regions by id; together they cover the model. Cached."""
     skin = _Skin(load_model(model_id))
     masks = {name: mask_of(skin) for name, mask_of in _FLAGS.items()}
+    # Palms and backs of the hands have no finer regions.
     return masks | {name: skin.part(name) for name in ("hand_palm", "hand_dorsum")}
 
 

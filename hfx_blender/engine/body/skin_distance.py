@@ -140,6 +140,7 @@ def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m:
     base = np.stack([np.roll(local, -1, axis=1).ravel(), np.roll(local, -2, axis=1).ravel()])
     base = base[:, order]
     edge, side = corners[base[1]] - corners[base[0]], corners[apex] - corners[base[0]]
+    # 1e-12 m: an edge of no length must not divide by 0.
     length = np.maximum(np.linalg.norm(edge, axis=1), 1e-12)
     along = np.einsum("ij,ij->i", side, edge) / length
     return _Patch(
@@ -196,6 +197,7 @@ def _through_triangles(patch: _Patch, distances: F64) -> F64:
     the base if the line to the unfolded source crosses the base, otherwise along an edge."""
     first, second = distances[patch.base]
     length = patch.length_m
+    # Along an edge, in case the straight way leaves the triangle.
     by_edge = np.minimum(first + patch.sides_m[0], second + patch.sides_m[1])
     x = (first**2 - second**2 + length**2) / (2.0 * length)
     # (x, -y) is the unfolded source: distances ``first`` and ``second`` from the base corners.

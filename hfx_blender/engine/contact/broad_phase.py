@@ -115,6 +115,7 @@ class BlockBroadPhase:
             arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
             arm = float(np.sqrt(np.square(arms).sum(axis=1).max()))
             swing = arm * (1.0 - np.cos(0.5 * angle))
+        # Rounding grows with the distance from the origin.
         swing += _ROUNDING * float(np.maximum(np.abs(low), np.abs(high)).max())
         return low.min(axis=0) - swing, high.max(axis=0) + swing
 
@@ -128,6 +129,7 @@ class _VolumeBoxes:
         self.size = len(volumes) * len(block.indices)
         if self.size < FEWEST_PAIRS:
             return
+        # All volumes in one call: most are far from all skin, and cost nothing else.
         matrices = np.concatenate([e.matrices for e in volumes if e.matrices is not None])
         levels = np.concatenate([volume.levels for volume in volumes])
         shape = len(volumes), len(block.indices)
@@ -138,6 +140,7 @@ class _VolumeBoxes:
     def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
         """Test each volume for meeting a box with corners (3,), m; True for an unknown box.
         ``is_bent`` enlarges the volumes' boxes by their size and 5 cm."""
+        # Volumes on a curved path leave their box by at most its size, skin by at most 5 cm.
         spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
         meets = ((self._low - spare <= high) & (self._high + spare >= low)).all(axis=1)
         near: list[bool] = (meets | ~self._sure).tolist()
@@ -150,6 +153,7 @@ def _bounds(volumes: list[EffectBlock]) -> F64:
     boxes = []
     for volume in volumes:
         for shape in volume.shapes:
+            # Volumes share shapes; each box is read once.
             if id(shape) not in known:
                 known[id(shape)] = shape.bounds
         box = known[id(volume.shapes[0])]

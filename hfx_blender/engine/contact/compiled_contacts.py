@@ -184,6 +184,7 @@ def gathered(
         *(count, width, weights, weights.dtype == np.float32, reported, columns, own_sets),
         *(at, sets, offsets, vertices, values, counts),
     )
+    # The library has set all weights back to 0, so the next block can use this memory.
     cleared = _CLEARED[table]
     assert weights.base is not None
     cleared.append(weights.base)

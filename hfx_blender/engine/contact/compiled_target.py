@@ -119,6 +119,7 @@ class PlacedTarget:
             mesh = shape.compiled(not self._falloff.is_flat)  # cached by the shape
             meshes[mine] = ctypes.addressof(mesh.pointers)
             rows = np.flatnonzero(turning & mine)
+            # Row k has the path from row k - 1, by interpolated placements.
             motion = Motion.between(matrices[rows - 1], matrices[rows])
             for part in range(1, _SWEPT_PARTS if len(rows) else 0):
                 ends = world_bounds(shape, motion.at(part / _SWEPT_PARTS))

@@ -90,6 +90,7 @@ class DetailArrays:
         Samples (n, 3) are inside, in shape space; ``contacts`` (n,): row times the number of
         columns, plus column. ``shapes`` and placing ``matrices`` (rows, 4, 4) are by row.
         """
+        # Row by row, because shape and placement are those of a row.
         rows, columns = np.divmod(contacts, max(self.since.shape[1], 1))
         for row in np.unique(rows).tolist():
             mine = np.flatnonzero(rows == row)

@@ -59,6 +59,7 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
         int(np.count_nonzero(~usable & query.reported)),
     )
     follows = query.follows.copy()
+    # A contact in between needs a placement at both ends of the interval.
     follows[1:] &= usable[:-1]
     at = query.rows[usable], follows[usable], query.reported[usable]
     return replace(query, rows=at[0], follows=at[1], reported=at[2])
@@ -77,6 +78,7 @@ def _by_definition(query: ContactQuery) -> Contacts:
     weights: Weights = np.zeros((len(rows), len(columns)), query.falloff.precision)
     details = DetailArrays.empty(*weights.shape) if query.asks_details else None
     for k, row in by_row:
+        # Dense rows over the vertices touched at any row, as the compiled library has them.
         weights[k] = row.weights[columns]
         for field in () if details is None else fields(details):
             getattr(details, field.name)[k] = getattr(row.details, field.name)[..., columns].T

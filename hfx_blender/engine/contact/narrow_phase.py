@@ -92,6 +92,7 @@ def _with_details(
 ) -> int:
     """Fill ``details`` and ``weights`` by a call, repeated if its samples do not fit. Returns the
     number of positions posed."""
+    # The number of samples of contacts is unknown before the call, and reported by it.
     room = _SAMPLES
     while True:
         samples, contacts = np.empty((room, 3)), np.empty(room, np.int64)
@@ -144,6 +145,7 @@ class NarrowPhaseCall:
         weights: Weights,
         column_of: I64,
     ) -> None:
+        # Work space per call: threads must not share it.
         skin = table_structure(table)
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         room = np.empty(2 * skin.most_room + 27 * most_bones + 2)

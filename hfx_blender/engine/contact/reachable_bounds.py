@@ -91,6 +91,7 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
         own = skin.vertices.places(pose, rows)
     low, high = surface.bounds_around(places, to_world)
     if margins_m is not None:
+        # Margins are of the rest pose: the placement stretches a bulge as much as any direction.
         bulge = largest_stretch(to_world)[:, None, None] * margins_m[:, None]
         low, high = low - bulge, high + bulge
     return ReachableBounds.around(rows, low, high, places, own)

@@ -232,5 +232,6 @@ class KeyedRig:
             for mode in modes:
                 bones = [k for k, bone_mode in enumerate(self.modes) if bone_mode == mode]
                 turned[:, bones] = rotations(values[rotation_channel(mode)][:, bones], mode)
+        # Blender ignores the locations of connected bones.
         values["location"][:, self.connected] = 0.0
         return self._rig.pose(values["location"], turned, values["scale"])

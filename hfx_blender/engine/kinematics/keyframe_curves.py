@@ -100,6 +100,7 @@ class KeyedCurves:
 def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:
     """Frames and values of handles (..., 2) of keys at (x, y), shortened in both to at most
     ``length`` frames, as in Blender."""
+    # Blender shortens handles, so that a segment stays a function of the frame.
     dx, dy = handle[..., 0] - x, handle[..., 1] - y
     reach = np.abs(dx)
     scale = np.where(reach > length, length / np.where(reach > 0.0, reach, 1.0), 1.0)

@@ -31,6 +31,7 @@ class Motion:
     @classmethod
     def between(cls, before: F64, after: F64) -> Motion:
         """Motion from matrices (n, 4, 4) at the start and at the end."""
+        # Rotation and stretch are interpolated apart, so that no axis shrinks on the way.
         start, end = _polar(before[:, :3, :3]), _polar(after[:, :3, :3])
         axes, angles = _axis_angle(end[0] @ start[0].transpose(0, 2, 1))
         return cls(

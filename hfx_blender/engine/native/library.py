@@ -229,6 +229,7 @@ def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
 @cache
 def structure(name: str) -> Any:
     """Subclass of :class:`Structure` for a C structure; a library must be loaded."""
+    # Arrays are stored as bare addresses; ``kept`` keeps their memory alive.
     fields, kinds = [], {}
     for field, declared, count in _structures[name]:
         kinds[field] = kind = _kind(declared)
@@ -241,6 +242,7 @@ def declare(library: ctypes.CDLL) -> None:
     """Set argument and result types of all functions of the library. Raises AttributeError for a
     missing function, and ValueError for an interface that is no JSON."""
     library.hfx_interface.restype = ctypes.c_char_p
+    # Types are those that the C compiler saw: no declaration is repeated in Python.
     interface = json.loads(library.hfx_interface())
     _structures.update(interface["structures"])
     for name, (result, arguments) in interface["functions"].items():

@@ -51,6 +51,7 @@ _TABLES: WeakKeyDictionary[SkinTableArrays, tuple[Any, F64]] = WeakKeyDictionary
 def table_structure(table: SkinTableArrays) -> Any:
     """Cached ``hfx_table`` of a table; rebuilt after its samples have moved to a larger array."""
     samples = table.samples
+    # The C structure holds addresses: a grown array of samples needs a new structure.
     if table not in _TABLES or _TABLES[table][1] is not samples:
         kind = structure("hfx_table")
         names = (name for name, _ in kind._fields_)
@@ -208,6 +209,7 @@ class Clusters:
         self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
         self._bone_counts = np.diff(self._starts)
         self.most_bones = int(self._bone_counts.max(initial=0))
+        # Without links between units all clusters share one array of zeros.
         most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
         self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
         self._arrays: list[npt.NDArray[Any]] = []

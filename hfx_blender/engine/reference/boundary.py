@@ -107,6 +107,7 @@ def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat:
     """Local minima (3, N, 4), unit normals in shape space, by shrinking steps from the best of the
     starting directions (3, S). Starts are even in shape space and even in the world, where the
     shape may be a needle. ``is_flat``: only directions normal to the axis."""
+    # Normals map to the world by the inverse transpose, so world directions map back by this.
     in_world = to_world[:3, :3].T @ starts
     # In the plane normal to the axis the world metric is 2 x 2: its singular vectors map directions
     # between both spaces.
@@ -145,6 +146,7 @@ def _moved_to_least(
         directions,
         *(directions + sign * step * offset for offset in offsets for sign in (1.0, -1.0)),
     ]
+    # Back to the sphere after each step in the tangent plane.
     candidates = [d / np.linalg.norm(d, axis=0) for d in candidates]
     distances = np.stack([_distances(shape, points, to_world, d) for d in candidates])
     best = distances.argmin(axis=0)

@@ -161,6 +161,7 @@ class Cells:
         sizes = np.bincount(owner[self._corners[0]], self._steps**2, count)
         is_selected = np.full(count, cells is None)
         is_selected[cells] = True
+        # Blocks end at whole cells, so that a cell is summed within one block.
         total = np.cumsum(np.where(is_selected, sizes, 0.0))
         block = np.where(is_selected, total // _AT_ONCE, -1).astype(np.int64)
         quad_block, unit_block = block[owner[self._corners[0]]], block[owner]
@@ -175,6 +176,7 @@ class Cells:
         counts = self._steps[quads] ** 2
         quad = np.repeat(quads, counts)
         step = np.arange(len(quad)) - np.repeat(np.cumsum(counts) - counts, counts)
+        # Midpoint rule on the unit square of each quad.
         n = self._steps[quad]
         s, t = (step // n + 0.5) / n, (step % n + 0.5) / n
         edge, far_edge, inner, inner_2 = (

@@ -123,6 +123,7 @@ def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
     grain = 1e-9
     for a, b, c in corners:
         across = np.cross(way, c - a, axisa=0, axisb=0).T
+        # Signed volume of way and edges: 0 for a way within the plane, which then misses.
         volume = (b - a) @ across
         offset = start - a[:, None]
         u = (offset * across).sum(axis=0) / volume

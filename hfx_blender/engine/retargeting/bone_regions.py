@@ -117,6 +117,7 @@ def known_regions(mapped: Mapping[str, str]) -> dict[str, str]:
     present = {region_of(bone) for bone in mapped}
     substitutes: dict[str, str] = {}
     for region in REGIONS:
+        # Upwards along the limb to a region with a bone, at last to the torso.
         region_above = region
         while region_above not in present and region_above != "torso":
             region_above = above(region_above)

@@ -290,6 +290,7 @@ def _joints(
         canonical[f"ball.{side}"] = np.mean([heads[bone] for bone in toes], axis=0)
         if toe_bones:
             joints[f"ball.{side}"] = np.mean([rig_heads[bone] for bone in toe_bones], axis=0)
+        # Fingers are named after their bones: joint and bone begin at the same place.
         for finger in range(1, 6):
             for phalanx in range(1, 4):
                 bone = f"finger{finger}-{phalanx}.{side}"

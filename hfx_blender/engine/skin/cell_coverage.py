@@ -189,6 +189,7 @@ class BodySkin:
             if self.is_grouped:
                 assert isinstance(self.vertices, SkinnedModel)
                 own_clusters = self.vertices.native_clusters(missing)
+            # Sizes also depend on the bones of the cells' vertices, where of another model.
             table = self.skin.table
             self._groups.add(
                 missing, table, table.mesh, self.surface.native_clusters(missing), own_clusters

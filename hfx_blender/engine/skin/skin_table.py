@@ -142,6 +142,7 @@ class SkinTable:
     def _spacing(self) -> F64:
         """Largest and smallest sample distances, metres, and 1 / sqrt(cell area), (3, skin
         vertices)."""
+        # 1e-12 m2: far below any cell, so that a vertex without area does not divide by 0.
         closeness = 1.0 / np.sqrt(np.maximum(self.mesh.areas_m2, 1e-12))
         return np.stack([*self._distances, closeness.astype(np.float64)])
 

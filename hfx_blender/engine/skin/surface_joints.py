@@ -85,6 +85,7 @@ class SurfaceJoints:
         """Least-squares similarity transforms (J, 3, 4), without reflection, of the joints' patches
         from rest to moved vertices (V, 3)."""
         middles = (self._mix @ points) / self._sums
+        # Outer products of moved and rest positions, averaged per joint in one sparse product.
         products = (points[:, :, None] * self._rest[:, None, :]).reshape(-1, 9)
         spread = (self._mix @ products / self._sums).reshape(-1, 3, 3)
         spread -= middles[:, :, None] * self._middles[:, None, :]

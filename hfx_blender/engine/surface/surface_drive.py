@@ -51,6 +51,7 @@ class SurfaceDrive:
         amplitude = np.asarray(amplitude_m_s2, np.float64)
         if own_per_m is None:
             return amplitude
+        # The limit does not cut amplitudes that are above it without the ratio.
         largest = np.maximum(amplitude, self.full_m_s2)
         return np.minimum(amplitude * (own_per_m / self.drive_per_m), largest)
 

@@ -153,6 +153,7 @@ class SurfaceEffects:
         is_reached = (
             (bounds.low[bound_rows] <= high[:, None]) & (bounds.high[bound_rows] >= low[:, None])
         ).all(axis=2)
+        # Transposed, so that pairs come cluster by cluster, as the posing of pairs requires.
         cluster, times = is_reached.T.nonzero()
         if not len(times):
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
@@ -163,6 +164,7 @@ class SurfaceEffects:
         self._counters.vertices_posed += len(time)
         is_inside = (places >= low.T.take(time, axis=1)) & (places <= high.T.take(time, axis=1))
         chosen = (is_inside[0] & is_inside[1] & is_inside[2]).nonzero()[0]
+        # By row, then id: the order in which contacts are followed and stored.
         chosen = chosen[np.lexsort((ids[chosen], time[chosen]))]
         return time[chosen], ids[chosen].astype(np.int64), places[:, chosen].T
 

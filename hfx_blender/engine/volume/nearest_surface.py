@@ -36,6 +36,7 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
             break
         steps = _STEP * depths[deep]
         base = points[:, deep] + back @ (_ASIDE * aside * steps)
+        # Depths of different kinds of shapes have no common gradient, so it is measured.
         slopes = np.zeros((3, len(deep)))
         for axis in range(3):
             shift = back[:, axis : axis + 1] * steps

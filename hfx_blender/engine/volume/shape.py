@@ -104,6 +104,7 @@ def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     linear = np.where(usable[:, None, None], matrices[:, :3, :3], 0.0)
     # Exponents that bring the largest entry of each column, then row, into [0.5, 1).
     columns = np.frexp(np.abs(linear).max(axis=1))[1]
+    # Powers of two change exponents only, so that no digit is lost.
     balanced = np.ldexp(linear, -columns[:, None, :])
     rows = np.frexp(np.abs(balanced).max(axis=2))[1]
     balanced = np.ldexp(balanced, -rows[:, :, None])

@@ -147,6 +147,7 @@ class _Assignment(Digits):
         thigh = [*thigh, *hip]
         self._put_chain(side, ("upperleg01", "lowerleg01", "foot"), (thigh, below, foot))
         thigh_name = self.found.get(f"upperleg01.{side}")
+        # A hip bone above the thigh carries half of the pelvis.
         half = self._take("pelvis_half", side) or [name for name in hip if name != thigh_name]
         self._put(f"pelvis.{side}", half)
 
@@ -210,6 +211,7 @@ class _Assignment(Digits):
                     offset = self.rig.head(children[0]) - self.rig.head(name)
                     if children[0] not in self.names and np.linalg.norm(offset) > 0.0:
                         added[f"{below}.{side}"] = children[0]
+            # A joint of one side alone would be a guess.
             if all(f"{below}.{side}" in {**self.found, **added} for side in "LR"):
                 self.found |= added
 

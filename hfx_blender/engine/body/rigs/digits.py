@@ -178,6 +178,7 @@ class Digits:
         """Bones at the ball of the foot: the second of two chained feet if nearer to the toes, else
         ``toes``; in MikuMikuDance rigs only skinned ones."""
         if self._take("lower_body", ""):  # in MikuMikuDance, "toe" is the tip of the toes
+            # Rank below 0: the bone carries the skin.
             toes = [name for name in toes if self.names[name].rank < 0]
         feet = self._take("foot", side)
         # Two foot bones in a chain: the second begins at the ball if nearer to the toes.

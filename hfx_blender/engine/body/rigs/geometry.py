@@ -111,6 +111,7 @@ def _body(
     """Canonical bones of a body with the given legs and trunk (pelvis to chest). None without one
     pair of arms and one neck, or with other numbers of joints."""
     chest = trunk[-1]
+    # Two pairs at the chest, such as wings, leave open which are arms.
     arm_pairs = _pairs(rig, reach, chest)
     if len(arm_pairs) != 1:
         return None

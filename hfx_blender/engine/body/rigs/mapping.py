@@ -171,6 +171,7 @@ def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]
     Raises InputError: a name is not a canonical bone, or no bone remains."""
     _check_canonical(corrections)
     bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
+    # An empty correction leaves the joint open: its skin follows a fallback.
     for canonical, bone in corrections.items():
         if not bone:
             bones.pop(canonical, None)
@@ -260,6 +261,7 @@ def _doubled_ends(rig: Rig, bones_of: Mapping[str, str]) -> list[str]:
             continue
         for name in names:
             offset = rig.head(name) - rig.head(main_name)
+            # A second head bone above or below the first is a part of the same head.
             own_chain = (main_name, *rig.ancestors(main_name))
             is_in_chain = main_name in rig.ancestors(name) or name in own_chain
             if not is_in_chain and np.linalg.norm(offset) > _APART * extent:

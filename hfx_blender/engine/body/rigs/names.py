@@ -108,6 +108,7 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
         start = 0
         while start < len(words) and words[start] in marks | FILLERS:
             start += 1
+        # A number after marks and fillers may count characters.
         remaining[name] = [word for word in words if word not in marks]
         first[name] = words[start] if 0 < start < len(words) else ""
     number, count = Counter(first.values()).most_common(1)[0] if first else ("", 0)
@@ -162,6 +163,7 @@ def _parse_words(parts: list[str]) -> BoneName | None:
     # "c_index1.l" (control) and "shoulderP_L" (helper) rank after "index1.l" and "shoulder_L".
     is_second = parts[:1] == ["c"] and len(parts) > 1
     is_second |= bool(sides and LETTERS & set(parts[1:]))
+    # Bones that carry the skin come first, helpers last.
     rank = -1 if CARRIERS & set(parts) else int(is_second)
     words = frozenset(
         word

@@ -58,6 +58,7 @@ class Rig:
         marked = {name: bone for name, bone in self.by_name.items() if is_deform(name)}
         deform = {name: bone for name, bone in self.by_name.items() if bone.deform}
         self.bones = self.by_name
+        # Control rigs double all names, so a sufficient set of deforming bones wins.
         for subset in () if labels else (marked, deform):
             if len(read_names(subset)) >= _FEWEST_JOINTS:
                 self.bones = subset

@@ -129,6 +129,7 @@ class _LeftAxis:
         ends, lengths = ends[lengths > _BESIDE * extent], lengths[lengths > _BESIDE * extent]
         if len(ends) < 2:
             return None
+        # Directions from one limb to its partner; the order in a pair is arbitrary.
         ways = (ends[:, 0] - ends[:, 1]) / lengths[:, None]
         way = np.linalg.svd(ways)[2][0]  # common axis regardless of signs
         if np.mean(np.abs(ways @ way)) < _ACROSS:

@@ -260,6 +260,7 @@ def in_english(name: str) -> str:
     if name.isascii():
         return name
     folded = unicodedata.normalize("NFKC", name).translate(_NUMERALS)
+    # Sides stand before the joint or after joint and number.
     match = _JAPANESE_NAME.fullmatch(folded)
     if match is None:
         return name
