@@ -165,6 +165,7 @@ def store(
         image = None
     if image is None:
         image = bpy.data.images.new(name, columns, rows, float_buffer=True, is_data=True)
+    # Blender converts no values of a float image without a colour space.
     pixels = np.ones((rows, columns, 4), np.float32)
     # The first array fills the colour channels without an array of their own.
     for k in range(3):

@@ -65,7 +65,8 @@ def _material_relief(obj: bpy.types.Object) -> SurfaceRelief:
     width, height = (max(8, round(settings.resolution * t / max(tile))) for t in tile)
     baked = surface_baking.bake(obj, width, height, settings.uv_map)
     heights, notes = baked.heights_m, list(baked.notes)
-    # Without relief, colour differences stand in for heights; a uniform colour does not.
+    # Without relief, colour differences stand in for heights; a uniform colour does not, which
+    # differs by rounding of 8 bits only.
     if baked.luminance is not None and float(np.ptp(baked.luminance)) > 1.0 / 512.0:
         heights = baked.luminance.astype(np.float64) * settings.height_mm / 1000.0
         notes.append("the material has no relief: its colour was used as heights")
@@ -83,6 +84,7 @@ def _image_relief(obj: bpy.types.Object) -> SurfaceRelief:
         raise InputError(f"The surface of '{obj.name}' is made of an image; choose one.")
     if settings.image_kind == "ESTIMATE":
         return _estimate_relief(obj)
+    # Photographs are decoded to linear light; height maps are data, without a colour space.
     is_colour = settings.image_kind == "COLOUR"
     read_values = image_values.brightness_of if is_colour else image_values.data_of
     grey, notes = image_values.without_holes(read_values(settings.image), settings.image.name)

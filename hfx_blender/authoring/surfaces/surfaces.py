@@ -125,6 +125,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
             _store_relief(obj, surface_sources.relief_of(obj))
             settings.is_outdated = False
             settings.material_state = ""
+            # Hash and duration decide on later bakes, see surface_updates.
             if settings.source == "MATERIAL":
                 settings.material_state = material_relief.material_hash(obj)
                 bake_s[obj.name] = time.monotonic() - start_s
@@ -146,7 +147,8 @@ def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     from . import image_values
 
     settings, field = obj.hfx.surface, relief.height
-    # Roughness has a resolution of its own; the stored image has that of the heights.
+    # Roughness has a resolution of its own; the stored image has that of the heights. A map without
+    # blur resamples roughness to this grid, and its sharpness is 1 - roughness.
     plain_settings = MapSettings(blur_m=0.0)
     if relief.roughness is None:
         shape = field.heights_m.shape
