@@ -59,6 +59,7 @@ class Spread:
     def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
         """Inverse-distance weights, rows with sum 1, from the k nearest model vertices (A, k) of A
         avatar vertices and their distances in rest space, at least 1 micrometre."""
+        # A vertex on top of a model vertex takes nearly all of the colour, without a division by 0.
         inverse = 1.0 / np.maximum(distances_m, 1e-6)
         return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))
 

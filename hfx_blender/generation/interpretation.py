@@ -142,10 +142,8 @@ class Interpretation:
 def read_words(text: str, negative: str = "") -> Interpretation:
     """Interpret a text, and a text of unwanted materials and qualities.
 
-    Unwanted materials of weight 2 or more exclude their kind; unwanted qualities count with
-    degree -0.5.
-
-    Raises InputError: a size is outside the range of touch.
+    Unwanted materials of weight 2 or more exclude their kind; unwanted qualities count with degree
+    -0.5. Raises InputError for a size outside the range of touch.
     """
     meaning = Interpretation()
     _TextReader(meaning, text)

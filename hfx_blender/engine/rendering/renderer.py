@@ -176,7 +176,7 @@ class Renderer:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
 
     def _model(self, model_id: str) -> PerceptualModel:
-        """Load a model; InputError unless equal to the model of the recording."""
+        """Load a model; InputError unless the content hash is that of the recording."""
         model = self._models(model_id)
         # Vertex ids of another version of a model are other places on the body.
         recorded = next(m for m in self._header.models if m.id == model_id)

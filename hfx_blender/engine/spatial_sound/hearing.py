@@ -53,6 +53,7 @@ class Hearing:
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
         """Gains (n,) of the dry and the wet part at distances (n,); 0 beyond the audible radius.
         Their squares sum to 1 up to the fade-out over the last tenth of the radius."""
+        # 45 degrees at the reference distance, where cosine and sine are equal.
         angle = 0.25 * np.pi * np.minimum(distances_m / self.reference_m, 2.0)
         audible = (self.audible_m - distances_m) / (_FADE * self.audible_m)
         audible = np.clip(np.nan_to_num(audible), 0.0, 1.0)

@@ -172,7 +172,7 @@ def _hammered(diameter_m: float, depth_m: float) -> Recipe:
 
 
 def _cloth(weave: Weave) -> Recipe:
-    """Recipe: :func:`woven` cloth with slack threads and fibres of 6 % and 4 % of the depth."""
+    """Recipe: :func:`woven` cloth with slack threads and fibres of RMS 6 and 4 % of the depth."""
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         cloth = woven(weave, size_m, texels).heights_m

@@ -42,7 +42,7 @@ class StrokeSignal:
 
 
 def carrier(amplitude: F64, frequency_hz: F64, step_s: float, rate_hz: float) -> F64:
-    """Sine with the amplitudes and frequencies (N,) of steps, and a continuous phase.
+    """Sine with the amplitudes and frequencies (N,) of steps, and a continuous phase from 0 on.
 
     Shape (round(N * step_s * rate_hz),), in the unit of the amplitude; ``rate_hz`` is that of the
     result.

@@ -30,8 +30,8 @@ class NamedClip:
 
 
 def named_clips(header: TrackHeader) -> list[NamedClip]:
-    """Clips of a track in the order of time, each with a single effect. Of clips with equal names
-    the later ones get the effect's name appended, then a number from 2."""
+    """Clips of a track in the order of time, each with a single effect. Of clips with equal names,
+    case apart, the later ones get the effect's name appended, then a number from 2."""
     clips = [(clip, effect) for effect in header.effects for clip in effect.clips]
     named: list[NamedClip] = []
     used_names: set[str] = set()

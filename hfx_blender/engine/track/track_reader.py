@@ -122,7 +122,7 @@ class TrackReader:
 
     def runs_at(self, time_s: float) -> list[SampleRun]:
         """Samples in effect at a time, as runs of one sample; empty without any. Raises InputError
-        for a damaged file."""
+        for a damaged file, ValueError for NaN."""
         index = self.index_at(time_s)
         chunk = index // self.samples_per_chunk
         if chunk not in self._chunk_set:

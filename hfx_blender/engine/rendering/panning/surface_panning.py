@@ -255,7 +255,8 @@ class SkinNeighbours:
             self._measured[pair] = self._is_near(*pair)
 
     def _is_near(self, first: int, second: int) -> bool:
-        """Test for an exact skin path up to 200 mm between two actuators (indices)."""
+        """Test for a path up to 200 mm across triangles of skin, from the centre of actuator
+        ``first`` to the vertex under actuator ``second`` (indices)."""
         model, anchor = self._model, int(self._anchors[second])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
         source = self._skin.nearest(self._centres[first])
