@@ -117,6 +117,7 @@ class Progress:
         now = time.monotonic()
         if now < self._next and share < 1.0:
             return
+        # Terminals are slow: ten lines a second at most.
         self._next = now + self._INTERVAL_S
         filled = int(share * self._WIDTH)
         bar = "#" * filled + "." * (self._WIDTH - filled)

@@ -61,6 +61,7 @@ def convert(
     the target; OutputError for an unwritable file; ScriptError for a device's script that is not
     approved, or has failed.
     """
+    # A move would replace the name of a device or pipe for all programs.
     refuse_device(target)  # with --to, a suffix may be added to it
     if to is not None:
         refuse_unknown((to,), "--to", TARGETS)
@@ -68,7 +69,7 @@ def convert(
     stem = target.name.removesuffix(info.suffix) or target.name
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
-    # Files are checked in the staging folder, and get their names only if all of them are valid.
+    # Files are checked in the staging folder, and get final names only if all are valid.
     with inputs_kept([source]), staging(target.parent, "hfx") as stage:
         if source.suffix == TRACK_SUFFIX:
             written = _of_track(source, info, stage / stem, device, body, tolerance)
@@ -114,6 +115,7 @@ def _of_track(
         ids = (wearer.id for wearer in track.header.bodies if body in (wearer.id, wearer.name))
         renderers = renderers_of_track(track, (config,), [next(ids, body)])
         rendered = finish(rendering(track, renderers)).complete()
+        # One body and one device were chosen: hence one output.
         ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))
         if target.write_played:
@@ -137,6 +139,7 @@ def _of_file(
         )
     if not target.write_raster and not target.write_signals:
         raise UsageError(f"{source}: only a track can be converted to {target.id}")
+    # Envelopes become envelopes without a device.
     needs_device = bool(info.read_raster) or not target.write_signals
     config = _device(device, target) if needs_device or device is not None else None
     if info.read_raster:
@@ -154,23 +157,25 @@ def _of_file(
         signals = [replace(signal, is_kept=True) for signal in signals]
     if config is not None:
         return _played(source, signals, target, config, stem, tolerance) + remarks
-    credits, held = signals[0].credits, target.credits
-    if target.id == "hjif" and not is_date(credits.created):
-        held -= {"created"}
-    remarks = Written(notes=_lost_credits(credits, target, held, source)) + remarks
+    notes = _lost_credits(signals[0].credits, target, target.credits, source)
+    remarks = Written(notes=notes) + remarks
     written = write_signals(target, distinct(signals), frequencies, stem, tolerance)
     if len(signals) == 1:
-        # A file per actuator has the signal's name in its own, which a single file does not need:
-        # it gets the requested name.
-        long = part_path(stem, signals[0].name, "").name
-        files = tuple(
-            path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
-            if path.name.startswith(f"{long}.")
-            else path
-            for path in written.files
-        )
-        written = replace(written, files=files)
+        written = _without_part(written, stem, signals[0].name)
     return written + remarks
+
+
+def _without_part(written: Written, stem: Path, part: str) -> Written:
+    """Rename the files ``stem.part.suffix`` to ``stem.suffix``, the name that was requested for a
+    single signal; further files keep their names."""
+    long = part_path(stem, part, "").name
+    files = tuple(
+        path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
+        if path.name.startswith(f"{long}.")
+        else path
+        for path in written.files
+    )
+    return replace(written, files=files)
 
 
 def _played(
@@ -206,6 +211,8 @@ def _lost_credits(
     """Notes on metadata of the source without a place in the target."""
     if credits.description == source.name.partition(".")[0]:  # repeats the file name
         credits = replace(credits, description="")
+    if target.id == "hjif" and not is_date(credits.created):  # its dates have a fixed form
+        held -= {"created"}
     return credits.lost(held, target.title)
 
 
@@ -228,7 +235,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
     """Raise TooLargeError for a track above a day, or with too many values for the memory."""
     time, name = track.header.time, str(track.path)
     limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
-    # One time plus the device's columns; for HJIF, six values of one effect at a time.
+    # A time and the device's columns; for HJIF, six values of an effect at a time.
     columns = 6 if device is None else len(device.controls)
     rows_bytes = 8.0 * time.sample_count * (columns + 1)
     recipient = "" if device is None else f" for '{device.id}'"
@@ -256,6 +263,7 @@ def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
         raise InputError(
             f"{source}: its columns are not those of the device '{device.id}': {difference}."
         )
+    # Columns may be equal for devices with different ranges.
     if info.id != "csv" and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             "notes": list(written.notes),
         }
     )
-    # Notes and losses come first: they say why there is no file.
+    # Notes and losses come first, with the reason for no file.
     if not written.files:
         raise InputError(f"{options.source}: has nothing that {options.target.name} can hold.")
     return 0

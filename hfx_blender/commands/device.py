@@ -132,9 +132,10 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
     fault = approval.fault_of_list()
     if fault:
         console.warn(f"hfx: {fault}")
+    # Approved scripts first, by path; then scripts that wait for an approval.
     approved = sorted(approval.approved().items(), key=lambda entry: entry[1])
     entries = [{"script": path, "hash": mark, "is_approved": True} for mark, path in approved]
-    # The fingerprint covers every byte: a changed script is another one, not approved.
+    # The fingerprint covers every byte: a changed script is not approved.
     now = {script.fingerprint: script for script in _own_scripts(console)}
     for mark, script in now.items():
         if not script.is_approved:
@@ -191,6 +192,7 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
     if approval.is_shipped(script.path):
         console.say("is shipped: it needs no approval")
     else:
+        # The hash names the version that the user has read; the file may have changed since.
         if options.hash is not None and options.hash.lower() != script.fingerprint:
             raise InputError(
                 f"{script.path}: its hash is {script.fingerprint}, not {options.hash[:64]}; "

@@ -171,6 +171,7 @@ def check(options: argparse.Namespace) -> None:
         _refuse_result(options)
     for path in (*options.scenes, options.output):
         blender_session.refuse_name(path)
+    # Results of all scenes are in the same folder, named by the scenes.
     _refuse_same_names([path.stem for path in options.scenes])
 
 
@@ -199,6 +200,8 @@ def _refuse_result(options: argparse.Namespace) -> None:
     folder = Path(os.path.realpath(options.output))
     report = Path(os.path.realpath(options.report.parent)) / options.report.name
     of_results = (REPORT_SUFFIX, *suffixes(options.formats or EXPORTED))
+    # A report with the name of a result would collide with the result. Links are resolved, as
+    # both names may lead to the same file.
     for stem in [path.stem for path in options.scenes] or [open_stem()]:
         is_there = report.parent == folder or folder / stem in report.parents
         is_result = report.name.startswith(f"{stem}.") and report.name.endswith(of_results)

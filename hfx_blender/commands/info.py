@@ -52,6 +52,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     refuse_no_file(path)
+    # .json, .npz and .glb stand for several kinds each: the full name or the content decides.
     if own := kind_of(path):
         readers[path.suffix] = own.facts
     elif is_known(path):
@@ -167,6 +168,7 @@ def _model(path: Path) -> dict[str, Any]:
 def _device(path: Path) -> dict[str, Any]:
     from ..devices.configuration import load_device
 
+    # JSON of another kind gets a message with the name of the kind.
     content = read(path).value
     if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):
         raise InputError(

@@ -92,11 +92,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     write_note = console.warn if console.as_json else console.say
     names = list(dict.fromkeys(options.device))
-    addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
-    if options.to == "log" and options.path is None:
-        raise UsageError("--to log: give the file with --path")
-    if len(names) > 1 and addresses:
-        raise UsageError(f"--{addresses[0]} is of one device; give one --device")
+    _check_outputs(options, names)
     with ExitStack() as stack:
         address_note, progress = "", console.progress(options.file.name)
         with console.reading(options.file):
@@ -144,6 +140,16 @@ def run(options: argparse.Namespace, console: Console) -> int:
     result = {"file": str(options.file), "devices": names, "seconds": round(length_s, 3)}
     console.result({**result, "units": units} if any(units.values()) else result)
     return 0
+
+
+def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
+    """Raise UsageError for ``--to log`` without a file, and for the address of a single device with
+    several devices; returns nothing."""
+    addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
+    if options.to == "log" and options.path is None:
+        raise UsageError("--to log: give the file with --path")
+    if len(names) > 1 and addresses:
+        raise UsageError(f"--{addresses[0]} is of one device; give one --device")
 
 
 def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
@@ -199,7 +205,7 @@ def _opened(
     if options.file.suffix.lower() == ".json":
         title = kinds.title_of(options.file)
         raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
-    # A track is rendered here, by the device's script if it has one; a clip is rendered already.
+    # A track is rendered here, by the device's script if any; a clip is rendered already.
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_settings.named(name) for name in names}
     devices = [device for device, _ in targets.values()]

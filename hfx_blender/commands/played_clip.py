@@ -34,6 +34,7 @@ class _Rows:
 
     def strongest(self, first: int, last: int) -> F64:
         """Values (columns,) of the row farthest from neutral, of equal rows the latest."""
+        # Values hold between stored rows: the row before ``first`` counts as well.
         begin, end = np.searchsorted(self.rows, [first, last], side="right").tolist()
         distances = self.away[begin - 1 : end]
         return np.asarray(self.values[end - 1 - int(np.argmax(distances[::-1]))])
@@ -84,6 +85,7 @@ class PlayedClip:
         first = now if self._shown is None else self._shown + 1
         if time_s >= self.end_s and first > now:
             return self._neutral[name]
+        # A time before the last call (a jump back) shows its own row only.
         first = min(first, now)
         return np.concatenate([rows.strongest(first, now) for rows in self._actuators[name]])
 

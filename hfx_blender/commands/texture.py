@@ -134,6 +134,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     source = texture_source.read(options)
     if options.drive is not None and not 0.0 < options.drive < 1e6:
         raise UsageError(f"--drive {options.drive:g}: expected a number above 0")
+    # The option is per millimetre, as textures are measured; the calibration is per metre.
     drive = (
         surface_calibration.drive_per_m(options.device)
         if options.drive is None
@@ -152,6 +153,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     signal = render_stroke(
         texture, stroke, step_s=device and device.update_s, waveform_rate_hz=rate
     )
+    # Values are shares of a range: of the map's own, or of the device that plays.
     played_range = source.map.device
     if device is not None:
         signal, played_range = device.played(signal), device.range
@@ -202,6 +204,7 @@ def _stroke_of(options: argparse.Namespace) -> Any:
     if options.start is not None or options.end is not None:
         raise UsageError("give --path, or --from and --to, not both")
     table = path_table(options.path)
+    # Positions alone are passed at a constant speed; positions with times are played as recorded.
     if table.shape[1] == 2:
         _refuse_long(table / 1000.0, speed)
         return stroke.along(table / 1000.0, speed / 1000.0, options.rate)
@@ -242,6 +245,7 @@ def path_table(path: Path) -> Any:
         if not line.strip():
             continue
         try:
+            # Spreadsheets of many languages separate columns by semicolons.
             rows.append([float(part) for part in line.replace(";", ",").split(",")])
         except ValueError as error:
             if number > 1:
@@ -271,6 +275,7 @@ def _info(options: argparse.Namespace, console: Console) -> int:
         "notes": list(source.notes),
     }
     if source.height is not None:
+        # A surface may be too small for the cut-off: a note, as the other facts hold.
         try:
             facts["roughness_um"] = _measured(source.height, options.cutoff)
         except InputError as error:

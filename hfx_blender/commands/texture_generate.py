@@ -160,6 +160,7 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
             except InputError as error:
                 faults.append(str(error))
                 console.warn(f"left out: {error}")
+    # Reported at the end only: an empty file may still be filled.
     for picture in watched.passed_over:
         faults.append(f"{picture}: it is empty, or no plain file.")
         console.warn(f"left out: {faults[-1]}")

@@ -242,7 +242,7 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
         obj = scene.objects.get(options.object)
         if obj is None:
             raise InputError(f"{path}: has no object '{options.object}'.")
-    # An object without a surface gets one for this command; the file is not saved.
+    # An object without a surface gets a surface for this command; the file is not saved.
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj)
         obj.hfx.surface.resolution = options.resolution

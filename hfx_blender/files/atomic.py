@@ -92,6 +92,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     """
     # Sync all contents before the first rename: after a power cut, a final name has its content.
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
+    # Results that stay in a staging folder are synced by the final move.
     is_durable = not _is_passing(folder)
     if is_durable and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
@@ -186,12 +187,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     try:
         refuse_taken(path)
         if is_durable:
-            # Hidden files of killed processes have no lock any more.
-            with suppress(OSError):
-                for abandoned in path.parent.glob(temporary_pattern(path.name)):
-                    with suppress(OSError):
-                        if stat.S_ISREG(abandoned.lstat().st_mode) and is_ownerless(abandoned):
-                            abandoned.unlink()
+            _remove_abandoned(path)
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
         # "x": two threads can never write to one hidden file.
@@ -245,6 +241,16 @@ def _temporary_start(name: str) -> str:
 def _machine() -> str:
     """Eight hexadecimal digits that differ between machines with different host names."""
     return hashlib.sha256(platform.node().encode(errors="replace")).hexdigest()[:8]
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove hidden files of :func:`atomic_file` for ``path`` without a lock, which killed
+    processes have left; errors are ignored."""
+    with suppress(OSError):
+        for abandoned in path.parent.glob(temporary_pattern(path.name)):
+            with suppress(OSError):
+                if stat.S_ISREG(abandoned.lstat().st_mode) and is_ownerless(abandoned):
+                    abandoned.unlink()
 
 
 @contextmanager

@@ -61,6 +61,7 @@ class Report:
         self._add(code, place, message, "warning")
 
     def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
+        # Beyond the limit only the first of each kind is stored: a damaged file may have millions.
         self.count += 1
         if len(self.findings) < MAX_FINDINGS or (code, severity) not in self._kinds:
             self._kinds.add((code, severity))
@@ -136,6 +137,7 @@ def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:
     """A sentence for each code: the first finding and the number of further findings. ``begin`` is
     put in front."""
     counts = Counter(finding.code for finding in findings)
+    # Reversed, so that the first finding of a code is the last to be stored.
     firsts = {finding.code: finding for finding in reversed(findings)}
     return tuple(
         f"{begin}{first.place or 'the document'}: {first.message} [{code}]"

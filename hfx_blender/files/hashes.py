@@ -95,6 +95,7 @@ def state_of(path: Path, reference: Path | None = None) -> str | None:
         return NOT_READ
     if path.is_file():
         return sha256_of(path) if is_of_a_kind(path) else NOT_READ
+    # Sorted: the order of a folder differs between file systems.
     files = sorted(_files_in(path) if path.is_dir() else _row_of(path))
     if not files:
         return None

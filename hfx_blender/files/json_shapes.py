@@ -215,14 +215,8 @@ def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None
             _check_record(shape, value, report, place)
         case Items() | Row():
             _check_list(shape, value, report, place)
-        case Table() if not isinstance(value, dict) or len(value) < shape.least:
-            report.error("TYPE", place, _found(value, shape.title))
         case Table():
-            for key, item in value.items():
-                if shape.key.pattern and not re.fullmatch(shape.key.pattern, key):
-                    text = f"the name {_found(key, shape.key.allowed)}"
-                    report.error("CHOICE", (place, key), text)
-                check(shape.item, item, report, (place, key))
+            _check_table(shape, value, report, place)
         case Number():
             _check_number(shape, value, report, place)
         case Text() if not isinstance(value, str):
@@ -286,6 +280,7 @@ def value_of(shape: Shape, value: Any) -> Any:
             return {key: value_of(shape.item, item) for key, item in value.items()}
         case Record():
             members = {**shape.required, **shape.optional}
+            # Absent members keep the defaults of ``into``.
             known = {k: value_of(members[k], v) for k, v in value.items() if k in members}
             return shape.into(**known)
         case Tagged() | Either():
@@ -316,6 +311,7 @@ def _check_record(shape: Record, value: Any, report: Report, place: Place) -> No
             report.warn("UNKNOWN", place, f"'{key[:SHOWN]}' is unknown")
     if shape.one_of and sum(key in value for key in shape.one_of) != 1:
         report.error("COUNT", place, _found(value, "exactly one of " + ", ".join(shape.one_of)))
+    # A companion that is a flag must be true, any other one present.
     for key, companion in shape.needs.items():
         if key in value and value.get(companion, False) is False:
             must = f'"{companion}"' + (
@@ -354,6 +350,7 @@ def _check_order(shape: Items, value: list[Any], report: Report, place: Place) -
         if len({json.dumps(item, sort_keys=True) for item in value}) != len(value):
             report.error("ORDER", place, _found(value, "each item once"))
         return
+    # Pairs (time, value) are ordered by their times.
     firsts = [item[0] if isinstance(item, list) else item for item in value]
     for k in range(1, len(firsts)):
         is_above = firsts[k] > firsts[k - 1]
@@ -363,6 +360,17 @@ def _check_order(shape: Items, value: list[Any], report: Report, place: Place) -
             allowed = f"a number {least} {firsts[k - 1]:.10g}, as they are in ascending order"
             report.error("ORDER", inner, _found(firsts[k], allowed))
             return
+
+
+def _check_table(shape: Table, value: Any, report: Report, place: Place) -> None:
+    """Report a value other than an object (TYPE), and faults of each key and value."""
+    if not isinstance(value, dict) or len(value) < shape.least:
+        report.error("TYPE", place, _found(value, shape.title))
+        return
+    for key, item in value.items():
+        if shape.key.pattern and not re.fullmatch(shape.key.pattern, key):
+            report.error("CHOICE", (place, key), f"the name {_found(key, shape.key.allowed)}")
+        check(shape.item, item, report, (place, key))
 
 
 def _check_number(shape: Number, value: Any, report: Report, place: Place) -> None:

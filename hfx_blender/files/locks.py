@@ -34,6 +34,7 @@ def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
     A file younger than :data:`NEW_S` counts as owned until its content is ``ready`` (None: always).
     False for links, missing files and anything but regular files.
     """
+    # A link could lead to a file of another program, and the opening of a pipe would wait.
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         descriptor = os.open(path, os.O_RDWR | flags)

@@ -146,6 +146,7 @@ def _missing(folder: Path) -> list[Path]:
 def _remove_empty(folders: Sequence[Path]) -> None:
     """Remove the empty folders, in reverse order."""
     for folder in reversed(folders):
+        # A folder with a result is not empty, and stays.
         with suppress(OSError):
             folder.rmdir()
 
@@ -167,6 +168,7 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
         return move(files, folder, base)
     except (OSError, OutputError) as error:
         _remove_empty(new)
+        # It names the file already.
         if isinstance(error, OutputError):
             raise
         where = getattr(error, "filename2", None) or folder

@@ -83,6 +83,7 @@ def parse(
         raise InputError(f"{name}: has half of a surrogate pair, which is no character.") from None
     except RecursionError:
         raise InputError(f"{name}: is nested too deeply.") from None
+    # The parser's hooks know no place: the text is parsed again to find it.
     except ValueError as error:
         raise InputError(f"{name}: {_located(text) or f'is not valid JSON ({error})'}.") from None
 

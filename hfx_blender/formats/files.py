@@ -43,6 +43,7 @@ def format_of(path: Path) -> FormatInfo:
         if name.endswith(suffix) and not (info.marks and suffix.endswith(".json")):
             return info
     if name.endswith(".json"):
+        # Any .json is possible here: configurations and other programs' files as well.
         head = read_bytes(path)[:_HEAD].decode("utf-8", "replace")
         for info in checked:
             if info.marks and all(mark in head for mark in info.marks):
@@ -151,6 +152,7 @@ def read_svg(path: Path) -> None:
     Returns nothing; the drawing is not interpreted.
     """
     root = ""
+    # expat resolves no external entities: a drawing cannot read other files.
     parser = expat.ParserCreate()
 
     def begin(name: str, attributes: dict[str, str]) -> None:

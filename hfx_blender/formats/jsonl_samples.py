@@ -220,6 +220,7 @@ def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
 def _set_line(number: int, vertices: I32, weights: F32) -> bytes:
     """Encode vertices (n,), ascending, and weights 0..1 (n,) as the line of set ``number``. Weights
     are rounded to 1e-4. Numbers are looked up in tables of texts for speed."""
+    # Formatting each number by itself would take most of the time of an export.
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:

@@ -42,6 +42,7 @@ def write(
     or the writer can store nothing or only part of a signal; OutputError for an unwritable file.
     """
     info = FORMATS[id]
+    # A format may hold some of the device's modalities only: the rest is a loss, not an error.
     held = info.plays_of(device.modalities)
     lost = [modality for modality in device.modalities if modality not in held]
     if not held:
@@ -49,6 +50,7 @@ def write(
             f"Device '{device.id}' plays {' and '.join(lost)}, the format {id} holds "
             f"{' and '.join(info.modalities or ())} only; export it as csv or npz."
         )
+    # Rows of a table take memory, envelopes time: each is limited before writing.
     if info.read_raster:
         raster_rules.refuse_large(raster, info.title)
     elif info.write_signals or info.decode:

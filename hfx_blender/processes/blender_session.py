@@ -75,6 +75,8 @@ def _temporary_folder() -> Iterator[None]:
     if _temporary is None:
         yield
         return
+    # Blender reads the folder once, at its start. The variables are restored for this process's own
+    # children.
     earlier = {name: os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")}
     os.environ.update(dict.fromkeys(earlier, str(_temporary)))
     try:
@@ -126,6 +128,7 @@ def open_blend(path: Path) -> None:
         fault = "it is a folder" if path.is_dir() else "there is no such file"
         fault = "it is no plain file" if is_endless(path) else fault
         raise InputError(f"{path}: {fault}; expected a .blend file.")
+    # The message names the kind of JSON, often a device configuration.
     if path.suffix.lower() == ".json":
         raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
     bpy = start()

@@ -115,6 +115,7 @@ def leave(code: int) -> NoReturn:
     In place of a normal exit of Python, in which Blender's module sometimes hangs. A signal that
     has not been answered overrides the code.
     """
+    # Only one thread tidies up: a second one waits, then the process is gone.
     if _ending.acquire(timeout=TIDYING_S):
         if _state.is_answered:
             _in_time(_tidy, TIDYING_S)
@@ -151,6 +152,7 @@ def _watch(reading: int) -> None:
             for number in numbers:
                 if signal.getsignal(number) is _handle:
                     _note(number)
+        # From here on two limits run: for the main thread to notice the signal, then to unwind.
         while _state.number:
             limit_s = UNWINDING_S if _state.is_unwinding else _state.unnoticed_s
             if time.monotonic() - _state.noted_s >= limit_s:

@@ -68,6 +68,7 @@ def end_all(limit_s: float) -> None:
     as these exit with their input.
     """
     ended.append(True)
+    # A copy, as other threads may start processes.
     known = [reference() for reference in list(_started.values())]
     running = [process for process in known if process is not None and process.poll() is None]
     if os.name == "nt":  # terminate() kills there; processes with a pipe exit with their input

@@ -158,6 +158,7 @@ class Worker:
         """Kill the process, on POSIX its group, without waiting; does nothing before the start."""
         if self.process is None:
             return
+        # The group includes processes that the module has started.
         with suppress(OSError):
             if hasattr(os, "killpg"):
                 os.killpg(self.process.pid, signal.SIGKILL)

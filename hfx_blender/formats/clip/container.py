@@ -176,6 +176,7 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
         raise InputError(f"{name}: is damaged: its checksum differs.")
     if count > _MOST_SECTIONS or _HEAD.size + _SECTION.size * count > size:
         raise InputError(f"{name}: 'sections' is {count}, which do not fit, allowed are 64.")
+    # A section of no records is not stored.
     sections = {section_name: np.zeros(0, kind) for section_name, kind in RECORDS.items()}
     names: set[str] = set()
     for k in range(count):

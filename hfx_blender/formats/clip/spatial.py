@@ -173,6 +173,7 @@ def _skinned(weights: BoundWeights, ids: I64, used: I64, first: int) -> tuple[Re
     bones, values = weights.bones[entries], weights.values[entries]
     is_moved = bones < weights.bone_count
     owners, bones, values = owners[is_moved], bones[is_moved], values[is_moved]
+    # Shares of the bones that are left sum to the whole again.
     exact = values * _WHOLE / np.bincount(owners, values, len(ids))[owners]
     shares = np.floor(exact)
     # Largest remainder method: the missing units go to the largest fractions, one each.
@@ -274,6 +275,8 @@ def _effects(
             if area.body_id not in bodies.index:
                 continue
             body, kind = bodies.index[area.body_id], 1
+            # Several vertices of the whole model may have one stored vertex: the largest weight
+            # counts.
             _, rank, _ = bodies.stored_models[area.body_id, effect.model_id]
             painted.append(_strongest("PNTD", rank[area.vertices], area.weights))
         # Records have room for four parameters, the most of any modality.

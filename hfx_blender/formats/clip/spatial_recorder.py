@@ -67,6 +67,7 @@ class SpatialRecorder:
 
     def _keep(self, k: int, seen: EffectState) -> None:
         """Store the first state of effect ``k``, later only a higher level and its parameters."""
+        # Players begin with the first state, at the highest level of all samples.
         known = self._found.setdefault(k, seen)
         if float(seen["level"]) > float(known["level"]):
             known["level"], known["parameters"] = seen["level"], seen["parameters"]

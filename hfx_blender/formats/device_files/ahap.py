@@ -293,17 +293,22 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     left_out = tuple(f"{count} {loss}" for loss, count in lost.items())
     if has_ramps:
         notes += ("attack, decay and release are straight ramps of so many seconds",)
-    # Credits are the texts of other authors: HFX's own entries are made anew by each writer.
+    left_out += signal.left_out
+    signal = replace(signal, credits=_credits_of(metadata), left_out=left_out, notes=notes)
+    return [signal], frequencies
+
+
+def _credits_of(metadata: dict[str, Any]) -> Credits:
+    """Project, creation date and further texts of metadata, without HFX's own entries, which each
+    writer makes again."""
     project = text_of(metadata, "Project")
     known = ("Project", "Created", "Description", _RANGE_KEY, _LAW_KEY)
     others = tuple((key, text_of(metadata, key)) for key in sorted(metadata.keys() - set(known)))
-    credits = Credits(
+    return Credits(
         project="" if project == _OWN_PROJECT else project,
         created=text_of(metadata, "Created"),
         others=tuple(entry for entry in others if entry[1]),
     )
-    left_out += signal.left_out
-    return [replace(signal, credits=credits, left_out=left_out, notes=notes)], frequencies
 
 
 def _envelope(parameters: Mapping[str, float], start_s: float, end_s: float) -> Curve | None:

@@ -103,6 +103,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     points.sort(key=lambda point: point[0])
     if points[0][0] > 0.0:
         points.insert(0, (0.0, points[0][1]))
+    # Meta's reader refuses an envelope without duration.
     if points[-1][0] <= 0.0:
         points.append((0.001, points[-1][1]))
     breakpoints: list[dict[str, Any]] = []

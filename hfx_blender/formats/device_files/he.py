@@ -94,6 +94,7 @@ def write_v1(
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=True)
+        # Silence at the end keeps the length of loops, and is dropped first where events are few.
         events = _with_end(signal, events, MAX_PATTERN_EVENTS, MAX_RELATIVE_MS)
         if len(events) > MAX_PATTERN_EVENTS or any(e.start_ms > MAX_RELATIVE_MS for e in events):
             return None
@@ -206,6 +207,7 @@ def _write_fitting(
     for signal in signals:
         if signal.is_silent:
             continue  # reported by _write
+        # A coarser curve has fewer points, and so fewer events.
         value, content = tolerance, None
         while content is None and value <= max(_COARSEST, tolerance):
             (few,) = simplified_signals([signal], value)
@@ -276,6 +278,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             for point in parameters.get("Curve") or ()
         ]
         beyond += sum(not 0 <= percent <= 100 for percent in hundredths)
+        # Sums of foreign values must stay finite; they are clipped to the range later.
         level, pitch = (
             min(max(float(parameters[key]), -_MOST), _MOST) for key in ("Intensity", "Frequency")
         )

@@ -237,23 +237,21 @@ def _check_events(
         elif "Duration" not in event:
             report.error("DURATION", here, "a continuous event has a Duration")
         elif curve is not None:
-            _check_curve(curve, event["Duration"], here, report, is_first=is_first)
-
-
-def _check_curve(
-    curve: list[Any], duration: int, place: Place, report: Report, *, is_first: bool
-) -> None:
-    """Report a curve not of 4 to 16 ascending points from 0 to ``duration`` ms. ``is_first``:
-    version 1, with intensity 0 at both ends. An empty curve has a single error."""
-    if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
-        message = f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
-        report.error("CURVE-POINTS", place, message)
-    if not curve:
-        return
-    if any(b["Time"] < a["Time"] for a, b in pairwise(curve)):
-        report.error("CURVE-ORDER", place, "the times of its curve descend")
-    if curve[0]["Time"] != 0 or curve[-1]["Time"] != duration:
-        message = f"its curve must go from 0 to its duration ({duration} ms)"
-        report.error("CURVE-ENDS", place, message)
-    if is_first and (curve[0]["Intensity"] != 0 or curve[-1]["Intensity"] != 0):
-        report.error("CURVE-ZERO", place, "in version 1 a curve begins and ends with intensity 0")
+            # A curve has 4 to 16 ascending points from 0 to the duration; in version 1 both ends
+            # have intensity 0. An empty curve has a single error.
+            if not MIN_CURVE_POINTS <= len(curve) <= MAX_CURVE_POINTS:
+                message = (
+                    f"{len(curve)} points, allowed are {MIN_CURVE_POINTS} to {MAX_CURVE_POINTS}"
+                )
+                report.error("CURVE-POINTS", here, message)
+            if not curve:
+                continue
+            if any(b["Time"] < a["Time"] for a, b in pairwise(curve)):
+                report.error("CURVE-ORDER", here, "the times of its curve descend")
+            duration = event["Duration"]
+            if curve[0]["Time"] != 0 or curve[-1]["Time"] != duration:
+                message = f"its curve must go from 0 to its duration ({duration} ms)"
+                report.error("CURVE-ENDS", here, message)
+            if is_first and (curve[0]["Intensity"] != 0 or curve[-1]["Intensity"] != 0):
+                message = "in version 1 a curve begins and ends with intensity 0"
+                report.error("CURVE-ZERO", here, message)

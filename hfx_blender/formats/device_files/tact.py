@@ -123,6 +123,7 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         files.append(path if len(kinds) == 1 else part_path(stem, kind.lower(), SUFFIX))
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
     played = [signal for signal in signals if signal.name in motors and not signal.is_silent]
+    # A device may have more actuators than the suit has motors.
     sharing = Counter(motors[signal.name] for signal in played)
     left_out = (
         *counted(
@@ -219,6 +220,7 @@ def _strongest(curve: Curve, steps: int) -> F64:
     edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
     strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
     inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
+    # Keyframes within an interval; its two edges were taken above.
     is_inside = (inside >= 0) & (inside < steps)
     # A keyframe on an edge already counts through the limits at both sides of the edge.
     is_inside &= np.abs(curve.times_s - edges[np.clip(inside, 0, steps)]) > 1e-9

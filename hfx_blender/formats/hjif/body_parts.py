@@ -55,6 +55,7 @@ def vertex_masks(model: PerceptualModel) -> U32:
     for index, part in enumerate(PARTS):
         is_part = model.part == index
         if part == "head":
+            # The head has four bits, by the direction that its skin faces.
             is_sideways = np.abs(normal_x) > np.abs(normal_y)
             to_side, to_front = np.where(is_right, 2, 3), np.where(normal_y < 0.0, 0, 1)
             bit = np.where(is_sideways, to_side, to_front)

@@ -147,6 +147,7 @@ def _wave_keyframes(
 ) -> tuple[Keyframe, ...]:
     """Keyframes of a vibration (T,), simplified to ``tolerance`` of full scale and to 1 Hz.
     Amplitude and frequency are simplified separately, then sampled at the keyframes of both."""
+    # The few keyframes of amplitude and frequency need not be at the same times.
     strength, tone = Curve(times, levels), Curve(times, hertz)
     few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
     amplitude = _on_grid(few, strength, tolerance, timescale)

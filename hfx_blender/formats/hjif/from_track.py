@@ -8,7 +8,7 @@ part, with the strongest contact at each sample and all touched vertices of the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -20,7 +20,7 @@ from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.samples import SampleRun, Stream
-from ...engine.track import TrackReader
+from ...engine.track import TrackHeader, TrackReader
 from ...errors import InputError, NothingFeltError
 from ...files.strict_json import clean
 from ...text import counted
@@ -77,13 +77,7 @@ def compose(
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
     timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
-    loaded = {id: load_model(id) for id in used}
-    recorded = {model.id: model.content_hash for model in header.models}
-    for id, model in loaded.items():
-        if model.content_hash != recorded[id]:
-            raise InputError(
-                f"{track.path}: was recorded on another version of the body model '{id}'."
-            )
+    loaded = {id: _recorded_model(id, track) for id in used}
     masks = {id: vertex_masks(model) for id, model in loaded.items()}
     collected = {
         stream: _Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
@@ -91,12 +85,7 @@ def compose(
     }
     for run in track.runs():
         collected[run.stream].add(run)
-    # Streams with samples on a body; effects on single actuators have no place in HJIF.
-    groups: dict[tuple[str, str, str], list[Stream]] = {}
-    for stream in header.streams:
-        if len(collected[stream]) and header.effect(stream).kind != "actuators":
-            key = (stream.body_id, stream.model_id, stream.modality)
-            groups.setdefault(key, []).append(stream)
+    groups = _groups(header, collected)
     if not groups:
         raise NothingFeltError(f"{track.path}: has no samples on a body, and HJIF needs some.")
     # Avatars are numbered by the models in use: a model without samples gets no mesh file.
@@ -106,8 +95,8 @@ def compose(
     }
     bodies = {body.id: body.name for body in header.bodies}
     perceptions = []
-    weak: list[str] = []
-    turning: list[str] = []
+    weak: list[str] = []  # titles of silent channels
+    turning: list[str] = []  # titles of winds without a direction
     for k, ((body_id, model_id, modality), streams) in enumerate(groups.items()):
         places = [
             channel_place
@@ -123,25 +112,53 @@ def compose(
         perceptions.append(perception)
     title = clean(str(header.source.get("name", "")) or name)
     document = document_of(title, perceptions, timescale, list(avatars.values()))
+    written = [stream for streams in groups.values() for stream in streams]
+    left_out = tuple(map(clean, _losses(header, written, collected, turning)))
+    loss = Written(left_out=left_out, notes=tuple(map(clean, counted(weak, TOO_WEAK))))
+    return document, [loaded[id] for id in avatars], loss
+
+
+def _recorded_model(id: str, track: TrackReader) -> PerceptualModel:
+    """Load a model of the track; InputError if its content hash differs from the recorded hash."""
+    model = load_model(id)
+    recorded = next(entry.content_hash for entry in track.header.models if entry.id == id)
+    if model.content_hash != recorded:
+        raise InputError(f"{track.path}: was recorded on another version of the body model '{id}'.")
+    return model
+
+
+def _groups(
+    header: TrackHeader, collected: Mapping[Stream, _Collected]
+) -> dict[tuple[str, str, str], list[Stream]]:
+    """Streams with samples on a body by (body, model, modality), without effects on actuators."""
+    groups: dict[tuple[str, str, str], list[Stream]] = {}
+    for stream in header.streams:
+        if len(collected[stream]) and header.effect(stream).kind != "actuators":
+            key = (stream.body_id, stream.model_id, stream.modality)
+            groups.setdefault(key, []).append(stream)
+    return groups
+
+
+def _losses(
+    header: TrackHeader,
+    written: Sequence[Stream],
+    collected: Mapping[Stream, _Collected],
+    turning: Sequence[str],
+) -> Iterator[str]:
+    """Yield a sentence on vibrations above 1000 Hz of ``written`` streams, on the winds named
+    ``turning``, and on painted areas with changing vertices of all streams; none without such."""
     # Frequencies are the second parameter of vibration.
     high = [
         header.effect(stream).name
-        for stream in (stream for streams in groups.values() for stream in streams)
+        for stream in written
         if stream.modality == "vibration" and (collected[stream].columns()[2][:, 1] > MAX_HZ).any()
     ]
-    changing = [
-        header.effect(stream).name for stream in header.streams if collected[stream].changes
-    ]
-    left_out = (
-        *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
-        *counted(turning, "winds with a changing direction have no direction in HJIF"),
-        *counted(
-            changing, "painted areas with changing vertices are written as at their first sample"
-        ),
+    yield from counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz")
+    yield from counted(turning, "winds with a changing direction have no direction in HJIF")
+    changing = [header.effect(s).name for s in header.streams if collected[s].changes]
+    yield from counted(
+        changing, "painted areas with changing vertices are written as at their first sample"
     )
-    notes = tuple(map(clean, counted(weak, TOO_WEAK)))
-    loss = Written(left_out=tuple(map(clean, left_out)), notes=notes)
-    return document, [loaded[id] for id in avatars], loss
 
 
 class _Collected:
@@ -233,6 +250,7 @@ def _places(
     rows, levels, parameters = collected.columns()
     neutral = neutral_temperature_c(effect.is_contact) if stream.modality == "temperature" else 0.0
     strengths = levels * (parameters[:, 0] - neutral)
+    # Between contacts the frequency is interpolated: nothing sounds there.
     pitch = None
     if stream.modality == "vibration":
         hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)

@@ -30,6 +30,7 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
     """
     document = parse(content, name)
     faults = findings(document)
+    # Valid files are read as they are; only faulty ones are brought to the standard's form.
     if any(fault.code in _STRUCTURAL and fault.severity == "error" for fault in faults):
         document = in_standard_form(DOCUMENT, document)
         report = Report("HJIF")

@@ -81,6 +81,7 @@ def perception_of(
     unknown full scale, without reference device. Vibrations are waves between silences, other
     modalities curves, within ``tolerance``. ``devices`` give further reference devices.
     """
+    # HJIF stores shares of full scale: the strongest value of all channels uses the whole range.
     full = (max(_peak(content) for content in places) or 1.0) if has_units else 1.0
     dense = [
         replace(content.dense, strength=np.clip(content.dense.strength / full, -1.0, 1.0))

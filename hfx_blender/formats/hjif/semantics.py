@@ -64,6 +64,7 @@ def check_semantics(document: dict[str, Any], report: Report) -> None:
             (report.warn if mesh else report.error)("AVATAR-URI", where, message)
     _ids(document["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
     level = min(max(document["level"], 1), 2)
+    # The level limits the channels of the whole file.
     counts = [len(perception["channels"]) for perception in document["perceptions"]]
     if sum(counts) > MAX_CHANNELS[level]:
         message = f"{sum(counts)} channels, level {level} allows {MAX_CHANNELS[level]}"

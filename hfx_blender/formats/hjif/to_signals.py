@@ -250,7 +250,9 @@ class Unfolding:
             # Nested references multiply: a small file may unfold to billions of effects.
             self._count += 1 + len(effect.get("keyframes", ()))
             limits.UNFOLDED.check(self._count, self.name, "its references unfold to")
+            # Positions within a composition count from its own position.
             position = start + effect.get("position", 0)
+            # A reference plays the library's effect, which may be a composition again.
             if effect["effect_type"] == "Reference":
                 target = self.library.get(effect.get("id"))
                 if target is None:

@@ -165,6 +165,7 @@ class _Bits:
         ]
         self._next = 0
         self._code = 0
+        # The code word begins with as many digits as the range has.
         for _ in range(_FULL.bit_length() - 1):
             self._code = 2 * self._code + self._digit()
         self._lower, self._upper = 0, _FULL
@@ -276,6 +277,7 @@ def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
                         significant.append(child)
                     else:
                         points.append(child)
+                # Without grandchildren within the block, no tree is left.
                 if 4 * root + 3 < count:
                     trees.append((root, True))
         trees = remaining

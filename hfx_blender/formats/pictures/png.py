@@ -110,6 +110,7 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
     most_bytes = 5.0 * rows * columns * unit  # packed rows, and rows, and sums in 16 bits
     limits.MEMORY.check(most_bytes, name, "its rows would take")
     size = rows * (columns * unit + 1)
+    # At most the bytes of the rows are unpacked.
     unpacker = zlib.decompressobj()
     packed = b"".join(data for name, data in chunks if name == b"IDAT")
     raw = unpacker.decompress(packed, size)

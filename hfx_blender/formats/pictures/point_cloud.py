@@ -38,6 +38,7 @@ def read(path: Path) -> F64:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
     points = _ply(content, path) if path.suffix.lower() == ".ply" else _lines(content, path)
+    # Scanners write NaN where nothing was measured.
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 3:
         raise InputError(f"{path}: {len(points)} points; a surface needs three at least.")

@@ -129,6 +129,7 @@ def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
         fade = np.linspace(tick.amplitude, 0.0, ceil(TICK_S * RATE_HZ), endpoint=False)
         part = slice(first, first + len(fade))
         fade = fade[: len(amplitude[part])]
+        # The stronger of tick and envelope plays, with its own frequency.
         is_stronger = fade > amplitude[part]
         hidden += not is_stronger.any()
         amplitude[part] = np.where(is_stronger, fade, amplitude[part])
