@@ -310,8 +310,10 @@ def test_a_port_that_stalls_stops_its_device_only(
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="POSIX signals")
 def test_an_output_process_that_confirms_no_stop_is_ended(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    os.kill(client.pipe.pid or 0, signal.SIGSTOP)
-    time.sleep(0.05)  # until all threads sleep
+    assert client.pipe.pid is not None
+    os.kill(client.pipe.pid, signal.SIGSTOP)
+    # On a busy machine a thread may run on and confirm the stop; this waits for all threads.
+    os.waitpid(client.pipe.pid, os.WUNTRACED)
     client.stop_all()
     wait(client, lambda: not client.pipe.is_running)
     wait(client, lambda: client.devices["band"].state == "lost")
