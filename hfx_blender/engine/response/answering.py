@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -104,14 +105,22 @@ class Answering:
         if is_far and not may_graze(moments).any():
             self.settling.pass_over(stream, int(block.indices[rows[own[1] - 1]]))
             return None
-        touches = moments.touches(stream, parameters, run)
+        is_live = block.live_s is not None
+        at_samples = run
+        # Contacts of a sample include those since the sample before, each place of the skin at its
+        # deepest moment. Impacts weigh moments, so these are found between samples.
+        if has_impacts and not is_live and run is not None and math.isfinite(skin.skin.edge_m):
+            touched = np.searchsorted(block.indices, run.indices)
+            at_samples = contacts(replace(moments, rows=touched), np.zeros(len(touched), np.bool_))
+        touches = moments.touches(stream, parameters, at_samples)
         if touches is None:
             return None
         if has_impacts:
             touches = refined(
                 *(moments, touches, parameters, run, contacts),
                 loud_until_s=self.settling.loud_until_s(stream),
-                is_live=block.live_s is not None,
+                is_flat=effect.area.falloff.is_flat,
+                is_live=is_live,
             )
             touches = touches.part(slice(*own))
         samples = self.settling.settle(touches)

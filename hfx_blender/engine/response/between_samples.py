@@ -10,7 +10,6 @@ interval is computed from F-curves where available, else estimated (:mod:`.motio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -30,7 +29,6 @@ STEP_S: Final = 0.0005
 RESUMES_S: Final = 0.01
 """Longest pause within one touch, seconds; at 100 Hz a pause may lie between two samples."""
 
-_MOST_STEPS: Final = 100  # per interval, for rates below 20 Hz
 _OF_DECAY: Final = 0.02  # fraction of a time constant: the largest relative loss by a step
 _FINER: Final = 16  # parts of a step around beginnings and strongest moments
 
@@ -43,6 +41,7 @@ def refined(
     contacts: Contacts,
     *,
     loud_until_s: float,
+    is_flat: bool,
     is_live: bool,
 ) -> Touches:
     """Touches of a volume with impacts, extended by moments between samples.
@@ -55,31 +54,43 @@ def refined(
     parameters : (T, P) float64
         Of the effect.
     run : SampleRun or None
-        Contacts without a response; None without contacts.
+        Contacts since the sample before, on a straight path, without a response; None without
+        contacts. Those of ``touches`` are at the samples' own times, live since the sample before.
     loud_until_s : float
         Time until which impacts before these samples are loud.
+    is_flat : bool
+        The volume has no falloff.
     """
     follows = follow_on(moments)
     before = np.concatenate([[False], touches.is_touched[:-1]])
-    begins = touches.is_touched & ~before & follows
+    is_passed = np.isin(touches.indices, [] if run is None else run.indices)
+    begins = is_passed & ~before & follows
     closely = coarsely = np.zeros(len(touches), np.bool_)
     if not is_live:
         is_bent = may_graze(moments)
-        grazes = ~touches.is_touched & ~before & follows
+        grazes = ~is_passed & ~before & follows
         grazes &= may_touch(moments, grazes & is_bent, contacts)
-        closely, coarsely = _changes(touches, run, begins, follows, is_bent, loud_until_s)
+        may_begin = begins | grazes
+        closely, coarsely = _changes(touches, run, may_begin, follows, is_bent, loud_until_s)
         closely |= grazes
         touches = replace(touches, resumes_s=RESUMES_S)
     parts: list[TouchedSets] = []
-    for chosen, count in _by_steps(moments, touches, begins | closely, STEP_S):
-        intervals = Intervals(moments, chosen, parameters, contacts, is_straight=is_live)
-        touches, sets = _looked_closely(moments, touches, intervals, begins, count, is_live=is_live)
-        parts += sets
-    if any(filter_.is_in_space for filter_ in moments.filters):
-        coarsely = np.zeros_like(coarsely)
-    for chosen, count in _by_steps(moments, touches, coarsely, np.inf):
-        intervals = Intervals(moments, chosen, parameters, contacts, is_straight=False)
-        parts += intervals.steps(np.arange(len(chosen)), _grid(count)).sets
+    chosen = np.flatnonzero(begins | closely)
+    # With a falloff, contacts since the step before weigh each place of the skin at its deepest
+    # moment: only to find what is touched between two steps alone.
+    for with_passages in (True,) if is_flat or is_live else (False, True):
+        if len(chosen):
+            options = {"is_straight": is_live, "with_passages": with_passages}
+            intervals = Intervals(moments, chosen, parameters, contacts, **options)
+            touches, sets, is_some = _looked_closely(moments, touches, intervals, is_live=is_live)
+            parts += sets
+            chosen = chosen[~is_some & begins[chosen]]
+    chosen = np.flatnonzero(coarsely)
+    if len(chosen) and not any(filter_.is_in_space for filter_ in moments.filters):
+        options = {"is_straight": False, "with_passages": is_flat}
+        intervals = Intervals(moments, chosen, parameters, contacts, **options)
+        steps_s = _OF_DECAY * _slow_s(touches, chosen)
+        parts += intervals.steps(np.arange(len(chosen)), intervals.shares(steps_s)).sets
     return _with_between(touches, parts)
 
 
@@ -87,25 +98,25 @@ def _looked_closely(
     moments: Moments,
     touches: Touches,
     intervals: Intervals,
-    begins: Bool,
-    count: int,
     *,
     is_live: bool,
-) -> tuple[Touches, list[TouchedSets]]:
+) -> tuple[Touches, list[TouchedSets], Bool]:
     """Add onsets and speeds of impacts to touches, and collect touched skin inside intervals: first
-    at ``count`` steps, then at finer steps around beginnings (``begins`` (n,)) and strongest
-    moments."""
+    in steps of at most :data:`STEP_S`, then in finer steps around beginnings of touches and
+    strongest moments. Also returns a mask of the intervals with touched skin."""
     chosen = intervals.chosen
-    slow_s = _slow_s(touches, chosen) / intervals.lengths_s
-    steps = intervals.steps(np.arange(len(chosen)), intervals.with_keys(_grid(count)))
+    slow_s = _slow_s(touches, chosen)
+    steps_s = np.minimum(_OF_DECAY * slow_s, STEP_S)
+    slow_s = slow_s / intervals.lengths_s
+    steps = intervals.steps(np.arange(len(chosen)), intervals.shares(steps_s))
     is_some = steps.is_touched.any(axis=1)
     before = np.concatenate([[False], touches.is_touched[:-1]])[chosen]
     # Two searches: coarse steps find whether and roughly when skin is touched, finer ones around
     # the first touched and the strongest step give onset, speed and peak.
-    new = np.flatnonzero(begins[chosen] | (is_some & ~before))
+    new = np.flatnonzero((touches.is_touched[chosen] | is_some) & ~before)
     strong = np.flatnonzero(is_some) if not is_live else new[:0]
     if not len(new) and not len(strong):
-        return touches, []
+        return touches, [], is_some
     finer = intervals.steps(*_closer_shares(steps, new, strong, slow_s))
     is_in = finer.is_touched[: len(new)]
     is_in[:, -1] = True
@@ -117,7 +128,7 @@ def _looked_closely(
     onsets[chosen[new]] = intervals.times_s(new, finer.shares[np.arange(len(new)), first])
     touches = replace(touches, onsets_s=onsets)
     if is_live or finer.run is None:
-        return touches, []
+        return touches, [], is_some
     column = np.concatenate([first, finer.strengths(slow_s)[len(new) :].argmax(axis=1)])
     flat = np.arange(len(column)) * finer.shares.shape[1] + column
     hits = np.flatnonzero(np.isin(flat, finer.rows))
@@ -125,7 +136,8 @@ def _looked_closely(
     sets = finer.run.set_of[np.searchsorted(finer.rows, flat[hits])]
     # Filters and speeds are evaluated at these moments only: nearness and speeds cost more than
     # contacts.
-    answered = intervals.answered(which, shares, 1.0 / count / _FINER, finer.run, sets)
+    speeds_over = (steps_s / intervals.lengths_s)[which] / _FINER
+    answered = intervals.answered(which, shares, speeds_over, finer.run, sets)
     speeds = touches.speeds_m_s.copy()
     is_new = hits < len(new)
     speeds[chosen[which[is_new]]] = answered.speeds_m_s[is_new]
@@ -141,7 +153,7 @@ def _looked_closely(
     )
     is_in_space = any(filter_.is_in_space for filter_ in moments.filters)
     parts = [with_filters] if is_in_space else [with_filters, *steps.sets]
-    return replace(touches, speeds_m_s=speeds), parts
+    return replace(touches, speeds_m_s=speeds), parts, is_some
 
 
 def _changes(
@@ -153,8 +165,8 @@ def _changes(
     loud_until_s: float,
 ) -> tuple[Bool, Bool]:
     """Two masks (n,) of loud intervals before samples, in which contacts change: near a maximum of
-    the summed weights, at possible pauses and turns; and all further changes. ``run`` None: both
-    False."""
+    the summed weights, at possible pauses and turns; and all further changes. ``begins`` (n,):
+    intervals in which a touch may begin. ``run`` None: both False."""
     impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     loudest_s = LOUD * touches.controls[:, impacts, 1:3].sum(axis=2).max(axis=1)
     until_s = np.where(begins, touches.times_s + loudest_s, loud_until_s)
@@ -197,27 +209,6 @@ def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
     first = np.flatnonzero(np.concatenate([[True], np.diff(ids[order]) > 0]))
     more = np.add.reduceat(signed, first)
     return bool((more > 0.0).any()), bool((more < 0.0).any())
-
-
-def _by_steps(
-    moments: Moments, touches: Touches, rows: Bool, longest_s: float
-) -> Iterator[tuple[I64, int]]:
-    """Yield (rows, step count) of the intervals selected by ``rows`` (n,), grouped by count,
-    ascending. Steps take at most ``longest_s`` and 2 % of the shortest impact's time constant; 2 to
-    100 steps."""
-    chosen = np.flatnonzero(rows)
-    ends = moments.rows[chosen]
-    lengths_s = moments.times_s[ends] - moments.times_s[ends - 1]
-    # A step may lose the decay within it, so steps are fractions of the shortest time constant.
-    steps_s = np.minimum(_OF_DECAY * _slow_s(touches, chosen), longest_s)
-    counts = np.clip(np.ceil(lengths_s / steps_s - 1e-6), 2, _MOST_STEPS)
-    for count in np.unique(counts).tolist():
-        yield chosen[counts == count], int(count)
-
-
-def _grid(count: int) -> F64:
-    """Even fractions (count + 1,) from 0 to 1."""
-    return np.linspace(0.0, 1.0, count + 1)
 
 
 def _slow_s(touches: Touches, rows: I64) -> F64:

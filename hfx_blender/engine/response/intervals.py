@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from ..scene import EffectBlock, Motion, PoseBlock
 from .grazes import Contacts, follow_on
 from .motion_estimate import NEIGHBOURS, MotionEstimate
 from .touches import BodyPlaces, Moments, Touches
+
+_MOST_STEPS: Final = 100  # per interval, for rates below 20 Hz
+_LEAST_SHARE: Final = 1e-6  # fraction of an interval: nearer to an end is the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,8 @@ class Intervals:
         Of the effect.
     is_straight : bool
         Motion is linear between samples.
+    with_passages : bool
+        Contacts of a step include those since the step before.
     """
 
     def __init__(
@@ -87,13 +93,14 @@ class Intervals:
         contacts: Contacts,
         *,
         is_straight: bool,
+        with_passages: bool,
     ) -> None:
         self._moments = moments
         self._parameters = parameters
         self._own_paths: dict[tuple[str, int, int, int], MotionEstimate] = {}
         self._own_motion: dict[tuple[str, int, bytes], F64] = {}
         self._contacts = contacts
-        self._is_straight = is_straight
+        self._is_straight, self._with_passages = is_straight, with_passages
         self.chosen = chosen
         self._rows = moments.rows[chosen]
         self.lengths_s = moments.times_s[self._rows] - moments.times_s[self._rows - 1]
@@ -108,23 +115,35 @@ class Intervals:
         ends = self._moments.times_s[self._rows[which]]
         return np.asarray(ends - (1.0 - shares) * self.lengths_s[which])
 
-    def with_keys(self, grid: F64) -> F64:
-        """Fractions (n, S) of each interval: those of ``grid``, and keys of volume and pose inside,
-        ascending; intervals with fewer keys are padded with 1."""
+    def shares(self, steps_s: F64) -> F64:
+        """Fractions (n, S) of each interval, ascending: 0, whole multiples of ``steps_s`` (n,)
+        since time zero, keys of volume and pose, and 1. At most 100 multiples; shorter rows are
+        padded with 1."""
+        which, lengths_s = np.arange(len(self.chosen)), self.lengths_s
+        starts_s = self.times_s(which, np.zeros(len(which)))
+        # Multiples of the same steps at each rate: contacts of few samples of skin change abruptly,
+        # so that other moments would have other maxima.
+        steps_s = np.maximum(steps_s, lengths_s / _MOST_STEPS)
+        first = np.floor(starts_s / steps_s) + 1.0
+        numbers = np.arange(np.ceil((lengths_s / steps_s).max()))
+        multiples = (first[:, None] + numbers) * steps_s[:, None]
+        grid = (multiples - starts_s[:, None]) / lengths_s[:, None]
         keyed = [block.keys for block in (self._moments.effect, self._moments.pose)]
         keys = np.concatenate([np.zeros(0), *(values for values in keyed if values is not None)])
-        inside = keys - (self._moments.indices[self._rows, None] - 1.0)
-        inside = np.where((inside > 0.0) & (inside < 1.0), inside, 1.0)
-        inside = np.sort(inside, axis=1)[:, : int((inside < 1.0).sum(axis=1).max(initial=0))]
-        together = np.concatenate([np.broadcast_to(grid, (len(inside), len(grid))), inside], axis=1)
-        return np.sort(together, axis=1)
+        at_keys = keys - (self._moments.indices[self._rows, None] - 1.0)
+        inside = np.concatenate([grid, at_keys], axis=1)
+        is_inside = (inside > _LEAST_SHARE) & (inside < 1.0 - _LEAST_SHARE)
+        inside = np.sort(np.where(is_inside, inside, 1.0), axis=1)
+        ends = np.broadcast_to([0.0, 1.0], (len(inside), 2))
+        inside = inside[:, : int(is_inside.sum(axis=1).max(initial=0))]
+        return np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1)
 
     def steps(self, which: I64, shares: F64) -> IntervalSteps:
         """Contacts without filters at fractions ``shares`` (n, S + 1), or (S + 1,) for all, of the
         intervals numbered ``which`` (n,)."""
         shares = np.broadcast_to(shares, (len(which), shares.shape[-1]))
         closer = self._closer(which, shares)
-        run = self._contacts(closer, closer.rows % shares.shape[1] != 0)
+        run = self._contacts(closer, (closer.rows % shares.shape[1] != 0) & self._with_passages)
         sums, rows = np.zeros(shares.size), np.zeros(0, np.int64)
         if run is not None:
             rows = np.searchsorted(closer.indices, run.indices)
@@ -133,10 +152,10 @@ class Intervals:
         sums = sums.reshape(shares.shape)
         return IntervalSteps(run, rows, which, self.chosen[which], times, shares, sums)
 
-    def answered(self, which: I64, shares: F64, step: float, run: SampleRun, sets: I64) -> Touches:
+    def answered(self, which: I64, shares: F64, step: F64, run: SampleRun, sets: I64) -> Touches:
         """Touches with filters at one fraction (n,) of each interval numbered ``which`` (n,).
-        Speeds are means over ``step``, a fraction of an interval. ``sets`` (n,) are the set numbers
-        in ``run``, whose contacts have no filters."""
+        Speeds are means over ``step`` (n,), fractions of the intervals. ``sets`` (n,) are the set
+        numbers in ``run``, whose contacts have no filters."""
         closer = self._closer(which, np.stack([shares - np.minimum(step, shares), shares], axis=1))
         rows = closer.rows[1::2]
         touched = replace(

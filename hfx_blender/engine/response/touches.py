@@ -197,17 +197,21 @@ class Moments:
 
     def _speeds(self, sets: dict[int, tuple[I32, F64]], count: int) -> F64:
         """Mean speed (n,) of touched skin relative to the volume since the sample before, weighted,
-        m/s. 0 if unknown: no such sample, effect off there, no pose; and for stacks without speed
-        and impact."""
+        m/s. 0 if unknown: no such sample, effect off there, no pose; for stacks without speed and
+        impact; and for impacts alone after touched samples."""
         speeds = np.zeros(count)
-        if not sets or all(
-            filter_.kind not in (FilterKind.SPEED, FilterKind.IMPACT) for filter_ in self.filters
-        ):
+        kinds = {filter_.kind for filter_ in self.filters}
+        if not kinds & {FilterKind.SPEED, FilterKind.IMPACT}:
             return speeds
+        # An impact has the speed of its beginning. Filters in space may end a touch, so that
+        # another one begins after a sample in contact.
+        is_every = FilterKind.SPEED in kinds or any(one.is_in_space for one in self.filters)
         assert self.effect.matrices is not None
         posed = frozenset(self.posed.tolist())
         for k, (vertices, weights) in sets.items():
             row = int(self.rows[k])
+            if not is_every and k - 1 in sets and self.rows[k - 1] == row - 1:
+                continue
             # A speed needs the sample before; unusable placements are reported by contacts.
             if row == 0 or row - 1 not in posed or not self.effect.levels[row - 1] > 0.0:
                 continue

@@ -8,6 +8,7 @@ strength, the time of contact, and the decay.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -117,23 +118,34 @@ def levels_of(
     ),
     levels: Callable[[np.ndarray], np.ndarray] = np.ones_like,
     moves_body: bool = False,
+    is_computed: bool = False,
     is_live: bool = False,
 ) -> np.ndarray:
-    """Return level times weight of all vertices at all samples, (T, V)."""
+    """Return level times weight of all vertices at all samples, (T, V).
+
+    With ``is_computed`` the engine can evaluate the ball's motion between samples.
+    """
     count = int(seconds * rate_hz) + 1
     times = np.arange(count) / rate_hz
-    matrices = np.tile(np.diag([RADIUS_M] * 3 + [1.0]), (count, 1, 1))
+
+    def placements(indices: np.ndarray) -> np.ndarray:
+        balls = np.tile(np.diag([RADIUS_M] * 3 + [1.0]), (len(indices), 1, 1))
+        if not moves_body:
+            balls[:, :3, 3] = centre(indices / rate_hz)
+        return balls
+
+    matrices = placements(np.arange(count))
     to_world = np.tile(np.eye(4), (count, 1, 1))
     if moves_body:
         to_world[:, :3, 3] = -centre(times)
-    else:
-        matrices[:, :3, 3] = centre(times)
     controls = np.zeros((count, len(stack), WIDTH))
     for k, (_, _, values) in enumerate(stack):
         controls[:, k, : len(values)] = values
     effect = EffectBlock(
         levels(times), np.tile([10.0, 150.0], (count, 1)), matrices, (Sphere(),), response=controls
     )
+    if is_computed:
+        effect = replace(effect, matrices_at=placements)
     volume = HapticVolume(
         Falloff("linear", 1.0) if falls else Falloff(),
         tuple(Filter(kind, operation, rings_s=2.0) for kind, operation, _ in stack),
@@ -207,8 +219,8 @@ def test_the_ring_is_as_strong_however_the_ball_leaves() -> None:
 
 
 def going_in(times: np.ndarray) -> np.ndarray:
-    """Contact starts at 0.2033 s, goes 12 mm deep at 0.4 m/s, and ends at the same speed."""
-    height = RADIUS_M - 0.012 + 0.4 * np.abs(times - 0.2333)
+    """Contact starts at 0.2034 s, goes 11.96 mm deep at 0.4 m/s, and ends at the same speed."""
+    height = RADIUS_M - 0.01196 + 0.4 * np.abs(times - 0.2333)
     return np.stack([0.004 + 0.0 * times, 0.0 * times, height], axis=1)
 
 
@@ -234,7 +246,7 @@ def test_later_covered_vertices_peak_between_samples(tolerance: Tolerance, decay
         by_vertex = tolerance is PAPER
         # The ball's lowest point touches first; the nearest vertex is 4 mm away.
         late_m = RADIUS_M - np.sqrt(RADIUS_M**2 - 0.004**2) if by_vertex else 0.0
-        began_s = 0.2333 - (0.012 - late_m) / 0.4
+        began_s = 0.2333 - (0.01196 - late_m) / 0.4
         times = began_s + np.linspace(0.0, min(0.033, 5.0 * decay_s), 80)
         for vertex in (MIDDLE, MIDDLE + 1):
             expected = oracle_strongest(
@@ -244,6 +256,50 @@ def test_later_covered_vertices_peak_between_samples(tolerance: Tolerance, decay
                 by_vertex=by_vertex,
             )
             assert tops[:, vertex] == pytest.approx(expected, rel=0.05, abs=0.003)
+
+
+@pytest.mark.parametrize("start_s", [0.2353, 0.2388])
+def test_skin_passed_within_a_sample_is_weighed_at_one_moment(start_s: float) -> None:
+    """A ball with a falloff goes over five cells in a sample at 100 Hz. At no moment are all places
+    of a cell as deep as each of them is once."""
+
+    def passing_through(times: np.ndarray) -> np.ndarray:
+        since = times - start_s
+        return np.stack([10.0 * since - 0.1, 0.0 * times, RADIUS_M - since], axis=1)
+
+    stack = ((FilterKind.IMPACT, Operation.MULTIPLY, (1.0, 0.0, 0.012, 1.0)),)
+    tops = np.array(
+        [
+            levels_of(passing_through, rate, EXACT, falls=True, stack=stack, seconds=0.3).max(
+                axis=0
+            )
+            for rate in RATES
+        ]
+    )
+    # On the ball's way; cells at the edge of the patch are cut.
+    x, y, _ = SKIN.vertices.T
+    strong = np.flatnonzero((tops.max(axis=0) > 0.3 * tops.max()) & (y == 0.0) & (x < 0.19))
+    assert len(strong) > 10
+    times = start_s + np.linspace(0.0, 0.04, 160)
+    for vertex in strong[::2].tolist():
+        vertex_m = SKIN.vertices[vertex]
+        weights = [oracle_weight(vertex_m, place, falls=True) for place in passing_through(times)]
+        ring = np.exp(-(times - start_s) / 0.012)
+        expected = (ring * np.maximum.accumulate(weights)).max()
+        assert tops[:, vertex] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_touch_within_a_sample_after_a_pause_of_8_ms_is_no_new_impact() -> None:
+    """Touches of 0.21 to 0.2527 s and of 0.261 to 0.269 s, 0.5 m/s each way. At 100 Hz the second
+    touch has no sample, and only a search finds the end of the first touch."""
+
+    def touching_twice(times: np.ndarray) -> np.ndarray:
+        height = 0.5 * np.minimum(np.abs(times - 0.23135) - 0.02135, np.abs(times - 0.265) - 0.004)
+        return np.stack([0.0 * times, 0.0 * times, RADIUS_M + height], axis=1)
+
+    for rate in RATES:
+        felt = levels_of(touching_twice, rate, PAPER, is_computed=True)[round(0.3 * rate), MIDDLE]
+        assert felt == pytest.approx(oracle_ring(0.3 - 0.21, 0.5), rel=0.03)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
