@@ -274,7 +274,7 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
         "weights": np.round(weights[vertices], 4).tolist(),
     }
 
-    # Read again under the lock of the file: another Blender may have saved an area meanwhile.
+    # Read again under the lock of the file: another Blender may have saved an area.
     def content() -> dict[str, Any]:
         # An unreadable file must not pass for an empty one: every saved area would be lost.
         path = resources.saved_areas()

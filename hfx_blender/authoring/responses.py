@@ -135,47 +135,30 @@ def renumber(effect: bpy.types.Object, new_indices: Sequence[int | None]) -> Non
 def response_recipe(
     effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> tuple[FilterRecipe, ...]:
-    """Recipes of a volume's filters, including muted filters; times relative to frame ``first``."""
-    return tuple(
-        _recipe(effect, index, item, unit_m, first, fps)
-        for index, item in enumerate(effect.hfx.response)
-    )
-
-
-def _recipe(
-    effect: bpy.types.Object,
-    index: int,
-    item: bpy.types.PropertyGroup,
-    unit_m: float,
-    first: float,
-    fps: float,
-) -> FilterRecipe:
-    kind = FilterKind(item.kind)
-    curves = {
-        match[2]: curve
-        for curve in compat.fcurves(effect)
-        if (match := PATH.match(curve.data_path)) and int(match[1]) == index
-    }
-    values: dict[str, float] = {}
-    animated: list[tuple[str, Keys]] = []
-    for control, name in zip(CONTROLS[kind], properties_of(item), strict=True):
-        # Files are strict about limits, a .blend may hold any number.
-        scale, low, high = _scale(name, unit_m), control.minimum, control.maximum
-        values[control.name] = min(max(float(getattr(item, name)) * scale, low), high)
-        if name in curves:
-            keys = tuple(
-                ((key.co[0] - first) / fps, min(max(key.co[1] * scale, low), high))
-                for key in curves[name].keyframe_points
-            )
-            animated.append((control.name, keys))
-    return FilterRecipe(
-        kind.value,
-        values,
-        item.operation,
-        _reference(item) if references_of(kind) else "centre",
-        bool(item.is_muted),
-        tuple(animated),
-    )
+    """Recipes of a volume's filters, including muted filters; times relative to frame ``first``.
+    Values and keyframes are clamped to the limits of the engine's controls."""
+    paths = ((PATH.match(curve.data_path), curve) for curve in compat.fcurves(effect))
+    curves = {(int(match[1]), match[2]): curve for match, curve in paths if match}
+    recipes = []
+    for index, item in enumerate(effect.hfx.response):
+        kind = FilterKind(item.kind)
+        values: dict[str, float] = {}
+        animated: list[tuple[str, Keys]] = []
+        for control, name in zip(CONTROLS[kind], properties_of(item), strict=True):
+            # Files are strict about limits, a .blend may hold any number.
+            scale, low, high = _scale(name, unit_m), control.minimum, control.maximum
+            values[control.name] = min(max(float(getattr(item, name)) * scale, low), high)
+            if (index, name) in curves:
+                keys = tuple(
+                    ((key.co[0] - first) / fps, min(max(key.co[1] * scale, low), high))
+                    for key in curves[index, name].keyframe_points
+                )
+                animated.append((control.name, keys))
+        about = _reference(item) if references_of(kind) else "centre"
+        is_muted, keys_by_control = bool(item.is_muted), tuple(animated)
+        recipe = FilterRecipe(kind.value, values, item.operation, about, is_muted, keys_by_control)
+        recipes.append(recipe)
+    return tuple(recipes)
 
 
 def _scale(name: str, unit_m: float) -> float:

@@ -61,6 +61,7 @@ def backgrounds_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
 
 def scene_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Unique objects of a scene, followed by objects of the background scenes."""
+    # Two scenes may share an object.
     background = (obj for behind in backgrounds_of(scene) for obj in behind.objects)
     return list(dict.fromkeys((*scene.objects, *background)))
 

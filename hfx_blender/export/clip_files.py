@@ -56,6 +56,8 @@ def write_clips(
                 written += Written((path,))
             played_by = [device for device in devices if device.id not in rendered.silent]
             of_clip = finish(rendering(track, renderers_of_track(track, played_by)))
+            # A device with files for some clips only would mislead: all clips are written again
+            # without it. Each repetition loses a device, so this ends.
             if of_clip.silent:
                 reasons = {
                     device: f"clip '{named.name}': {reason}"

@@ -172,6 +172,15 @@ def record_track(
                 read += len(block.own_indices)
             yield block
 
+    def own_blocks(evaluated: Iterator[BlockSamples]) -> Iterator[BlockSamples]:
+        """Yield blocks from sample ``first`` on. Earlier blocks only warm up responses: the
+        counters are reset after each, so that parts add up to the whole."""
+        for block, runs in evaluated:
+            if block.own_indices[-1] < first:
+                engine.counters.clear()
+            else:
+                yield block, runs
+
     def work(
         unread_blocks: Iterator[AnimationBlock],
     ) -> Generator[list[AnimationBlock], None, None]:
@@ -182,7 +191,7 @@ def record_track(
             header = TrackHeader.of(description, models, settings=settings, tools=tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
-                for chunk in _chunks(_without_warm_up(evaluated, first, engine.counters)):
+                for chunk in _chunks(own_blocks(evaluated)):
                     # Renderers get the runs as stored: quantised, and joined to whole chunks.
                     runs = writer.append(joined_runs((runs for _, runs in chunk), header.streams))
                     for _, renderer in renderers:
@@ -207,17 +216,6 @@ def record_track(
                 done += len(block.own_indices)
             yield (read + done) / (2 * count)
     return finished
-
-
-def _without_warm_up(
-    blocks: Iterator[BlockSamples], first: int, counters: Counters
-) -> Iterator[BlockSamples]:
-    """Yield blocks from sample ``first`` on; reset the counters after each block before."""
-    for block, runs in blocks:
-        if block.own_indices[-1] < first:
-            counters.clear()
-        else:
-            yield block, runs
 
 
 def _chunks(blocks: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:

@@ -42,6 +42,7 @@ from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
 from ..processes.start import cores
 from ..reading.description.scene_settings import formats_without, scene_tolerance
+from ..reading.description.unfelt import is_partial
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..text import MOST_LINES, counted, shortened
 from . import result_files
@@ -146,19 +147,6 @@ class SceneExport:
             self.reader.description, self._settings.formats, self._settings.clip_detail
         )
 
-    def whole(
-        self,
-        folder: Path,
-        stem: str,
-        progress: Progress = lambda share: None,
-        made_from: Mapping[str, Any] | None = None,
-        stage_in: Path | None = None,
-    ) -> ExportReport:
-        """Export to ``folder/stem.*``; see :func:`export_scene`. ``made_from`` is stored in the
-        report. Unfinished files are in a new folder in ``stage_in``, or in ``folder`` by
-        default."""
-        return finish(self.steps(folder, stem, made_from, stage_in), progress)
-
     def steps(
         self,
         folder: Path,
@@ -166,8 +154,9 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> Generator[float, None, ExportReport]:
-        """Export as :meth:`whole`, in steps of :mod:`.stepwise`; closed early, no files are
-        left."""
+        """Export to ``folder/stem.*``, see :func:`export_scene`, in steps of :mod:`.stepwise`;
+        closed early, no files are left. ``made_from`` is stored in the report. Unfinished files are
+        in a new folder in ``stage_in``, or in ``folder`` by default."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             recorders = self._recorders()
@@ -201,7 +190,7 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> ExportReport:
-        """Merge parts, in order of time, into the results of :meth:`whole`. Devices are rendered
+        """Merge parts, in order of time, into the results of :meth:`steps`. Devices are rendered
         here, on the whole track, because devices carry state between samples."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
@@ -273,8 +262,8 @@ class SceneExport:
                 whole,
                 self._without_clip | self.reader.unfelt,
                 recorded.warnings,
-                is_part=self.reader.is_part,
-                instances=self.reader.instance_ids,
+                is_part=is_partial(self.reader.found.scene, self.reader.time),
+                instances={effect.id for effect in self.reader.instances.descriptions},
                 times=recorded.times,
                 answering=answering,
                 seen_on=recorded.reading.get("on", {}),
@@ -373,7 +362,7 @@ def export_scene(
 ) -> ExportReport:
     """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left. Raises
     InputError for an unusable scene, OutputError for an unwritable folder."""
-    return SceneExport(scene, settings).whole(folder, stem, progress)
+    return finish(SceneExport(scene, settings).steps(folder, stem), progress)
 
 
 def _refuse(warnings: Sequence[str]) -> None:

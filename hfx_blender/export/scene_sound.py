@@ -63,6 +63,7 @@ class SoundRecorder:
             raise InputError(
                 f"Body '{scene.bodies[0].name}' has no bones, so it cannot be the listener."
             )
+        # Any model serves: all are fitted to the same head, whose frame is needed.
         model_id = scene.effects[self._volumes[0]].model_id
         self._listener = ListenerFrame(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count

@@ -158,16 +158,6 @@ class SceneReader:
         )
 
     @property
-    def is_part(self) -> bool:
-        """True if frames of the scene are not read."""
-        return unfelt.is_partial(self.found.scene, self.time)
-
-    @property
-    def instance_ids(self) -> frozenset[str]:
-        """Effect ids of instances and particles."""
-        return frozenset(description.id for description in self.instances.descriptions)
-
-    @property
     def counters(self) -> ReadingCounters:
         """Copy of the counters so far, with simulated frames, instances and dormant effects."""
         simulation, asleep = self.found.simulation, self.found.dormant.items()
@@ -297,7 +287,14 @@ class SceneReader:
         indices = self.sample_indices
         if not self._is_probed or not len(indices):
             return plan
-        return checked(plan, self.found, self._described, self._reading, indices, self._agrees)
+
+        def agrees(plan: Plan, truth: list[SceneRow]) -> bool:
+            """Test that blocks read by a plan equal rows of Blender's evaluation."""
+            with ExitStack() as stack:
+                reading = self.open_pass(stack, plan, np.array([row.index for row in truth]))
+                return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
+
+        return checked(plan, self.found, self._described, self._reading, indices, agrees)
 
     def open_pass(
         self, stack: ExitStack, plan: Plan | None = None, spots: I64 | None = None
@@ -349,14 +346,6 @@ class SceneReader:
         the scene's or the last read."""
         end = max(self.found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
-
-    def _agrees(self, plan: Plan, truth: list[SceneRow]) -> bool:
-        """Test that blocks read by a plan equal rows of Blender's evaluation, at the rows'
-        samples."""
-        with ExitStack() as stack:
-            spots = np.array([row.index for row in truth])
-            reading = self.open_pass(stack, plan, spots)
-            return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 
 def contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:

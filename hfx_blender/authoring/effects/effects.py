@@ -84,8 +84,8 @@ def missing_body_reason(effect: bpy.types.Object) -> str:
         return "belongs to no body, and the scene has not exactly one"
     # Blender clears the pointer to a deleted body, and the stored name stays. A body that has this
     # name now is another body.
-    other = bpy.data.objects.get(name)
-    if effect.hfx.body is None and other is not None and other.hfx.role == "BODY":
+    namesake = bpy.data.objects.get(name)
+    if effect.hfx.body is None and namesake is not None and namesake.hfx.role == "BODY":
         return "belongs to a body that was deleted"
     return f"belongs to body '{name}', which is not in the scene"
 
@@ -337,7 +337,7 @@ def checked_area(
     strengths = np.array(weights, np.float32)
     if not (np.isfinite(strengths).all() and ((strengths >= 0) & (strengths <= 1)).all()):
         raise InputError(f"Effect '{name}': a painted weight is not a number from 0 to 1.")
-    # Equal areas give equal tracks, in whatever order they are stored, and with zeros or without.
+    # Equal areas give equal tracks: the stored order and zeros do not matter.
     order = np.argsort(ids, kind="stable")
     order = order[strengths[order] > 0]
     ids, strengths = ids[order], strengths[order]

@@ -78,6 +78,7 @@ def keep(
             for path in renamed
         ],
     }
+    # The record comes last: a piece without it counts as missing, whatever files a killed job left.
     record_file = path_of(Path(unit.stage), unit.piece, ".json")
     try:
         with atomic_file(record_file) as file:
@@ -168,6 +169,7 @@ def _count(folder: Path, unit: Unit) -> int:
         raise InputError(
             f"{folder}: has no pieces of {unit.title}; export them with --piece 1/N to N/N."
         )
+    # Jobs of an earlier attempt may have left pieces of another count.
     return max(finished_of, key=lambda count: (finished_of[count] / count, count))
 
 

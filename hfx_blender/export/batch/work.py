@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from ...devices.configuration import load_device
 from ...engine.rendering.device_config import DeviceConfig
-from ...engine.stepwise import progress_shown
+from ...engine.stepwise import finish, progress_shown
 from ...engine.tolerance import parse as parse_tolerance
 from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK
@@ -137,7 +137,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
             if reason is None:
                 return {"split": cut}
             remarks.append(f"exported in one go, not in {len(cut)} parts: {reason}")
-        report = export.whole(folder, unit.stem, progress, made_from, stage)
+        report = finish(export.steps(folder, unit.stem, made_from, stage), progress)
     return {
         "input": unit.title,
         "report": report.as_dict(),

@@ -51,6 +51,7 @@ class CurveEffect:
         animated = {p for p in animated if not area_values.is_drive(p)}
         if effect.hfx.kind == "SPOT":
             known |= {f"hfx.{name}" for name in area_values.PLACE}
+        # A property outside of these lists may change the kind of the effect, or its shape.
         unsupported = sorted(path for path in animated - known if path.startswith("hfx."))
         if visibility.is_keyed(effect):
             raise NotModelledError(f"'{effect.name}' is shown and hidden")
@@ -159,13 +160,15 @@ class CurveEffect:
     def _value(self, name: str, sampled: F64) -> F64:
         """Values (T,) of ``hfx.<name>`` from sampled values (T, C), clamped to hard limits and
         rounded to float32; without a curve the present value at all times."""
+        # Blender clamps evaluated values to the limits and stores float32: both are repeated here,
+        # so that values equal those of a stepped scene.
         column = self._place.values.columns.get((f"hfx.{name}", 0))
         owner = self._hfx
         if area_values.is_drive(f"hfx.{name}"):
             owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
         if column is None:
             return np.full(len(sampled), limited(owner, name))
-        limits = owner.bl_rna.properties[name]  # Blender clamps evaluated values, in float32
+        limits = owner.bl_rna.properties[name]
         clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
         return clipped.astype(np.float32).astype(np.float64)
 
@@ -230,6 +233,7 @@ class EffectChunks:
         if self._spots is not None:
             rows = np.searchsorted(self._spots, indices)
             return _rows_of(self._chunk(0, self._spots)[which], rows)
+        # Chunks stand at fixed positions in time, so that neighbouring blocks share them.
         numbers = indices // _CHUNK
         parts = []
         for number in range(int(numbers[0]), int(numbers[-1]) + 1):
@@ -248,6 +252,7 @@ class EffectChunks:
         """Blocks of all effects, by key, at ``indices``, cached by chunk number; a new chunk
         removes all but the two neighbouring chunks."""
         if number not in self._chunks:
+            # Blocks are read forwards and overlap by a few samples: two chunks are in use.
             frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
@@ -299,6 +304,7 @@ class CurveBody:
         to_world = np.zeros((len(frames), 4, 4))
         if not is_wanted.any():
             return PoseBlock(is_wanted, to_world)
+        # Posing a rig is costly, so only rows with an active effect are posed.
         if is_wanted.all():
             world, bones = self.rig.sample(frames)
             return PoseBlock(is_wanted, effect_values.to_metres(world, self._unit_m), bones)

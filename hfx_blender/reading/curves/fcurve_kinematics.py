@@ -69,6 +69,7 @@ class Parents:
 class _LastResult:
     """Cache of the last result, valid for the identical frames array."""
 
+    # All children of a parent are asked for the same array in turn, so identity suffices.
     def __init__(self, work: Callable[[F64], F64]) -> None:
         self._work = work
         self._last: tuple[F64, F64] | None = None
@@ -130,19 +131,17 @@ class PlainObject:
         ``sampled`` (T, C) are this object's values there, if known."""
         if sampled is None:
             sampled = self.values.sample(frames)
-        own = self._own(sampled if self._moves else sampled[:1])
+        # An object without own curves has the same local matrix at all times.
+        moves = any(path in WIDTHS for path, _ in self.values.columns)
+        own = self._own(sampled if moves else sampled[:1])
         own = np.broadcast_to(own, (len(frames), 4, 4)).copy()
         if self._parent is None:
             return own
+        # Blender's order: parent, seat on the bone, inverse of the parent at the time of parenting.
         above = self._parent._kept_world(frames)
         if self._rig is not None and self._bone is not None:
             above = above @ self._rig.places_on_bone(self._bone, self._along_bone, frames)
         return above @ self._parent_inverse @ own
-
-    @property
-    def _moves(self) -> bool:
-        """True if an F-curve or strip sets one of the object's own transform properties."""
-        return any(path in WIDTHS for path, _ in self.values.columns)
 
     @property
     def key_frames(self) -> F64:
@@ -189,6 +188,8 @@ class PlainRig:
         index = {name: k for k, name in enumerate(self._names)}
         data = obj.data
         bones = [data.bones[name] for name in self._names]
+        # foreach_get gives all bones of the armature in its own order, columns first; the pose may
+        # have another order.
         matrices = np.empty((len(data.bones), 4, 4), np.float32)
         data.bones.foreach_get("matrix_local", matrices.ravel())
         order = [data.bones.find(name) for name in self._names]
@@ -283,6 +284,7 @@ def _channel_places(
             if not _HARMLESS.match(path):
                 raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
             continue
+        # Curves of bones that do not exist, as after renaming, move nothing.
         name = bpy.utils.unescape_identifier(match[1])
         if match[2] == "rotation_mode":
             raise NotModelledError(f"'{path}' of '{obj.name}' is animated")

@@ -108,6 +108,8 @@ def surface_area(
         tile_m = [length * unit_m for length in charts.tile]
         if settings.use_own_scale:
             tile_m = [length / 1000.0 for length in settings.uv_mm]
+        # Texture coordinates have no length. Metres per UV unit make the map's details equally
+        # large on every mesh.
         coordinates = charts.uv * tile_m
     else:
         coordinates = surface_uv.projected(mesh, effect.name, world) * unit_m
@@ -146,6 +148,7 @@ def joined(rows: list[F64 | None]) -> F64 | None:
     first = next((row for row in rows if row is not None), None)
     if first is None:
         return None
+    # SurfaceVertices returns the identical array while nothing deforms: one copy serves all times.
     if all(row is None or row is first for row in rows):
         return first[None]
     return np.stack([first if row is None else row for row in rows])

@@ -36,6 +36,7 @@ def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGro
     hard limit; a driver on either sets both to the limit."""
     if item.kind != FilterKind.IMPACT:
         return 0.0
+    # The engine keeps an impact as long as this bound, so a bound too low would cut impacts.
     times_s = {name: limited(item, name) for name in ("attack", "decay")}
     data = effect.animation_data
     if data is None:

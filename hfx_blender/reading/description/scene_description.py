@@ -271,6 +271,7 @@ def describe(
         raise _refusal(faults.values() or [none])
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(haptics.scene, frames)
+    # Binding a model to a body takes seconds: only models of effects that may be felt are bound.
     posed = {
         description.model_id
         for effect, description in described.items()
@@ -400,6 +401,7 @@ def _painted_area(
             f"'{model_id}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what "
             "was painted for another modality (Keep Painted Area)."
         )
+    # Vertex numbers are valid for one edition of a model only.
     model = load_model(model_id)
     if hfx.model_hash != model.content_hash:
         raise InputError(

@@ -54,6 +54,7 @@ def formats_without(
 ) -> tuple[str, ...]:
     """Formats that the loaded devices can still write; all formats if no device is missing. Raises
     InputError with the reasons of ``missing`` if formats were requested and none is left."""
+    # With all devices present a format without a device is the user's mistake, reported elsewhere.
     usable_formats = usable(formats, devices) if missing else tuple(formats)
     if formats and not usable_formats:
         raise InputError("; ".join(missing.values()) + ".")
@@ -92,6 +93,7 @@ def play_space_poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F
         raise InputError(
             f"Play space '{space.name}': {error}; it is moved by keyframes, clips or parents only."
         ) from None
+    # A track stores the room at each sample, so its motion must be known without stepping.
     frames = animation_frames(scene, sample_frames(time, np.arange(time.sample_count)))
     world = plain.world(frames, plain.values.sample(frames))
     world[:, :3, 3] *= unit_m

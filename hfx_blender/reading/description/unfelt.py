@@ -93,10 +93,13 @@ def reasons(
     for effect, state in states.items():
         own_lost = [*lost_clips(scene, time, effect, state)]
         lost += own_lost
-        clipless = of_lost_clips(own_lost, state)
         why = asleep.get(effect) or why_powerless(effect, frames)
-        if clipless is not None:
-            unfelt_effects[effect.name] = clipless
+        is_clipless = len(own_lost) >= len(state.playing) and all(c.is_whole for c in own_lost)
+        if own_lost and is_clipless:
+            # The warning about the clips says so already.
+            are_between = all(clip.why == "between" for clip in own_lost)
+            clipless = "that reaches a sample" if are_between else "within the frames of the scene"
+            unfelt_effects[effect.name] = Unfelt(f"has no clip {clipless}", is_warned=True)
         elif why is not None and state.source is ActivationSource.OFF:  # muted, not solo, clips off
             unfelt_effects[effect.name] = Unfelt(why, is_expected=True)
         elif why is not None:
@@ -147,6 +150,8 @@ def lost_clips(
 def _why_lost(time: TimeBase, start: float, end: float) -> str | None:
     """Key of :data:`_LOST` for a clip from played frame ``start`` to ``end``; None if the whole
     clip has samples. "between" counts before "beyond" and "early"."""
+    # A clip shorter than the step of samples may lie between two of them. Its first sample at or
+    # after the start would then be after its end.
     first, stop = time.frame_first, time.frame_last + 1
     step = float(time.fps / time.rate_hz)
     why = clips.outside(start, end, first, stop, step)
@@ -189,16 +194,6 @@ def _times_text(start: float, stop: float) -> str:
         (n for n in (2, 3) if all(abs(round(at, n) - at) <= most for at in (start, stop))), 4
     )
     return f"{start:.{decimals}f} to {stop:.{decimals}f}"
-
-
-def of_lost_clips(lost: Sequence[LostClip], state: Activation) -> Unfelt | None:
-    """Reason for an effect whose clips are all lost as a whole, marked as warned by the clips'
-    warning; None if a clip may be felt. ``lost`` are the effect's own."""
-    if not lost or len(lost) < len(state.playing) or not all(clip.is_whole for clip in lost):
-        return None
-    if all(clip.why == "between" for clip in lost):
-        return Unfelt("has no clip that reaches a sample", is_warned=True)
-    return Unfelt("has no clip within the frames of the scene", is_warned=True)
 
 
 def is_never_strong(

@@ -77,6 +77,7 @@ def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
 def _references() -> Iterator[Reference]:
     """Yield (user, used) of all data-blocks of the file except of scenes, and (parent, child) of
     parents with instancing."""
+    # Scenes use everything in them, which would connect all objects.
     for used, users in bpy.data.user_map().items():
         yield from ((user, used) for user in users if not isinstance(user, bpy.types.Scene))
     for obj in bpy.data.objects:  # an instancer's children are its sources

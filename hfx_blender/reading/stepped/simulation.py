@@ -81,6 +81,7 @@ class Simulation:
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
     """First object, by full name, with a rigid body or simulating modifier among objects and
     dependencies; None without any."""
+    # The search for dependencies is slow, so files without physics skip it.
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)

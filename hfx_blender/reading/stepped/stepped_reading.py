@@ -51,11 +51,6 @@ class PoseRow:
     bones: npt.NDArray[np.float32] | None = None  # (B, 3, 4) rest space to armature space
     surface: npt.NDArray[np.float32] | None = None  # (A, 3) avatar vertices, local space
 
-    def nearly_equals(self, second: PoseRow) -> bool:
-        """Test for equality up to float32 rounding of matrix, bones and surface; None equals only
-        None."""
-        return _agree(self, second, ("to_world", "bones", "surface"))
-
 
 @dataclass(frozen=True, eq=False)
 class VolumePlacements:
@@ -76,18 +71,8 @@ class SceneRow:
     poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
 
 
-def effects_agree(one: EffectRow, two: EffectRow) -> bool:
-    """Test for equality up to float32 rounding. Levels always count; the rest, except shapes, only
-    while the first level is above 0."""
-    if not _close(one.level, two.level):
-        return False
-    if not one.level > 0.0:
-        return True
-    return _agree(one, two, ("parameters", "matrix", "response", "vertices", "place", "drive"))
-
-
-def _agree(one: object, two: object, names: Sequence[str]) -> bool:
-    """Test two objects for attributes equal up to float32 rounding; None equals only None."""
+def agree(one: object, two: object, names: Sequence[str]) -> bool:
+    """Test two rows for attributes equal up to float32 rounding; None equals only None."""
     return all(_close(getattr(one, name), getattr(two, name)) for name in names)
 
 
@@ -117,6 +102,7 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
             drive=_stacked([row.drive for row in rows]),
         )
     identity = np.eye(4)
+    # A rigid volume has the same shape object in all rows, so a block holds each shape once.
     shapes: dict[Shape, int] = {}
     which = np.zeros(len(rows), np.int32)
     for k, row in enumerate(rows):
@@ -242,6 +228,8 @@ class SteppedReading:
         evaluated = stepper.evaluated(effect)
         if not evaluated.is_evaluated or evaluated.hide_viewport:
             return EffectRow()
+        # Most effects have constant settings, and only their placement is animated: reading the
+        # properties through RNA would take most of the time.
         cached = self._settings.get(which)
         if cached is not None and (which in self.far or not cached.is_mesh):
             return self._moved(cached, evaluated, effect)
@@ -299,6 +287,8 @@ class SteppedReading:
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
         """Cache the settings of effect ``which`` from the row; not for surfaces, response filters,
         and deforming meshes at level 0."""
+        # A surface and response filters vary with more than the placement. A mesh at level 0 may
+        # have had no inside, and its shape would be the last valid one.
         is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
@@ -373,9 +363,11 @@ class SteppedReading:
             matrix = effect_values.world_matrix(stepper.evaluated(body.hfx.avatar))
             surface = body_binding.read_surfaces(body, stepper.evaluated)
             return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
+        # matrix_channel maps the rest pose to the pose, both in armature space. Blender stores
+        # matrices column by column.
         armature = stepper.evaluated(body)
         matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
-        armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
+        armature.pose.bones.foreach_get("matrix_channel", matrices)
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
         matrix = effect_values.world_matrix(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)

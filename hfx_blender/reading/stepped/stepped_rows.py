@@ -93,6 +93,7 @@ class SteppedRows:
         ``is_posed``. Bodies are also read where any effect of ``in_scene`` has a level above 0 or
         NaN. ``may_be_on`` (N,) selects far volumes whose activity is counted. The last rows are
         reused and kept."""
+        # Neighbouring blocks overlap, and each step of Blender is costly.
         rows = []
         for index, posed in zip(indices.tolist(), is_posed.tolist(), strict=True):
             row = self.last.get(index)
