@@ -82,6 +82,7 @@ class Recorded:
             for text, samples in part.faults.items():
                 faults.setdefault(text, set()).update(samples)
         notes = dict.fromkeys(note for part in parts for note in part.notes)
+        # A part of an earlier version has no felt times, and times of the others would be partial.
         is_complete = all(part.felt_times is not None for part in parts)
         return cls(
             counted.as_dict(),
@@ -265,6 +266,7 @@ class SceneRecorders:
     ) -> None:
         """Replace the recordings by the files of :meth:`arrays` of all parts, in order of time.
         ``block_at`` reads the block of a sample, for the shapes of volumes."""
+        # Arrays of both recorders are in one file, told apart by the prefix of their names.
         parts: list[Mapping[str, npt.NDArray[Any]]] = []
         for file in files:
             with np.load(file, allow_pickle=False) as arrays:

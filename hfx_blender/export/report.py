@@ -181,6 +181,7 @@ def effect_facts(
             if not (known.is_expected or known.is_warned):
                 missed.append((effect.name, known.reason))
         lines.append(line | _felt_or_not(spans, known))
+    # Effects that were left out before the recording are not in the track.
     names = {effect.name for effect in track.header.effects}
     lines += [
         {"effect": name} | _felt_or_not(None, why)
@@ -351,7 +352,8 @@ def describe(report: ExportReport) -> str:
         where = "".join(f", listed in {path}" for path in lists)
         written = [f"wrote {len(sizes)} files ({_size(sum(sizes))}) to {report.folder}{where}"]
     lines = [f"Scene '{report.scene}'", *(f"  {text}" for text in written)]
-    already_said = set(report.silent_devices)  # printed by the command separately
+    # The command prints silent devices itself, for all scenes together.
+    already_said = set(report.silent_devices)
     warnings = (text for text in report.warnings if text not in already_said)
     lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
     lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]

@@ -79,8 +79,8 @@ def placed(
 def listed(folder: Path, name: object) -> Path | None:
     """Path of a file listed in a report by its name relative to ``folder``. None for a name outside
     the folder, or a name too long for a file system."""
-    # A report is a file of strangers: a name in it must not lead out of the folder. Backslash and
-    # colon are separators on Windows only.
+    # Reports may be edited: a name must not lead out of the folder. Backslash and colon are
+    # separators on Windows only.
     if not isinstance(name, str) or re.search(r"[\\\x00-\x1f]", name):
         return None
     path = PurePosixPath(name)

@@ -159,6 +159,7 @@ class SceneExport:
         in a new folder in ``stage_in``, or in ``folder`` by default."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
+            # Devices are rendered while samples arrive, so that the track is not read again.
             recorders = self._recorders()
             recorded, renderers = yield from self._record(
                 track, recorders, None, self._settings.devices
@@ -283,6 +284,7 @@ class SceneExport:
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         new_warnings = *recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out
+        # Before anything is moved: a refused export leaves the files of an earlier one.
         if settings.strict:
             _refuse(new_warnings)
         new = {folder / path.relative_to(stem.parent) for path in written.files}

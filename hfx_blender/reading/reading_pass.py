@@ -148,6 +148,7 @@ class ReadingPass:
                     self.scene.time,
                 )
                 effects[k] = replace(effect, response=response)
+            # The moment and speed of an impact are searched between samples, on the exact curves.
             if k in self._impacts:
                 curves = self.plan.effects[k]
                 effects[k] = replace(
@@ -198,6 +199,7 @@ class ReadingPass:
         volumes with constant settings need placements only, the rest is read in a second pass, and
         in the first pass of later blocks until far again. ``own`` are the rows without those of
         neighbouring blocks; these are counted as skipped for far volumes."""
+        # Skin of the whole block is known only after posing, so far volumes are judged last.
         far, reading, far_blocks = self.far_volumes, self._reading, dict[int, EffectBlock]()
         is_near = may_be_on
         if is_near.any():

@@ -85,6 +85,7 @@ class SceneReader:
     ) -> None:
         self.tolerance = tolerance
         self._is_probed = is_probed
+        # Only the context's scene has a layer that the user chose.
         layer = scene.view_layers[0]
         if scene == bpy.context.scene:
             layer = bpy.context.view_layer
@@ -123,7 +124,7 @@ class SceneReader:
             *(*unbaked, *linked_files.warnings_of_files()),
         )
         self.description = replace(self.description, warnings=shortened(warnings))
-        # Effects of objects only; instances are read separately.
+        # Instances have no object of their own, and are appended to each block.
         own = self.description.effects[: len(self.found.effects)]
         self._described = replace(self.description, effects=own)
         self._reading = SteppedReading(

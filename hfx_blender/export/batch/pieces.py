@@ -78,7 +78,7 @@ def keep(
             for path in renamed
         ],
     }
-    # The record comes last: a piece without it counts as missing, whatever files a killed job left.
+    # The record comes last: without a record the files of a killed job count as missing.
     record_file = path_of(Path(unit.stage), unit.piece, ".json")
     try:
         with atomic_file(record_file) as file:

@@ -132,7 +132,7 @@ def even_parts(
     ``shortest`` of them or more. Returns ascending (first, stop), at multiples of
     ``SAMPLES_PER_CHUNK`` except for the end.
     """
-    # Silent samples cost nothing, so parts have equal numbers of active samples instead of equal
+    # Silent samples cost little, so parts have equal numbers of active samples instead of equal
     # lengths.
     parts = max(min(parts, len(samples) // max(shortest, 1)), 1)
     cuts = [int(samples[len(samples) * k // parts]) for k in range(1, parts)]

@@ -112,6 +112,7 @@ def spans_of_value(
     (degrees Celsius) if given. None without a single valid, unmuted F-curve, and with any driver of
     the path or NLA track."""
     data = effect.animation_data
+    # Strips may blend with the curve, so the curve alone is no bound.
     if data is None or len(data.nla_tracks):
         return None
     if any(driver.data_path == path for driver in data.drivers):

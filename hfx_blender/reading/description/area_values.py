@@ -108,8 +108,8 @@ def surface_area(
         tile_m = [length * unit_m for length in charts.tile]
         if settings.use_own_scale:
             tile_m = [length / 1000.0 for length in settings.uv_mm]
-        # Texture coordinates have no length. Metres per UV unit make the map's details equally
-        # large on every mesh.
+        # Textures of the engine are in metres, a UV map has no unit: the mean size of a UV unit on
+        # the mesh gives the scale.
         coordinates = charts.uv * tile_m
     else:
         coordinates = surface_uv.projected(mesh, effect.name, world) * unit_m

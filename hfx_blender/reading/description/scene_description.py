@@ -271,7 +271,7 @@ def describe(
         raise _refusal(faults.values() or [none])
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(haptics.scene, frames)
-    # Binding a model to a body takes seconds: only models of effects that may be felt are bound.
+    # Binding a model to a body is slow: only models of effects that may be felt are bound.
     posed = {
         description.model_id
         for effect, description in described.items()

@@ -169,6 +169,7 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
 def add_fault(faults: dict[str, set[int]], text: str, index: int) -> None:
     """Add a sample index to a fault, in place. Faults with equal text before the first ": " share
     the entry."""
+    # The end of a message may have numbers that differ from sample to sample.
     head = text.partition(": ")[0]
     same = (known for known in faults if known.partition(": ")[0] == head)
     faults.setdefault(next(same, text), set()).add(index)

@@ -337,6 +337,7 @@ class Instances:
             for name, _, _ in rows.keys() - set(self._keys):
                 text = f"an instance of '{name}' that is there between two frames only is not felt"
                 self._faults.setdefault(text, set()).add(index)
+            # The next block begins with the last samples of this block.
             self._last = {k: self._last[k] for k in [*self._last][1 - OVERLAP :]} | {index: rows}
         return self._last[index]
 
@@ -370,6 +371,7 @@ def _numbered(
     """Descriptions of the instances in the order of ``keys``, with ids ``<id of the
     source>:<numbers>`` and names ``<name> <numbers>``, numbers joined by dots. The instancer's name
     precedes the numbers only if a source has several instancers."""
+    # Numbers are unique within an instancer only.
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
     descriptions = []

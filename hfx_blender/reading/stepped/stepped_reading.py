@@ -228,8 +228,8 @@ class SteppedReading:
         evaluated = stepper.evaluated(effect)
         if not evaluated.is_evaluated or evaluated.hide_viewport:
             return EffectRow()
-        # Most effects have constant settings, and only their placement is animated: reading the
-        # properties through RNA would take most of the time.
+        # Most effects have constant settings, and only the placement is animated: reading all
+        # properties through RNA at each time is slow.
         cached = self._settings.get(which)
         if cached is not None and (which in self.far or not cached.is_mesh):
             return self._moved(cached, evaluated, effect)
