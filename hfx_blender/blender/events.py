@@ -65,7 +65,8 @@ def push_undo_soon() -> None:
 
 
 def _push_undo() -> float | None:
-    # Each change postpones the undo step, so that a drag is a single step.
+    # Each change postpones the undo step, so that a drag is a single step. A timer has no window,
+    # and Blender pushes an undo step in a window only.
     wait = _changed_s + _UNDO_S - time.monotonic()
     if wait > 0.0:
         return wait

@@ -25,7 +25,8 @@ def values(
 
 def positions(mesh: bpy.types.Mesh) -> npt.NDArray[np.float32]:
     """Vertices (V, 3) of a mesh, local space; faster than ``MeshVertex.co`` once evaluated."""
-    if not len(mesh.vertices):  # an empty mesh has no attribute "position"
+    # An empty mesh has no attribute "position".
+    if not len(mesh.vertices):
         return np.zeros((0, 3), np.float32)
     return values(mesh.attributes["position"].data, "vector", 3)
 

@@ -138,16 +138,10 @@ def record_track(
     calling thread and, where threads can run, evaluated and written in a second one. Renderers get
     the samples as stored in the track, so rendering the track later gives equal results.
 
-    Parameters
-    ----------
-    watch : callable, optional
-        Called with each recorded block.
-    part : (first, stop), optional
-        Record only these samples, whole chunks of the track. :func:`lead_in` samples before are
-        evaluated for ringing responses and discarded. Devices with state between samples need the
-        whole track.
-    times : FeltTimes, optional
-        Collects the samples at which effects are on and felt.
+    ``watch`` is called with each recorded block, and ``times`` collects the samples at which
+    effects are on and felt. With ``part`` only samples (first, stop) are recorded, whole chunks of
+    the track; :func:`lead_in` samples before are evaluated for ringing responses and discarded.
+    Devices with state between samples need the whole track.
     """
     settings = {
         "record": sorted(record),

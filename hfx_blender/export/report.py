@@ -125,21 +125,11 @@ def effect_facts(
 
     The facts are the times at which any body feels the effect, or the reason of silence. ``unfelt``
     are reasons known before the recording, by effect name. Effects named in ``warnings`` of the
-    recording get no second warning.
-
-    Parameters
-    ----------
-    is_part : bool
-        Some frames of the scene were not recorded, so silence of effects is expected. Reasons that
-        depend on time name the exported frames.
-    instances : collection of str
-        Ids of instances and particles; silence is expected if another instance is felt.
-    times : FeltTimes, optional
-        Samples at which effects are on with nonzero strength.
-    answering : collection of str
-        Ids of volumes with a contact response.
-    seen_on : collection of str
-        Ids of volumes that were on at samples far from all skin.
+    recording get no second warning. Silence is expected if frames of the scene were not recorded
+    (``is_part``; reasons that depend on time then name the exported frames), and for ``instances``
+    (ids) of which another is felt. ``times`` are samples at which effects are on with nonzero
+    strength, ``answering`` ids of volumes with a contact response, ``seen_on`` ids of volumes that
+    were on at samples far from all skin.
     """
     spans_of: dict[str, list[tuple[float, float]]] = {}
     powerless = set()

@@ -67,6 +67,7 @@ class SoundRecorder:
         model_id = scene.effects[self._volumes[0]].model_id
         self._listener = ListenerFrame(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
+        # Three coordinates and two levels, float32 each.
         clause = f"{len(self._volumes):,} sources at {count:,} times would take"
         MEMORY.check(
             20.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", clause
@@ -114,6 +115,7 @@ class SoundRecorder:
         for n, k in enumerate(self._volumes):
             if np.isnan(self._positions[n]).all():
                 continue
+            # Every second step of the scale, so that neighbouring sources are consonant.
             octave, step = divmod(n * 2 % (len(steps) * settings.octaves), len(steps))
             # Detune by the golden ratio: equal tones of several sources would cancel.
             cents = (n * 0.618034 % 1.0 - 0.5) * 0.4

@@ -49,23 +49,12 @@ class SceneReader:
     """Reader of a scene of the open file. Raises InputError if the scene has no body or no effects,
     or if all of them are faulty.
 
-    Parameters
-    ----------
-    frames : (first, last), optional
-        Frames to read, both included; default: the scene's range.
-    rate_hz : Fraction, optional
-        Samples per second; default: the scene's setting.
-    tolerance : Tolerance
-        Tolerance of the engine; reading itself is exact.
-    with_positions : bool
-        Also read poses of bodies with painted effects only.
-    with_velocities : bool
-        As ``with_positions``, with neighbouring samples of each block, so that all velocities are
-        central differences.
-    with_far : bool
-        Read stepped volumes also while far from skin, instead of leaving them silent.
-    is_probed : bool
-        Compare a few times with Blender's evaluation, which sets the scene's frame.
+    ``frames`` (first and last, both included) and ``rate_hz`` (samples per second) default to the
+    scene's settings. ``tolerance`` is that of the engine; reading itself is exact.
+    ``with_positions`` reads poses also of bodies with painted effects only; ``with_velocities``
+    too, and neighbouring samples of each block, so that all velocities are central differences.
+    ``with_far`` reads stepped volumes also while far from skin, instead of leaving them silent.
+    ``is_probed`` compares a few times with Blender's evaluation, which sets the scene's frame.
 
     Attributes: ``found``, the participating objects, ``instances``, and ``unfelt``, effects by name
     known before reading not to be felt.

@@ -53,6 +53,7 @@ def replace_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[b
     bpy.data.objects.remove(dropped)
     sensation = effect_exchange.load_library(name)
     body, distance = nearest_body(scene, location)
+    # Volumes dropped on a body are placed around it, as painted effects are.
     is_meant_for_body = has_effects_on_body(sensation) or distance * metres_of(scene) <= _ON_BODY_M
     if body is not None and is_meant_for_body:
         location = body.matrix_world.translation

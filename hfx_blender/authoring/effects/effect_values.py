@@ -89,7 +89,9 @@ class ShapeCache:
             return volumes.analytic_shape(evaluated.hfx)
         if evaluated.type == "MESH" and not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
-        try:  # curves, texts, metaballs, and meshes with pending edits
+        # Curves, texts, metaballs, and meshes with pending edits have to be converted. The
+        # temporary mesh belongs to the object and must be freed.
+        try:
             with suppress(RuntimeError):
                 mesh = evaluated.to_mesh()
                 if mesh is not None:
@@ -102,6 +104,7 @@ class ShapeCache:
         )
 
     def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh, part: int) -> MeshVolume:
+        # Converting a mesh to a volume takes far longer than comparing its vertices.
         positions = mesh_arrays.positions(mesh)
         self.counters.meshes_read += 1
         # Equal positions count as an unchanged mesh.

@@ -83,6 +83,8 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
             if modifier.type == "FNGENERATOR" and modifier.name.startswith(_MODULATION):
                 curve.modifiers.remove(modifier)
         if depth > 0.0:
+            # The modifier adds a sine: its amplitude and offset let it swing between the present
+            # values and ``depth`` below.
             top = max(key.co[1] for key in curve.keyframe_points)
             modifier = curve.modifiers.new("FNGENERATOR")
             modifier.name = _MODULATION

@@ -60,6 +60,7 @@ def import_hjif(
         elif not envelope.strength.values.any():
             left_out.append(f"'{name}': is silent")
         else:
+            # A channel without a body part is not refused, the whole body is assumed.
             if not envelope.body_part_mask and not envelope.vertices:
                 notes.append(f"'{name}' names no body part: it is on the whole body")
             is_own = effects.model_id_for(modality) in own_models

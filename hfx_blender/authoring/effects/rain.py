@@ -71,6 +71,7 @@ def add_rain(
     centres = model.vertices[ordered]
     knots = paths.skin().on_skin(centres.astype(np.float64))
     path, shares = paths.skin().traced(knots)
+    # A Poisson process with a given number of events: independent uniform times, sorted.
     times = sorted(generator.uniform(0.0, duration_s) for _ in range(count))
     drops = [(time, generator.choice(shares.tolist())) for time in times]
     # Drops are dealt out in turn, so that each effect has time between its drops.
@@ -116,7 +117,8 @@ def _add_clip(
     fps = fps_of(scene)
     levels, positions = [(0.0, 0.0)], []
     for start, share in drops:
-        start = max(start, 1e-3)  # after the clip's first key
+        # Two keys of a curve cannot share a time, and the clip has a key at 0.
+        start = max(start, 1e-3)
         for delay, level in ((0.0, 0.0), (_RISE_S, 1.0), (_DROP_S - _FADE_S, 1.0), (_DROP_S, 0.0)):
             levels.append(((start + delay) * fps, level))
         positions += [(start * fps, share), ((start + _DROP_S) * fps, share)]

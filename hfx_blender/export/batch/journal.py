@@ -29,6 +29,7 @@ from .units import Unit
 
 def tools() -> dict[str, str | bool]:
     """Versions that may affect the results, and the presence of the compiled library."""
+    # The process that reads the journal need not load Blender: the package states its version.
     bpy = sys.modules.get("bpy")
     if bpy is not None:
         blender = ".".join(map(str, bpy.app.version))
@@ -118,6 +119,7 @@ def finished(unit: Unit) -> dict[str, Any] | None:
     report = read(folder / (unit.stem + REPORT_SUFFIX))
     if report is None or not is_still(report.get("made_from"), unit):
         return None
+    # The script of a silent device may run today.
     if report.get("silent_devices"):
         return None
     return report if has_files(report, folder) else None

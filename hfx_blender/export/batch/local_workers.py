@@ -64,6 +64,7 @@ class UnitWorker:
         """Execute a unit in the worker and return the outcome. Raises WorkerDiedError for a process
         that died, TimeLimitError for a process ended after ``limit_s`` seconds (None: no limit),
         and HfxError where Blender cannot be started."""
+        # Blender never returns some memory, so a process serves a limited number of units.
         if self._count >= RENEW_AFTER:
             self._end()
         worker = self._worker or self._start(limit_s)
@@ -137,6 +138,8 @@ def do_or_retry(
     worker: UnitWorker, unit: Unit, progress: Progress, limit_s: float | None
 ) -> Outcome:
     """Execute a unit in a worker, twice if the worker dies; every error becomes an outcome."""
+    # A crash may come from an earlier unit, so the unit gets a fresh process once. A time limit
+    # or a fault of the scene would only repeat.
     reasons = []
     for _ in range(2):
         try:
@@ -219,7 +222,8 @@ class LocalWorkers:
         return self._pool.submit(self._run_queued, unit, progress)
 
     def _run_queued(self, unit: Unit, progress: Progress) -> Outcome:
-        # Last in, first out: workers that run already are used before new ones start.
+        # Last in, first out: workers that run already are used before new ones start. Each unit
+        # has a folder of its own, so that the files of a killed process can be removed.
         worker = self._idle.get()
         stage = Path(tempfile.mkdtemp(dir=unit.stage))
         outcome: Outcome = {"error": ""}

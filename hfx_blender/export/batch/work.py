@@ -212,7 +212,8 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
     volumes = track.with_suffix(_VOLUMES)
     try:
         scene_part = export.record_part(unit.part, track, volumes, progress)
-    except OutputError as error:  # name files by their final names
+    # Files have random names until complete; messages name the final files.
+    except OutputError as error:
         final = pieces.final_track(unit)
         text = str(error).replace(str(volumes), str(final.with_suffix(_VOLUMES)))
         raise OutputError(text.replace(str(track), str(final))) from error
@@ -235,6 +236,7 @@ def _piece(
     samples = reader.time.sample_count
     cut = units.even_parts(reader.sample_indices, samples, count, SAMPLES_PER_CHUNK)
     remarks = []
+    # Without independent parts, piece 1 records all and the other pieces stay empty.
     if len(cut) > 1 and (reason := why_in_one_go(reader)) is not None:
         remarks.append(f"recorded in one go, as piece 1 of {count}: {reason}")
         cut = [(0, samples)]

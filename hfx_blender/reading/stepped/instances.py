@@ -92,21 +92,11 @@ class _Values:
 class Sources:
     """Volumes of a scene with possible instances, and readers of the present instances.
 
-    New faults are added to ``faults``, message -> sample indices, in place. Volumes that are off at
-    all samples of ``time``, if given, are excluded too.
-
-    Attributes
-    ----------
-    objects : dict
-        Sources by full name, without muted, faulty and always silent volumes.
-    warnings : tuple of str
-        Corrected values and excluded volumes.
-    notes : tuple of str
-        Keyframes with NaN or infinite values.
-    asleep : dict
-        Source -> reason, for volumes that are off at all times of ``time``.
-    activations : dict
-        Source -> activation, muted volumes included.
+    New faults are added to ``faults``, message -> sample indices, in place. ``objects`` are the
+    sources by full name, without muted, faulty and always silent volumes; with ``time`` also
+    without volumes that are off at all its samples, in ``asleep`` with reasons. ``warnings`` name
+    corrected values and excluded volumes, ``notes`` keyframes that are NaN or infinite.
+    ``activations`` include muted volumes.
     """
 
     def __init__(
