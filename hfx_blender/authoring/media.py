@@ -102,15 +102,6 @@ def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World
     return [owner for owner in owners if START in owner]
 
 
-def rate_of(path: Path) -> float:
-    """Frame rate of a video file, Hz, as Blender reads it; 0 if Blender finds none."""
-    clip = bpy.data.movieclips.load(str(path))
-    try:
-        return float(clip.fps)
-    finally:
-        bpy.data.movieclips.remove(clip)
-
-
 def _image(path: Path) -> bpy.types.Image:
     """Load a picture or video, or return it if loaded; InputError for another file."""
     refuse_no_file(path)
@@ -142,8 +133,10 @@ def _play(
     user.frame_duration = _LONGEST  # Blender's limit of frames
     user.use_auto_refresh = True
     owner[START] = frame
-    own_rate = rate_of(Path(bpy.path.abspath(image.filepath)))
-    rate = own_rate or fps_of(scene)
+    # Blender tells the frame rate of a movie clip only; 0 if it finds none.
+    clip = bpy.data.movieclips.load(str(Path(bpy.path.abspath(image.filepath))))
+    rate = float(clip.fps) or fps_of(scene)
+    bpy.data.movieclips.remove(clip)
     driver = driven.driver_add(f"{user_path}.frame_offset").driver
     driver.type = "SCRIPTED"
     kind = "WORLD" if isinstance(owner, bpy.types.World) else "OBJECT"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -48,23 +48,17 @@ def _by_role(scene: bpy.types.Scene, role: str) -> list[bpy.types.Object]:
     return sorted(objects, key=lambda obj: obj.name)
 
 
-def body_or_override(
-    body: bpy.types.Object, bodies: Sequence[bpy.types.Object]
-) -> bpy.types.Object | None:
-    """Body in a list of bodies: itself, or the only override of a linked body; None if absent."""
-    if body in bodies:
-        return body
-    overrides = [o for o in bodies if o.override_library and o.override_library.reference == body]
-    return overrides[0] if len(overrides) == 1 else None
-
-
 def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
     """Body of an effect in a scene; None for a deleted or ambiguous body. An effect that never had
     a body belongs to the only body of the scene."""
     bodies, body = bodies_of(scene), effect.hfx.body
     if body is None and not effect.hfx.body_name and len(bodies) == 1:
         body = bodies[0]
-    return None if body is None else body_or_override(body, bodies)
+    if body is None or body in bodies:
+        return body
+    # A linked body is replaced by its override, if the scene has exactly one.
+    overrides = [o for o in bodies if o.override_library and o.override_library.reference == body]
+    return overrides[0] if len(overrides) == 1 else None
 
 
 def effects_without_body(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -14,7 +14,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...errors import InputError, OutputError
 from ...files.atomic import atomic_file
 from ...files.hashes import sha256_of
@@ -40,13 +39,6 @@ def folder_of(unit: Unit) -> Path:
 def path_of(folder: Path, piece: tuple[int, int], suffix: str) -> Path:
     """Path of a file of a piece (number from 1, count)."""
     return folder / f"{piece[0]}-of-{piece[1]}{suffix}"
-
-
-def final_track(unit: Unit) -> Path:
-    """Final name of the track of a unit: of its piece, or of its whole scene."""
-    if unit.piece is None:
-        return Path(unit.folder) / f"{unit.stem}{TRACK_SUFFIX}"
-    return path_of(folder_of(unit), unit.piece, TRACK_SUFFIX)
 
 
 def keep(

@@ -214,7 +214,9 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
         scene_part = export.record_part(unit.part, track, volumes, progress)
     # Files have random names until complete; messages name the final files.
     except OutputError as error:
-        final = pieces.final_track(unit)
+        final = Path(unit.folder) / f"{unit.stem}{TRACK_SUFFIX}"
+        if unit.piece is not None:
+            final = pieces.path_of(pieces.folder_of(unit), unit.piece, TRACK_SUFFIX)
         text = str(error).replace(str(volumes), str(final.with_suffix(_VOLUMES)))
         raise OutputError(text.replace(str(track), str(final))) from error
     return {

@@ -177,23 +177,19 @@ def warnings_of_clips(lost: Sequence[LostClip], time: TimeBase) -> tuple[str, ..
             )
             whole = " and is not felt" if verb == "lie" else ""
             verb = {"lie": "lies", "go": "goes"}[verb]
-            title = f"clip {same[0].title} ({_times_text(start, stop)} s)"
+            # The fewest decimals that change neither time by more than 1 % of the length, so that
+            # short clips show where they are between samples.
+            most = 0.01 * (stop - start)
+            ends = start, stop
+            rounds = (n for n in (2, 3) if all(abs(round(at, n) - at) <= most for at in ends))
+            n = next(rounds, 4)
+            title = f"clip {same[0].title} ({start:.{n}f} to {stop:.{n}f} s)"
             warnings.append(f"{title} {verb} {span}{whole}")
         elif same:
             whole = " and are not felt" if verb == "lie" else ""
             names = named([clip.title for clip in same])
             warnings.append(f"{len(same)} clips {verb} {span}{whole}: {names}")
     return tuple(warnings)
-
-
-def _times_text(start: float, stop: float) -> str:
-    """Times of a clip in seconds with the fewest decimals, 2 to 4, that change neither by more than
-    1 % of its length, so that short clips show where they are between samples."""
-    most = 0.01 * (stop - start)
-    decimals = next(
-        (n for n in (2, 3) if all(abs(round(at, n) - at) <= most for at in (start, stop))), 4
-    )
-    return f"{start:.{decimals}f} to {stop:.{decimals}f}"
 
 
 def is_never_strong(

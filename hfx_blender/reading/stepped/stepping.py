@@ -283,9 +283,16 @@ def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
         return f"physics moves '{mover.name}'"
     # By name: a set of data-blocks has another order in each run, and the first is reported.
     reached = sorted(data_reached_from(objects), key=lambda data: data.name_full)
-    for owner in reached:
-        if _takes_camera(owner):
-            return f"'{owner.name}' depends on the scene's camera"
+    for data in reached:
+        is_taken = False
+        if isinstance(data, bpy.types.GeometryNodeTree):
+            is_taken = any(node.bl_idname == "GeometryNodeInputActiveCamera" for node in data.nodes)
+        elif isinstance(data, bpy.types.Object):
+            # Tracking constraints may be on the object or on bones.
+            owners = [data, *(data.pose.bones if data.pose is not None else ())]
+            is_taken = any(c.type in _TRACKING for owner in owners for c in owner.constraints)
+        if is_taken:
+            return f"'{data.name}' depends on the scene's camera"
     for owner, curve in drivers_of(reached):
         for variable in curve.driver.variables:
             if variable.type == "CONTEXT_PROP" or any(
@@ -304,14 +311,3 @@ def runs_code(objects: Iterable[bpy.types.Object]) -> bool:
         or any("objects" in t.data_path for v in driver.variables for t in v.targets)
         for driver in drivers
     )
-
-
-def _takes_camera(data: bpy.types.ID) -> bool:
-    """Test for a node tree with the Active Camera, or an object with tracking constraints, on bones
-    too."""
-    if isinstance(data, bpy.types.GeometryNodeTree):
-        return any(node.bl_idname == "GeometryNodeInputActiveCamera" for node in data.nodes)
-    if not isinstance(data, bpy.types.Object):
-        return False
-    owners = [data, *(data.pose.bones if data.pose is not None else ())]
-    return any(c.type in _TRACKING for owner in owners for c in owner.constraints)
