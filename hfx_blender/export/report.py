@@ -87,6 +87,7 @@ def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[di
             "seconds": round(strong.sample_count * period_s, 6),
             "first_s": strong.first_s,
             "last_s": strong.last_s,
+            # Of all samples, also of samples without strength.
             "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
             "peak_level": summary.peak_level,
         }
@@ -359,6 +360,7 @@ def describe(report: ExportReport) -> str:
 
 def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
     """Lines with the times of felt effects for each body; effects without any body are left out."""
+    # Effects without any body have lines of their own, with the reason.
     unfelt = {line["effect"] for line in report.effects if not line["felt"]}
     texts = []
     for line in report.felt:

@@ -125,6 +125,7 @@ class SceneExport:
             with_velocities="velocities" in settings.record,
             with_far="glb" in settings.formats or "clip" in settings.formats,
         )
+        # Devices that fit no body are left out before anything is recorded.
         self._settings = settings.without(misfits(self.reader.description, settings.devices))
         self._warnings = self.reader.description.warnings
         # By name, in the order of the effects; effects known as unfelt have their own reason.
@@ -316,7 +317,8 @@ class SceneExport:
         # The report comes last: its presence implies the presence of all of its files.
         with inputs_kept(linked_files.files_read()):
             placed = place((*report.files, report_file), folder, stem.parent)
-        for path in earlier:  # an old file would pass for the device's present output
+        # An old file would pass for the device's present output.
+        for path in earlier:
             path.unlink(missing_ok=True)
         return replace(report, folder=folder, files=placed)
 

@@ -126,6 +126,7 @@ def is_locked(effect: bpy.types.Object) -> bool:
 def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
     """Muted effects, and effects that are not solo if another given effect is."""
     objects = list(objects)
+    # A mute counts even for an effect that is solo.
     any_solo = any(effect.hfx.is_solo for effect in objects)
     return [e for e in objects if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
 
@@ -240,6 +241,7 @@ def _make_effect(
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
     """First local collection of a scene whose name starts with ``HFX Effects``, and that the
     current view layer does not hide; created if missing."""
+    # An effect in a hidden collection would be left out of exports without the user's intention.
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
     hidden = set() if layer is None else set(_hidden(layer.layer_collection))
     for collection in scene.collection.children_recursive:

@@ -40,6 +40,7 @@ def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
 def listed_effects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Effects of a scene, and volumes that exist only as its particles, sorted by name."""
     emitted = (volume for obj in scene_objects(scene) for volume in volumes_of(obj))
+    # Emitted volumes are in no scene, and a volume may have several emitters.
     return sorted({*effects.effects_of(scene), *emitted}, key=lambda obj: obj.name)
 
 

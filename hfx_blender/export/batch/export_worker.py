@@ -28,6 +28,7 @@ def main() -> None:
     faulthandler.enable()  # report the place of a crash in Blender to the owner process
     # Blender and reports of operators print to standard output.
     nowhere = os.open(os.devnull, os.O_WRONLY)
+    # Messages have a descriptor of their own, so foreign prints cannot damage them.
     owner = Owner(nowhere, at_end=partial(blender_session.leave, 0))
     try:
         blender_session.start()

@@ -45,6 +45,7 @@ class _Curves:
         """Values (T, C) at frames (T,) of the action, columns as ``channels``. ``single`` computes
         in Blender's float32 where keys allow; curves in ``other`` are evaluated by Blender
         singly."""
+        # The usual case, a baked rig: the columns are in order already.
         if len(self.keyed) == 1 and not self.other:
             return self.keyed[0][0].sample(frames, single=single)
         values = np.zeros((len(frames), len(self.channels)))

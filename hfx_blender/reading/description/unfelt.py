@@ -119,7 +119,9 @@ def _may_be_felt_in_scene(
 ) -> bool:
     """Test for an effect that is not certainly without strength at all frames of the scene. Tests
     only the ends of the scene and of the spans of possible strength, within the scene."""
-    last = scene.frame_end + 0.999  # the last frame lasts a whole frame
+    # The last frame lasts a whole frame. Conditions change at ends of spans only, so testing these
+    # and the ends of the scene suffices.
+    last = scene.frame_end + 0.999
     ends = animation_frames(scene, np.array([scene.frame_start, last]))
     spans = [*state.spans]
     spans += spans_of_value(effect, "hfx.intensity") or ()
@@ -281,6 +283,7 @@ def _neutral_c(effect: bpy.types.Object) -> float | None:
 def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
     """Warnings about instanced bodies, surfaces and further effects without samples there, by name.
     Instances of haptic volumes are felt and give no warning, see :mod:`.instances`."""
+    # The loop over instances is slow in large scenes, so the cheap tests come first.
     instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     if not instancers:
         return ()
