@@ -208,7 +208,8 @@ def _played(
 def _lost_credits(
     credits: Credits, target: FormatInfo, held: frozenset[str], source: Path
 ) -> tuple[str, ...]:
-    """Notes on metadata of the source without a place in the target."""
+    """Notes on metadata of the source outside the fields ``held`` by the target, and for HJIF on a
+    creation date of another form; a description equal to the file name is no loss."""
     if credits.description == source.name.partition(".")[0]:  # repeats the file name
         credits = replace(credits, description="")
     if target.id == "hjif" and not is_date(credits.created):  # its dates have a fixed form

@@ -127,6 +127,8 @@ def _import(options: argparse.Namespace, console: Console) -> int:
 
 
 def _scripts(_options: argparse.Namespace, console: Console) -> int:
+    """List approved scripts by path, then the user's scripts without approval; returns 3 for a
+    damaged list of approvals, else 0."""
     from ..devices.live import approval
 
     fault = approval.fault_of_list()
@@ -184,6 +186,8 @@ def _script_of(name: str) -> DeviceScript:
 
 
 def _approve(options: argparse.Namespace, console: Console) -> int:
+    """Approve a device's script; InputError for another hash than given. Shipped scripts need no
+    approval. Returns 0."""
     from ..devices.live import approval
 
     script = _script_of(options.name)
@@ -205,6 +209,8 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
 
 
 def _revoke(options: argparse.Namespace, console: Console) -> int:
+    """Withdraw the approval with the only hash that begins with 8 digits or more, else of a
+    device's script. InputError for several hashes, and for a shipped script. Returns 0."""
     from ..devices.live import approval
 
     digits = options.name.lower()

@@ -106,6 +106,7 @@ def _in_process(options: argparse.Namespace) -> bool:
 
 
 def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
+    """A unit of work per scene, of the open scene without arguments, with absolute paths."""
     # Cores are shared evenly among the processes that run at a time.
     workers = 1 if _in_process(options) else options.jobs
     cores_of_each = max((options.cores or cores()) // workers, 1)
@@ -184,6 +185,8 @@ class _Reporter:
         return text
 
     def _note(self, unit: Unit, outcome: Outcome) -> None:
+        """Store an outcome with the user's own paths, and print its error, remarks and silent
+        devices."""
         if "error" in outcome:
             outcome["error"] = self._as_given(outcome["error"])
         self._outcomes.append(outcome)

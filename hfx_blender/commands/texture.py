@@ -225,6 +225,7 @@ def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
 
 
 def _refuse_lasting(seconds: float) -> None:
+    """Raise TooLargeError for a stroke beyond the limits of duration, or of memory of its WAV."""
     from ..formats.signals.stroke_files import WAV_RATE_HZ
 
     limits.SECONDS.check(seconds, "Stroke", "it lasts")
@@ -290,6 +291,7 @@ def _info(options: argparse.Namespace, console: Console) -> int:
 
 
 def _short(value: Any) -> str:
+    """Text of a fact: four digits, lists joined by "x", dicts by commas, "-" for None."""
     if isinstance(value, dict):
         return ", ".join(f"{k} {_short(v)}" for k, v in value.items())
     if value is None:

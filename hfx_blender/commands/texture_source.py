@@ -159,6 +159,7 @@ def check_numbers(options: argparse.Namespace) -> None:
 
 
 def _file(path: Path, options: argparse.Namespace) -> TextureSource:
+    """Surface of a picture or point cloud by the options; InputError for another suffix."""
     blender_session.start()
     from ..authoring.surfaces import image_values, surface_sources
     from ..engine.texture.height_field import from_image
@@ -226,6 +227,8 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
 
 
 def _object(path: Path, options: argparse.Namespace) -> TextureSource:
+    """Surface of the object named by ``--object``, or of the only object with a surface in the
+    scene of a .blend; InputError for no such object."""
     blender_session.open_blend(path)
     import bpy
 

@@ -57,7 +57,7 @@ def format_of(path: Path) -> FormatInfo:
 def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     """Raise OutputError for an existing file other than ``target`` without HFX's first bytes.
 
-    Missing files are ignored; returns nothing.
+    Missing files are ignored, an unreadable file counts as another program's; returns nothing.
     """
     for path in files:
         if path == target or not path.is_file():

@@ -98,6 +98,7 @@ def messages(stream: IO[bytes]) -> Iterator[Message]:
 
 
 def _check_length(length: int, kind: MessageKind | None) -> None:
+    """Raise MessageError for a body above 16 MiB, of the kind JSON above 256 MiB."""
     largest = 16 * MAX_BODY if kind is MessageKind.JSON else MAX_BODY
     if length > largest:
         raise MessageError(f"a message of {length} bytes, allowed are {largest}")

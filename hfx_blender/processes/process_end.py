@@ -164,6 +164,7 @@ def _watch(reading: int) -> None:
 
 
 def _end(number: int) -> NoReturn:
+    """Exit at once with 128 + ``number``, after the farewell to standard error."""
     text = f"hfx: {farewell(number)}\n".encode()
     if claims_farewell():
         if _state.writes_farewell:
@@ -193,6 +194,7 @@ def _flush() -> None:
 
 
 def _tidy() -> None:
+    """End child processes within 2 s, then remove unfinished files."""
     start.end_all(_CHILDREN_S)
     with atomic.placing:  # waits while the files of a result are moved into place
         atomic.remove_unfinished()

@@ -229,6 +229,7 @@ class Worker:
 
 
 def _write_all(stream: Any, content: bytes) -> None:
+    """Write all bytes to an unbuffered stream, which may take a part at a time."""
     data = memoryview(content)
     while data:
         data = data[stream.write(data) or 0 :]

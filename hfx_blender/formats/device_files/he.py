@@ -234,7 +234,8 @@ def _write_fitting(
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
-    """Metadata with version, creation date, and description: name and frequency range."""
+    """Metadata with ``version``, creation date, and the description "NAME; 0 to 100 is LOW to HIGH
+    Hz"."""
     hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
     return {
         "Version": version,

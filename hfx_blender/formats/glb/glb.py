@@ -312,7 +312,8 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def _json_chunk(content: bytes, report: Report) -> bytes:
-    """Bytes of the first chunk, of JSON; reports faults of the container. Empty if absent."""
+    """Bytes of the first chunk, of JSON; empty without one. Reports a file below 20 bytes, another
+    magic or version, a wrong size, and chunks that do not fit."""
     if len(content) < 20:
         report.error("SIZE", None, f"{len(content)} bytes")
         return b""
