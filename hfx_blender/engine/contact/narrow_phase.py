@@ -162,7 +162,8 @@ class NarrowPhaseCall:
         self._posing = posing  # its tables of clusters hold addresses only
 
     def run(self, details: Any = None) -> int:
-        """Run the call without the interpreter lock; returns the number of positions posed."""
+        """Run the call without the interpreter lock; ``details`` is an ``hfx_details`` to fill,
+        None for weights alone. Returns the number of positions posed."""
         self._results.posed = 0
         loaded().hfx_narrow_phase(*self._arguments, details)
         count: int = self._results.posed

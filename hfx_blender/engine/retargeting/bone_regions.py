@@ -77,7 +77,8 @@ _PLURALS: Final = {"foot": "feet", "finger": "fingers"}
 
 
 def words_of(regions: Sequence[str]) -> str:
-    """Regions as text, with sides and fingers merged: "head, left hand, feet"."""
+    """Regions as text in the order of first occurrence, with both sides and all fingers of a side
+    merged: "head, left hand, feet"; empty for none."""
     sides: dict[str, dict[str, None]] = {}
     for region in regions:
         stem, _, side = region.partition(".")

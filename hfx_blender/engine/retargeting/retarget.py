@@ -119,8 +119,9 @@ def warping(
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, FitQuality]:
-    """Fit a perceptual model to a target, in the target's own space and unit. The quality is
-    measured at canonical size."""
+    """Fit a perceptual model to a target, in the target's own space and unit. Vertices lie on the
+    skin of their region within 5 cm, else on the nearest skin of any; on a mesh of the canonical
+    topology at their canonical offsets. The quality is measured at canonical size."""
     places, unprojected, is_there = _project(model, warped)
     to_target = warped.bodies.to_target
     scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
