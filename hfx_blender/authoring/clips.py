@@ -129,12 +129,10 @@ def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | No
 
 
 def linear_keys(curve: bpy.types.FCurve) -> list[Key]:
-    """Points (frame, evaluated value) of an F-curve for linear interpolation, by frame.
-
-    Points are the keyframes, and each whole frame between first and last if a keyframe is not
-    LINEAR. Curves with linear keyframes are not sampled between keyframes, even with modifiers.
-    Empty without keyframes.
-    """
+    """Points (frame, evaluated value) of an F-curve for linear interpolation, by frame. Points are
+    the keyframes, and each whole frame between first and last if a keyframe is not LINEAR. Curves
+    with linear keyframes are not sampled between keyframes, even with modifiers. Empty without
+    keyframes."""
     frames = [key.co[0] for key in curve.keyframe_points]
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
         frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})

@@ -195,12 +195,9 @@ def end(effect: bpy.types.Object) -> int:
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
     """Add body regions on ``side`` ("both", "left", "right") to an area; return the number of
-    vertices in the whole area.
-
-    Each vertex gets the larger of present weight and region weight. ``parts`` are ids of
-    ``engine.body.regions.REGIONS``; empty: the whole side at weight 1. Raises KeyError for an
-    unknown id, ValueError for an unknown side.
-    """
+    vertices in the whole area. Each vertex gets the larger of present weight and region weight.
+    ``parts`` are ids of ``engine.body.regions.REGIONS``; empty: the whole side at weight 1. Raises
+    KeyError for an unknown id, ValueError for an unknown side."""
     import numpy as np
 
     from ..engine.body.regions import region_weights

@@ -21,12 +21,10 @@ from .surfaces.image_values import pixels_of
 def weights_of_image(
     effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str
 ) -> F64:
-    """Weights (V,) of an effect's vertices from an image on the avatar's UV map.
-
-    ``channel`` is "brightness" (luma of the stored values, Rec. 709), "darkness" or "alpha". An
-    empty ``uv_map`` is the map active for rendering. Raises InputError: there is no avatar or no
-    such map, or the image has no pixels.
-    """
+    """Weights (V,) of an effect's vertices from an image on the avatar's UV map. ``channel`` is
+    "brightness" (luma of the stored values, Rec. 709), "darkness" or "alpha". An empty ``uv_map``
+    is the map active for rendering. Raises InputError: there is no avatar or no such map, or the
+    image has no pixels."""
     body, anchors = _anchors(effect)
     colours = pixels_of(image)
     if channel == "alpha":

@@ -50,11 +50,9 @@ _FAULTS: Final = (
 
 def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
     """Raise InputError if a .blend, or a library linked from it, names a pipe, device or socket.
-
     Blender would wait forever on opening such a path. Paths of packed files are not opened. A
     damaged file, or unknown compression, passes here and is reported by Blender. Files in
-    ``checked`` are skipped; ``blend`` and libraries are added.
-    """
+    ``checked`` are skipped; ``blend`` and libraries are added."""
     checked = set() if checked is None else checked
     checked.add(blend)
     for kind, path in _paths_of(blend):

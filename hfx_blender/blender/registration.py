@@ -16,11 +16,9 @@ Registration = tuple[Callable[[], None], Callable[[], None]]
 
 def of_package(name: str, path: Iterable[str]) -> Registration:
     """Functions ``register`` and ``unregister`` for all modules of a package, sorted by name.
-
-    ``name`` and ``path`` describe the package; subpackages are included. The classes defined in
-    a module are registered in order: property groups, and classes named ``HFX_...``. Then the
-    module's own ``register`` is called, if any.
-    """
+    ``name`` and ``path`` describe the package; subpackages are included. The classes defined in a
+    module are registered in order: property groups, and classes named ``HFX_...``. Then the
+    module's own ``register`` is called, if any."""
 
     def modules() -> list[ModuleType]:
         # Sorted by name, so that the order is the same on every file system.

@@ -153,6 +153,7 @@ def record_track(
     sampled = reader.sample_indices
     count = max(int(((sampled >= first) & (sampled < stop)).sum()), 1)
     read = done = 0  # samples; reading counts for half of the progress
+    # Whole blocks: a part then evaluates the same blocks as a recording in one go.
     start = (first - lead_in(engine)) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []

@@ -75,6 +75,7 @@ def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[di
     """Facts of each stream of a track: name, body, modality, seconds, times and vertices. With
     ``times``, only samples of nonzero strength count for seconds, and for the first and last time
     (seconds; None without samples)."""
+    # A stream holds the samples of one effect on one body.
     names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)

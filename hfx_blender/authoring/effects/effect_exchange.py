@@ -57,12 +57,10 @@ def place_sensation(
     frame: float,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> list[bpy.types.Object]:
-    """Add all effects of a sensation to a scene; nothing is added if an error is raised.
-
-    ``body`` is the body of painted effects, points and vectors, ``frame`` the frame of time 0 of
-    clips and paths, ``origin`` (3,) the world position of the volumes' origin in Blender units.
-    Raises InputError: a body is missing, or an area was painted on another model.
-    """
+    """Add all effects of a sensation to a scene; nothing is added if an error is raised. ``body``
+    is the body of painted effects, points and vectors, ``frame`` the frame of time 0 of clips and
+    paths, ``origin`` (3,) the world position of the volumes' origin in Blender units. Raises
+    InputError: a body is missing, or an area was painted on another model."""
     # All checks come first, as a failed effect must not leave an incomplete sensation.
     for effect in sensation.effects:
         _check_recipe(effect, body)
@@ -206,11 +204,9 @@ def sensation_of(
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sensation:
     """Create a sensation from effects of a scene, with time 0 at their first clip or keyframe.
-
     ``origin`` (3,) is the world position that volumes are relative to, Blender units. Raises
     InputError: there are no effects, an effect has the shape of a mesh or is a surface, or a clip
-    is a meta strip.
-    """
+    is a meta strip."""
     if not chosen:
         raise InputError("Select the effects to save first.")
     fps = fps_of(scene)

@@ -304,9 +304,8 @@ def from_text(text: str) -> Sensation:
 
 def text_of(sensation: Sensation) -> str:
     """JSON text of a sensation in the format of effect files, indented, with a final newline.
-
-    Raises InputError for a text that :func:`load` would refuse: too many effects, clips or bytes.
-    """
+    Raises InputError for a text that :func:`load` would refuse: too many effects, clips or
+    bytes."""
     document = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -344,10 +343,8 @@ def _check_consistency(effect: Node) -> None:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write an effect file; an existing file is replaced only after a complete write.
-
-    Raises InputError as :func:`text_of`, OutputError: the file cannot be written.
-    """
+    """Write an effect file; an existing file is replaced only after a complete write. Raises
+    InputError as :func:`text_of`, OutputError: the file cannot be written."""
     text = text_of(sensation)
     with atomic_file(path) as file:
         file.write(text.encode())

@@ -59,6 +59,7 @@ def keep(
     folder = folder_of(unit)
     make_folder(folder)
     named = [(path_of(path.parent, unit.piece, path.suffix), path) for path in files]
+    # Renamed within the stage, so that each moves into place under its final name.
     renamed = [path.replace(name) for name, path in named]
     record = {
         "piece": list(unit.piece),

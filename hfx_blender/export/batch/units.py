@@ -127,11 +127,9 @@ def even_parts(
     samples: npt.NDArray[np.int64], count: int, parts: int, shortest: int = SHORTEST
 ) -> list[tuple[int, int]]:
     """Cut ``count`` samples into at most ``parts`` ranges with equal numbers of active samples.
-
     ``samples`` (n,) are the active ones (an effect may be felt), ascending. A range has about
     ``shortest`` of them or more. Returns ascending (first, stop), at multiples of
-    ``SAMPLES_PER_CHUNK`` except for the end.
-    """
+    ``SAMPLES_PER_CHUNK`` except for the end."""
     # Silent samples cost little, so parts have equal numbers of active samples instead of equal
     # lengths.
     parts = max(min(parts, len(samples) // max(shortest, 1)), 1)

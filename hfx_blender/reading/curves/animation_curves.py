@@ -175,12 +175,10 @@ class _Strip:
 
 
 class AnimatedValues:
-    """Animated values of a data-block from the action and NLA tracks.
-
-    ``default(path, index)`` is the value without a playing strip, ``selects(path)`` chooses RNA
-    paths; with ``with_drivers`` drivers are ignored, for the caller to leave to Blender. Raises
-    NotModelledError for drivers, blended actions, tweak mode, or strips other than plain clips.
-    """
+    """Animated values of a data-block from the action and NLA tracks. ``default(path, index)`` is
+    the value without a playing strip, ``selects(path)`` chooses RNA paths; with ``with_drivers``
+    drivers are ignored, for the caller to leave to Blender. Raises NotModelledError for drivers,
+    blended actions, tweak mode, or strips other than plain clips."""
 
     def __init__(
         self,

@@ -25,11 +25,9 @@ _CHUNK = 128
 
 class PresampledRig:
     """Animated bones of an armature over time, and the copy of the armature showing these bones.
-
     ``first`` is the frame of the first sample, ``step`` the frames per sample. Raises
     NotModelledError for linked armatures, animation that cannot be sampled, and strips of bones and
-    other properties.
-    """
+    other properties."""
 
     def __init__(
         self, scene: bpy.types.Scene, obj: bpy.types.Object, first: Fraction, step: Fraction

@@ -97,12 +97,10 @@ def controls_at(
 def with_even_phase(
     scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
-    """Add phase offsets to controls (T, F, WIDTH) at played frames, in place, and return them.
-
-    With an animated frequency, a sine's turns are the integral of the frequency. Its difference
-    from frequency times time is added to the phase. Only F-curves are integrated, negative values
-    as 0 and from the scene's start; a driver's frequency is used as evaluated.
-    """
+    """Add phase offsets to controls (T, F, WIDTH) at played frames, in place, and return them. With
+    an animated frequency, a sine's turns are the integral of the frequency. Its difference from
+    frequency times time is added to the phase. Only F-curves are integrated, negative values as 0
+    and from the scene's start; a driver's frequency is used as evaluated."""
     for f, (index, item) in enumerate(responses.active_filters(effect.hfx)):
         if item.kind != FilterKind.SINE or item.domain != "time":
             continue

@@ -34,11 +34,9 @@ def drivers_of(
 
 class RetriedDrivers:
     """Evaluate every driver of the original data-blocks ``reached`` at every time, also after
-    earlier failures; muted drivers and drivers of missing properties are ignored.
-
-    ``tags``: tag owners of failed drivers, so that Blender evaluates them without changed inputs.
-    False with a simulation, because tagging empties its cache.
-    """
+    earlier failures; muted drivers and drivers of missing properties are ignored. ``tags``: tag
+    owners of failed drivers, so that Blender evaluates them without changed inputs. False with a
+    simulation, because tagging empties its cache."""
 
     def __init__(self, reached: Iterable[bpy.types.ID], *, tags: bool) -> None:
         self._owners = [*dict.fromkeys(owner for owner, _ in drivers_of(reached))]

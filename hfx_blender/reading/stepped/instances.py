@@ -228,11 +228,9 @@ class Sources:
 
 class Instances:
     """All instances of a scene's haptic volumes over its own frames and the exported frames.
-
     ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, asleep and
     activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
-    indices, in place. Raises InputError for more than :data:`MOST` instances.
-    """
+    indices, in place. Raises InputError for more than :data:`MOST` instances."""
 
     def __init__(
         self,

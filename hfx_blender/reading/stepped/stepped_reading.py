@@ -164,12 +164,10 @@ class _Settings:
 
 
 class SteppedReading:
-    """Reader of effects and bodies from a stepped scene.
-
-    ``keeps_settings``: cache the settings of effects without unmuted F-curves and drivers of haptic
-    properties. False for scenes that a user or a handler may edit between two readings. Faults are
-    added to ``faults``, message -> sample indices, in place.
-    """
+    """Reader of effects and bodies from a stepped scene. ``keeps_settings``: cache the settings of
+    effects without unmuted F-curves and drivers of haptic properties. False for scenes that a user
+    or a handler may edit between two readings. Faults are added to ``faults``, message -> sample
+    indices, in place."""
 
     def __init__(
         self,

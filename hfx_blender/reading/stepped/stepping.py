@@ -42,12 +42,10 @@ _TRACKING = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER"}
 
 
 class Stepper:
-    """Scene that is set to frames and read through its dependency graph.
-
-    ``presampled`` rigs are replaced by copies in this scene. ``is_own`` is True for the user's
-    scene, False for a scratch scene. ``has_code``: the scene may run code that shows and hides
-    objects. Drivers of the ``driven`` data-blocks are retried after a failure.
-    """
+    """Scene that is set to frames and read through its dependency graph. ``presampled`` rigs are
+    replaced by copies in this scene. ``is_own`` is True for the user's scene, False for a scratch
+    scene. ``has_code``: the scene may run code that shows and hides objects. Drivers of the
+    ``driven`` data-blocks are retried after a failure."""
 
     def __init__(
         self,
@@ -207,11 +205,9 @@ def scratch_scene(
     presampled: Sequence[PresampledRig] = (),
 ) -> Iterator[Stepper]:
     """Context that steps a scratch scene of ``objects`` and copies of ``presampled`` rigs, with the
-    time and simplify settings of ``scene``; removed at the end.
-
-    Metaballs bring their family. ``scene`` is not evaluated; at the end the objects get the
-    animated values of its current frame. Raises NotModelledError if an object depends on a rig.
-    """
+    time and simplify settings of ``scene``; removed at the end. Metaballs bring their family.
+    ``scene`` is not evaluated; at the end the objects get the animated values of its current frame.
+    Raises NotModelledError if an object depends on a rig."""
     # Not where Blender starts: it needs numpy.
     from ..curves.animation_curves import NotModelledError
 
