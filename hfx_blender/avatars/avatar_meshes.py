@@ -101,8 +101,9 @@ def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
 def choosing_skin(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Choose the meshes that together show the body, or the skin layer alone if chosen, in steps.
-    The result is cached, and never empty. Less than two meshes are returned unchanged."""
+    """Choose the meshes of the body in steps: all visible layers, or only the skin if the user has
+    set the armature's *Layer* to *Skin*. Yields progress, 0 to 1. None or one mesh is returned
+    unchanged; of several, at least the largest. The choice is cached with the user's data."""
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import layers, props
     from . import fit_cache

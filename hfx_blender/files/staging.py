@@ -102,11 +102,13 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
-    """Context with a staging folder in ``folder``, or in ``within`` on the same file system.
+    """Context with a staging folder for ``name``, in ``folder`` or in ``within`` on the same file
+    system; the caller moves finished files to their final places within the block.
 
-    The staging folder is always removed. ``folder`` and its parents are made, and removed if they
-    are new and empty afterwards. Messages of InputError and OutputError within the block get final
-    paths; an OSError becomes an OutputError. Raises OutputError for an unwritable folder.
+    The staging folder is always removed, with the files left in it. ``folder`` and its parents are
+    made, and removed if they are new and empty afterwards. Messages of InputError and OutputError
+    within the block get final paths; an OSError becomes an OutputError. Raises OutputError for an
+    unwritable folder.
     """
     contexts = ExitStack()
     new: list[Path] = []

@@ -139,8 +139,9 @@ def _note(number: int) -> None:
 
 
 def _watch(reading: int) -> None:
-    """Run the watching thread: read signal numbers from the descriptor ``reading``, record a signal
-    without handler call, and end the process after the limits of the main thread.
+    """Run the watching thread: read numbers of arrived signals from the descriptor ``reading``.
+    If the main thread does not call its handler in ``_LOOK_S``, record the signal here. End the
+    process if the main thread then exceeds its time limits to notice the signal and to unwind.
     """
     while True:
         handled = _state.handled

@@ -278,7 +278,8 @@ class Renderer:
         return gains
 
     def script_input(self) -> F64:
-        """Values (T, columns) for a device's script: advanced and limited; after all blocks."""
+        """Values (T, columns) for a device's script: earlier by each actuator's latency, within its
+        limits, and not yet held for update intervals. Call after the last block is added."""
         values = np.zeros_like(self._values)
         for part, kind in self._parts():
             values[:, part] = self._limited(self._early(part, kind), part)

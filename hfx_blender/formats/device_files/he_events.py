@@ -42,7 +42,8 @@ class HeEvent:
 
 
 def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
-    """Silent events, each 5 s at most, up to the signal's end; none for a rest of 4 ms."""
+    """Silent events of at most 5 s each, from the last event to the end of the signal; none for a
+    rest of at most ``MIN_CURVE_POINTS`` (4) ms, too short for the points of an event."""
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)

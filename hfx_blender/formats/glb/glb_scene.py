@@ -262,7 +262,8 @@ def _seconds(frame: float, time: TimeBase) -> float:
 
 
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
-    """Draft primitive of a shape with its matrix (4, 4) to the world; None for a mesh."""
+    """Trigger primitive of MPEG_interactivity (a draft extension of glTF) as JSON: a shape with its
+    matrix (4, 4) to the world. None for a mesh, which the extension cannot hold."""
     placed = {"transformationMatrix": matrix.T.ravel().tolist()}
     if isinstance(shape, Capsule):
         ends = {
