@@ -26,6 +26,7 @@ def expanded(paths: Sequence[Path]) -> list[Path]:
     """
     files: list[Path] = []
     for path in paths:
+        # Windows' shells do not expand patterns.
         if not glob.has_magic(str(path)) or os.path.lexists(path):
             files.append(path)
             continue
@@ -64,6 +65,7 @@ def checked(
     """Make a parser of an option's value; other values are an error with the ``expected`` ones."""
 
     def parse_checked(text: str) -> T:
+        # A ZeroDivisionError comes from fractions such as 1/0.
         try:
             value = parse(text)
             if is_allowed(value):

@@ -80,6 +80,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             if options.report is not None and results:
                 _write_report(options.report, options.output, results)
     for unit in units if options.merge else ():
+        # Pieces of a merged scene have done their work; a failed merge raises before.
         remove_folder(folder_of(unit))
     console.result(results if len(results) > 1 else results[0])
     return _exit_code(results, is_named=bool(options.formats and options.device))
@@ -215,6 +216,7 @@ class _Reporter:
 
 def _result(outcome: Outcome) -> dict[str, Any]:
     """Machine-readable result of a scene."""
+    # A failed scene has no report.
     if "error" in outcome:
         return {k: v for k, v in outcome.items() if k in ("input", "error", "exit_code")}
     more: dict[str, Any] = {"unchanged": True} if "unchanged" in outcome else {}

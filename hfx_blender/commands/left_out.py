@@ -36,6 +36,7 @@ def module(name: str) -> ModuleType | None:
 def refuse(arguments: Sequence[str]) -> None:
     """Raise UsageError for a command that this installation lacks, with the way to get it."""
     left_out = [names for names in _COMMANDS if tuple(arguments[: len(names)]) == names]
+    # Both forms of an option, with = and with a space.
     if "--back-end=diffusers" in "=".join(arguments):
         left_out.append(("--back-end", "diffusers"))
     if left_out and not _load_tools():

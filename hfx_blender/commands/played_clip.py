@@ -112,6 +112,7 @@ def _check_columns(sections: Sections, record: Any, device: DeviceConfig, path: 
     """Raise InputError for a device whose actuators or parameters differ from the clip."""
     first, count = int(record["first_actuator"]), int(record["actuators"])
     owners = sections["COLM"]["actuator"]
+    # Columns of the device: those owned by its actuators.
     columns = sections["COLM"][(owners >= first) & (owners < first + count)]
     actuators = texts_at(sections, sections["ACTR"]["id"][columns["actuator"]])
     theirs = list(zip(actuators, texts_at(sections, columns["parameter"]), strict=True))

@@ -99,6 +99,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     blender_session.open_blend(options.scene)
     make_folder(options.output)
     path = options.output / (options.scene.stem + SOUND_SUFFIX)
+    # The sound must not replace a file of the scene.
     with inputs_kept(linked_files.files_read()):
         count = write_sound(
             bpy.context.scene, path, settings, progress=console.progress(options.scene.name)

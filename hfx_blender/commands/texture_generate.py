@@ -94,6 +94,7 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(f"--resolution {options.resolution}: expected 16 to 4096")
     texture_source.check_numbers(options)
     has_pictures = options.watch is not None or options.picture is not None
+    # Pictures come from another program: words do not apply, except those in the pictures.
     if (options.back_end == "folder") != has_pictures:
         raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
     if options.watch is not None and options.picture is not None:

@@ -216,6 +216,7 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
     size_m = options.size[0] / 1000.0, options.size[1] / 1000.0
     estimated = estimate(colours, size_m, tiles=options.tiles)
     field, slope = estimated.field, estimated.slope
+    # Heights begin at 0, so the highest is the whole relief.
     estimated_mm = 1000.0 * float(field.heights_m.max())
     if options.height is not None:
         factor = options.height / estimated_mm if estimated_mm > 0.0 else 0.0
@@ -265,6 +266,7 @@ def _built(
     from ..engine.texture.haptic_map import DeviceRange, NoticeableSteps
     from ..engine.texture.mcha import MapSettings, make_map
 
+    # A picture of roughness replaces the estimate.
     if options.roughness is not None:
         refuse_no_file(options.roughness)
         roughness = picture(options.roughness, "data")

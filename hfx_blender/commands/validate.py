@@ -49,6 +49,7 @@ def _known_in(folder: Path) -> list[Path]:
     """Visible files of known formats in a folder and its subfolders, sorted; InputError without."""
     from ..formats.files import can_validate
 
+    # Hidden files are caches and unfinished results.
     files = [
         path
         for path in sorted(folder.rglob("[!.]*"))

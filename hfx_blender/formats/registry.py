@@ -306,6 +306,7 @@ def target_of(path: Path) -> FormatInfo:
 
     Raises UsageError for an unknown suffix, and for a name of only a suffix.
     """
+    # ".v1.he" ends with ".he", too: the longest suffix wins.
     targets = [FORMATS[id] for id in TARGETS]
     for info in sorted(targets, key=lambda each: -len(each.suffix)):
         if path.name.endswith(info.suffix) and path.name != info.suffix:

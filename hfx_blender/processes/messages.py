@@ -84,6 +84,7 @@ def read_message(stream: IO[bytes]) -> Message | None:
         kind = MessageKind(number)
     except ValueError:
         kind = None
+    # The length first: a damaged head must not allocate gigabytes.
     _check_length(length, kind)
     if kind is None:
         raise MessageError(f"a message of the unknown kind {number}")

@@ -31,6 +31,7 @@ def write(
     if scene is not None:
         of_scene, scene_loss = spatial.sections_of(scene, played, texts)
         sections, loss = {**sections, **of_scene}, loss + scene_loss
+    # The last section to be made: all others add texts.
     sections["TEXT"] = texts.records
     content = encoded(sections, path.name)
     limits.MEMORY.check(len(content), path.name, "it would have")

@@ -179,6 +179,7 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
     # A section of no records is not stored.
     sections = {section_name: np.zeros(0, kind) for section_name, kind in RECORDS.items()}
     names: set[str] = set()
+    # Sections of later versions are skipped, so that old players read new clips.
     for k in range(count):
         key, first, length, reserved = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
         section = key.decode("latin-1")

@@ -46,6 +46,7 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
     rest of at most ``MIN_CURVE_POINTS`` (4) ms, too short for the points of an event."""
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
+    # An event needs four points at different milliseconds.
     starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
     silence = [(start, min(end - start, MAX_DURATION_MS)) for start in starts]
     return [
