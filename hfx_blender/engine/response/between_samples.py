@@ -175,7 +175,7 @@ def _changes(
     is_loud[1:] = touches.times_s[:-1] < np.maximum.accumulate(until_s)[:-1]
     is_loud &= follows
     rises, falls = begins.copy(), np.zeros(len(touches), np.bool_)
-    if run is None or not is_loud.any():
+    if run is None:
         return falls, falls
     set_of, sums = np.full(len(touches), -1), np.zeros(len(touches))
     at = np.searchsorted(touches.indices, run.indices)
@@ -186,8 +186,9 @@ def _changes(
             falls[k] = True
         else:
             rises[k], falls[k] = _changed(run, int(before[k]), int(set_of[k]))
-    # A touch that ends and begins again within two samples may be a pause of one touch.
-    pauses = falls & (set_of < 0)
+    # A touch that ends and begins again within two samples may be a pause of one touch, also of one
+    # without an impact: the volume was there when its clip began.
+    pauses = follows & (before >= 0) & (set_of < 0)
     pauses[:-2] &= begins[1:-1] | begins[2:]
     changes = (rises & ~begins) | (falls & np.concatenate([[False], rises[:-1]]))
     less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
