@@ -19,11 +19,9 @@ N = TypeVar("N", int, float)
 
 
 def expanded(paths: Sequence[Path]) -> list[Path]:
-    """Replace file name patterns by their sorted matches, without duplicates.
-
-    The name of an existing file is no pattern, even with brackets or stars. Raises InputError for a
-    pattern without matches.
-    """
+    """Replace file name patterns by their sorted matches, without duplicates. The name of an
+    existing file is no pattern, even with brackets or stars. Raises InputError for a pattern
+    without matches."""
     files: list[Path] = []
     for path in paths:
         # Windows' shells do not expand patterns.

@@ -19,12 +19,9 @@ from ..text import printable, printable_lines
 
 
 class Console:
-    """Output of a command: text for a terminal or file, or a JSON value with ``--json``.
-
-    Results go to standard output, messages and progress to standard error, with control characters
-    escaped. A closed pipe is ignored; the first other write error of results is stored in
-    ``fault``.
-    """
+    """Output of a command: text for a terminal or file, or a JSON value with ``--json``. Results go
+    to standard output, messages and progress to standard error, with control characters escaped. A
+    closed pipe is ignored; the first other write error of results is stored in ``fault``."""
 
     def __init__(
         self, *, as_json: bool = False, out: TextIO | None = None, err: TextIO | None = None
@@ -97,10 +94,8 @@ def _shown(text: str, several_lines: bool) -> str:
 
 
 class Progress:
-    """Progress of a task; call with the finished share, 0..1.
-
-    Each call raises TerminatedError after a signal to end the process.
-    """
+    """Progress of a task; call with the finished share, 0..1. Each call raises TerminatedError
+    after a signal to end the process."""
 
     _WIDTH = 24
     _INTERVAL_S = 0.1

@@ -261,10 +261,8 @@ def _path(path: Path) -> dict[str, Any]:
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:
-    """Content of an export's report, with the state of each listed file.
-
-    A state is "there", "missing" or "of another size". Raises InputError for an invalid report.
-    """
+    """Content of an export's report, with the state of each listed file. A state is "there",
+    "missing" or "of another size". Raises InputError for an invalid report."""
     document = read(path, int(limits.MEMORY.allowed))
     kinds.refuse_another(document.value, document.file, "report")
     report = document.hold(_REPORT)

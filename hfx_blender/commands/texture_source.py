@@ -119,10 +119,8 @@ def add_arguments(parser: Any, *, readings: bool = True) -> None:
 
 
 def read(options: argparse.Namespace) -> TextureSource:
-    """Read the source named by the options.
-
-    Raises UsageError for an option out of range, and InputError for an unusable source.
-    """
+    """Read the source named by the options. Raises UsageError for an option out of range, and
+    InputError for an unusable source."""
     from ..engine.texture.procedural import MATERIALS
 
     check_numbers(options)
@@ -280,11 +278,8 @@ def _built(
 
 
 def picture(path: Path, values: str) -> F64:
-    """Read a picture of any of Blender's formats, bottom row first.
-
-    ``values`` is "colours" for sRGB (h, w, 3), "brightness" (h, w), or "data" for raw numbers (h,
-    w).
-    """
+    """Read a picture of any of Blender's formats, bottom row first. ``values`` is "colours" for
+    sRGB (h, w, 3), "brightness" (h, w), or "data" for raw numbers (h, w)."""
     blender_session.start()
     import bpy
 

@@ -64,10 +64,8 @@ def remove_unfinished() -> None:
 
 @contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Context with a staging folder in which files are not forced to the disk.
-
-    :func:`move` syncs the files on their way out; the caller removes the folder.
-    """
+    """Context with a staging folder in which files are not forced to the disk. :func:`move` syncs
+    the files on their way out; the caller removes the folder."""
     _passing.add(folder)
     try:
         yield
@@ -150,10 +148,8 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
 
 class WatchedFile(io.FileIO):
     """Unbuffered file that raises only the first write error, and stores the error in ``fault``.
-
     Later writes report success and write nothing, so that an archive can be closed without a second
-    error.
-    """
+    error."""
 
     fault: OSError | None = None
 
@@ -255,10 +251,8 @@ def _remove_abandoned(path: Path) -> None:
 
 @contextmanager
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
-    """Context that forbids results in place of the given files, found by device and inode.
-
-    Missing files are ignored. Contexts may be nested.
-    """
+    """Context that forbids results in place of the given files, found by device and inode. Missing
+    files are ignored. Contexts may be nested."""
     identities = []
     for path in paths:
         with suppress(OSError, ValueError):
@@ -277,11 +271,9 @@ def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
 
 
 def refuse_taken(path: Path) -> None:
-    """Raise OutputError for a path that no result may take.
-
-    Rejected: folders, devices, pipes, open files (``/dev/stdout``: a move would replace the name
-    for the whole machine) and files of :func:`inputs_kept`. Returns nothing.
-    """
+    """Raise OutputError for a path that no result may take. Rejected: folders, devices, pipes, open
+    files (``/dev/stdout``: a move would replace the name for the whole machine) and files of
+    :func:`inputs_kept`. Returns nothing."""
     if path.is_dir():
         raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
     with suppress(OSError):  # a missing file is free

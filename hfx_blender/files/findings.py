@@ -39,11 +39,8 @@ class Finding:
 
 @dataclass
 class Report:
-    """Collector of findings about a file, at most about ``MAX_FINDINGS``.
-
-    The first finding of each code and severity is always stored, so that an error is not lost
-    behind a thousand warnings.
-    """
+    """Collector of findings about a file, at most about ``MAX_FINDINGS``. The first finding of each
+    code and severity is always stored, so that an error is not lost behind a thousand warnings."""
 
     prefix: str
     findings: list[Finding] = field(default_factory=list)
@@ -84,10 +81,8 @@ def decoding_findings(
 def json_validator(
     findings: Callable[[Any], list[Finding]], read: Callable[[bytes, str], Any] = parse
 ) -> Callable[[bytes, str], list[Finding]]:
-    """Make a validator of file content from a validator of parsed documents.
-
-    The validator raises InputError for content that is no JSON.
-    """
+    """Make a validator of file content from a validator of parsed documents. The validator raises
+    InputError for content that is no JSON."""
     return lambda content, name: findings(read(content, name))
 
 
@@ -110,10 +105,8 @@ def refuse_untolerated(
     findings: list[Finding], name: str, tolerated: Callable[[Finding], bool], document: Any = None
 ) -> ToleratedFaults:
     """Raise InputError for the first error outside the tolerated kinds; describe all other faults.
-
     Warnings are always tolerated. Returns a sentence for each code of tolerated errors, then of
-    warnings. With a ``document``, numbers beyond 1e15 in it are refused if there are errors.
-    """
+    warnings. With a ``document``, numbers beyond 1e15 in it are refused if there are errors."""
     errors = [finding for finding in findings if finding.severity == "error"]
     refuse_errors([error for error in errors if not tolerated(error)], name)
     # Tolerated range errors must not let absurd numbers through to readers without ranges.

@@ -50,10 +50,8 @@ _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file of any size, in hexadecimal digits.
-
-    Raises OSError for an unreadable file, a folder, a device or a pipe.
-    """
+    """SHA-256 of a file of any size, in hexadecimal digits. Raises OSError for an unreadable file,
+    a folder, a device or a pipe."""
     if not path.is_file():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     with open(path, "rb") as file:
@@ -66,10 +64,8 @@ def is_of_a_kind(path: Path) -> bool:
 
 
 def is_elsewhere(path: Path, reference: Path | None) -> bool:
-    """Test for a network path on another machine than ``reference`` (None: on any machine).
-
-    Opening such a path would send the user's credentials to the other machine.
-    """
+    """Test for a network path on another machine than ``reference`` (None: on any machine). Opening
+    such a path would send the user's credentials to the other machine."""
     host = _host_of(path)
     return bool(host) and (reference is None or host != _host_of(reference))
 

@@ -100,10 +100,8 @@ class Anything:
 
 @dataclass(frozen=True)
 class Items:
-    """List of items of equal shape, with limits on the count and an order.
-
-    Lists as items are ordered by their first items.
-    """
+    """List of items of equal shape, with limits on the count and an order. Lists as items are
+    ordered by their first items."""
 
     item: Shape
     least: int = 0
@@ -250,10 +248,8 @@ def chosen(shape: Tagged | Either, value: Any) -> Shape | None:
 
 
 def known_members(shape: Shape, value: Any) -> Any:
-    """Copy a document without the members that its shape does not name, at any depth.
-
-    Nothing is checked: a value of another type than its shape is returned unchanged.
-    """
+    """Copy a document without the members that its shape does not name, at any depth. Nothing is
+    checked: a value of another type than its shape is returned unchanged."""
     if isinstance(shape, Record) and isinstance(value, dict):
         members = {**shape.required, **shape.optional}
         return {k: known_members(members[k], item) for k, item in value.items() if k in members}
@@ -266,9 +262,7 @@ def known_members(shape: Shape, value: Any) -> Any:
 
 def value_of(shape: Shape, value: Any) -> Any:
     """Convert a valid value: numbers to float unless whole, lists to tuples, records by ``into``.
-
-    Unknown members of records are dropped.
-    """
+    Unknown members of records are dropped."""
     match shape:
         case Number():
             return value if shape.is_whole else float(value)
@@ -473,12 +467,9 @@ class Node:
 
 
 def read(path: Path, most_bytes: int = MAX_OWN_BYTES) -> Node:
-    """Read a JSON file of this program's own formats.
-
-    Raises InputError for an unreadable file, more than ``most_bytes``, nesting deeper than
-    ``MAX_OWN_DEPTH``, no UTF-8, no JSON, a repeated key in an object, or a number that is not
-    finite.
-    """
+    """Read a JSON file of this program's own formats. Raises InputError for an unreadable file,
+    more than ``most_bytes``, nesting deeper than ``MAX_OWN_DEPTH``, no UTF-8, no JSON, a repeated
+    key in an object, or a number that is not finite."""
     return node_of(read_bytes(path, most_bytes), str(path), most_bytes)
 
 

@@ -37,10 +37,8 @@ _MOST_BYTES: Final = 64 << 20
 
 
 def refuse_another(document: Any, file: str, own: str) -> None:
-    """Raise InputError for a document with the marker of another kind than ``own``.
-
-    Documents without a known marker pass. ``file`` is the name for the message.
-    """
+    """Raise InputError for a document with the marker of another kind than ``own``. Documents
+    without a known marker pass. ``file`` is the name for the message."""
     mark = _mark_of(document)
     if mark not in ("", own):
         raise InputError(f"{file}: is {_TITLES[mark]}, expected {_TITLES[own]}.")

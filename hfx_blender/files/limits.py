@@ -40,11 +40,9 @@ class Limit:
         return self.default * (_times.get() or 1.0)
 
     def check(self, amount: float, name: str, clause: str) -> None:
-        """Raise TooLargeError for an amount, in the limit's unit, above the limit or NaN.
-
-        The message begins with ``name`` of the file and ``clause``, subject and verb: ``values
-        would take``, ``the envelope lasts``.
-        """
+        """Raise TooLargeError for an amount, in the limit's unit, above the limit or NaN. The
+        message begins with ``name`` of the file and ``clause``, subject and verb: ``values would
+        take``, ``the envelope lasts``."""
         if not amount <= self.allowed:  # also true for NaN
             times = amount / self.default if amount < _COUNTLESS else math.inf
             cure = ""
@@ -100,9 +98,7 @@ def check_unpacked(unpacked: float, packed: float, name: str) -> None:
 @contextmanager
 def raised(times: float) -> Iterator[None]:
     """Context with all limits multiplied by ``times``, in this thread; messages name ``--largest``.
-
-    Raises ValueError for a factor of 0 or less, or above ``MOST_TIMES``.
-    """
+    Raises ValueError for a factor of 0 or less, or above ``MOST_TIMES``."""
     if not 0.0 < times <= MOST_TIMES:
         raise ValueError(f"expected more than 0, up to {MOST_TIMES:g} times, found {times}")
     token = _times.set(times)

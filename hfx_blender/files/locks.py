@@ -29,11 +29,9 @@ LOCKED_BYTE: Final = 4096
 
 
 def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
-    """Test for an unfinished file that no process has locked or is about to lock.
-
-    A file younger than :data:`NEW_S` counts as owned until its content is ``ready`` (None: always).
-    False for links, missing files and anything but regular files.
-    """
+    """Test for an unfinished file that no process has locked or is about to lock. A file younger
+    than :data:`NEW_S` counts as owned until its content is ``ready`` (None: always). False for
+    links, missing files and anything but regular files."""
     # A link could lead to a file of another program, and the opening of a pipe would wait.
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -59,11 +57,9 @@ def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Context with an exclusive lock, between processes and threads, for a file.
-
-    The lock file ``path`` + ``.lock`` is made with its folder, and stays. Raises OutputError for an
-    unwritable folder, and for a lock that is held for longer than :data:`PATIENCE_S`.
-    """
+    """Context with an exclusive lock, between processes and threads, for a file. The lock file
+    ``path`` + ``.lock`` is made with its folder, and stays. Raises OutputError for an unwritable
+    folder, and for a lock that is held for longer than :data:`PATIENCE_S`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
@@ -79,11 +75,9 @@ def locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def folder_locked(folder: Path) -> Iterator[None]:
-    """Context with an exclusive lock on a folder, so that sets of moved files do not mix.
-
-    Entered without the lock after :data:`PATIENCE_S`, and on file systems without locks: finished
-    results are moved in any case.
-    """
+    """Context with an exclusive lock on a folder, so that sets of moved files do not mix. Entered
+    without the lock after :data:`PATIENCE_S`, and on file systems without locks: finished results
+    are moved in any case."""
     descriptor = None
     with suppress(OSError):
         if os.name == "nt":  # a folder cannot be opened there
@@ -114,10 +108,8 @@ def _is_taken_in_time(descriptor: int) -> bool:
 
 
 def take_lock(descriptor: int, place: int = 0) -> None:
-    """Lock a file until it is closed; on Windows the byte at offset ``place``.
-
-    Raises OSError for a lock held by another process, and on file systems without locks.
-    """
+    """Lock a file until it is closed; on Windows the byte at offset ``place``. Raises OSError for a
+    lock held by another process, and on file systems without locks."""
     if sys.platform == "win32":
         import msvcrt
 

@@ -37,10 +37,8 @@ def with_final_names(text: str, stage: Path, folder: Path) -> str:
 @contextmanager
 def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     """Context with a hidden folder in an existing ``parent``; removes abandoned folders first.
-
     ``name``, shortened, becomes part of the folder's name. Raises OSError if the folder cannot be
-    made, and ValueError for a name with a NUL character.
-    """
+    made, and ValueError for a name with a NUL character."""
     remove_abandoned(parent)
     stage = parent / temporary_name(name)
     stage.mkdir(0o700)
@@ -154,11 +152,9 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 
 def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
-    """Move finished files into a folder, all or none, in order; see :func:`.atomic.move`.
-
-    Returns the final paths. Raises OutputError for the name of a folder, a device or a pipe, and
-    for a failed move; new folders are removed in this case.
-    """
+    """Move finished files into a folder, all or none, in order; see :func:`.atomic.move`. Returns
+    the final paths. Raises OutputError for the name of a folder, a device or a pipe, and for a
+    failed move; new folders are removed in this case."""
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     for target in targets:
         refuse_taken(target)

@@ -31,10 +31,8 @@ _HEAD: Final = 1 << 16  # bytes searched for the marks of a .json
 
 
 def format_of(path: Path) -> FormatInfo:
-    """Return the format of a file by its name; of ``.json`` by marks in the first 64 KiB.
-
-    Only formats with ``check``. Raises InputError for another name, or an unreadable file.
-    """
+    """Return the format of a file by its name; of ``.json`` by marks in the first 64 KiB. Only
+    formats with ``check``. Raises InputError for another name, or an unreadable file."""
     name = path.name.lower()
     checked = [entry for entry in FORMATS.values() if entry.check]
     # Formats with marks share the suffix .json: their content decides below.
@@ -56,9 +54,7 @@ def format_of(path: Path) -> FormatInfo:
 
 def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     """Raise OutputError for an existing file other than ``target`` without HFX's first bytes.
-
-    Missing files are ignored, an unreadable file counts as another program's; returns nothing.
-    """
+    Missing files are ignored, an unreadable file counts as another program's; returns nothing."""
     for path in files:
         if path == target or not path.is_file():
             continue
@@ -132,9 +128,7 @@ def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Find
 
 def read_track(path: Path) -> None:
     """Read a whole track file, run by run in bounded memory, to check it; InputError if damaged.
-
-    Returns nothing.
-    """
+    Returns nothing."""
     with TrackReader(path) as track:
         for _ in track.runs():
             pass
@@ -147,10 +141,8 @@ def read_blend(path: Path) -> None:
 
 
 def read_svg(path: Path) -> None:
-    """Check an SVG file; InputError for malformed XML or a root element other than ``svg``.
-
-    Returns nothing; the drawing is not interpreted.
-    """
+    """Check an SVG file; InputError for malformed XML or a root element other than ``svg``. Returns
+    nothing; the drawing is not interpreted."""
     root = ""
     # expat resolves no external entities: a drawing cannot read other files.
     parser = expat.ParserCreate()
@@ -169,10 +161,8 @@ def read_svg(path: Path) -> None:
 
 
 def fault_of(path: Path, *, reads: bool = True) -> str:
-    """First error of a file as "place: message [code]"; empty for a valid file.
-
-    ``reads`` as for :func:`validate`. Raises InputError for an unreadable or unknown file.
-    """
+    """First error of a file as "place: message [code]"; empty for a valid file. ``reads`` as for
+    :func:`validate`. Raises InputError for an unreadable or unknown file."""
     _, findings = validate(path, reads=reads)
     errors = [finding for finding in findings if finding.severity == "error"]
     if not errors:
@@ -183,10 +173,8 @@ def fault_of(path: Path, *, reads: bool = True) -> str:
 
 def without_invalid_files(written: Written) -> Written:
     """Delete files of an export that are invalid or too large; returns ``written`` without these.
-
     Formats with ``decode`` are validated without decoding; other files but tracks and WAV have at
-    most the default memory limit. Each deletion is a sentence at the end of ``left_out``.
-    """
+    most the default memory limit. Each deletion is a sentence at the end of ``left_out``."""
     with_rules = tuple(info.suffix for info in FORMATS.values() if info.decode)
     unlimited = tuple(FORMATS[id].suffix for id in ("track", "wav"))
     files: list[Path] = []
@@ -209,11 +197,9 @@ def without_invalid_files(written: Written) -> Written:
 
 
 def decoded(info: FormatInfo, content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the vibration signals of a file's content, and the frequency range of the file.
-
-    Raises InputError for a format without envelopes or undecodable content, and TooLargeError
-    for signals longer than ``limits.SECONDS``.
-    """
+    """Decode the vibration signals of a file's content, and the frequency range of the file. Raises
+    InputError for a format without envelopes or undecodable content, and TooLargeError for signals
+    longer than ``limits.SECONDS``."""
     if not info.decode:
         raise InputError(f"{name}: {info.title} holds no vibration envelopes.")
     signals, frequencies = info.function("decode")(content, name)
@@ -223,11 +209,9 @@ def decoded(info: FormatInfo, content: bytes, name: str) -> tuple[list[Signal], 
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the vibration signals of a file and the frequency range.
-
-    An AHAP pattern includes the ticks of ``<name>.transients.ahap`` in the same folder. Raises
-    InputError for an unreadable file or a format without envelopes.
-    """
+    """Decode the vibration signals of a file and the frequency range. An AHAP pattern includes the
+    ticks of ``<name>.transients.ahap`` in the same folder. Raises InputError for an unreadable file
+    or a format without envelopes."""
     info = format_of(path)
     signals, frequencies = decoded(info, read_bytes(path), str(path))
     if info.id == "ahap":

@@ -116,11 +116,8 @@ _LINES: Final[dict[str, Shape]] = {
 
 
 def write(track: TrackReader, path: Path) -> None:
-    """Write a track without positions, velocities and depths.
-
-    Raises InputError for a damaged track, OutputError for an unwritable file; no partial file
-    remains.
-    """
+    """Write a track without positions, velocities and depths. Raises InputError for a damaged
+    track, OutputError for an unwritable file; no partial file remains."""
     last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set, and its number
     count = 0
     with atomic_file(path) as file:
@@ -247,10 +244,8 @@ def _texts(count: int, *, is_weight: bool = False) -> npt.NDArray[np.uint64]:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings of all lines and references; InputError for a line without valid JSON.
-
-    A single line is held in memory, if ``content`` is a mapped file.
-    """
+    """Return the findings of all lines and references; InputError for a line without valid JSON. A
+    single line is held in memory, if ``content`` is a mapped file."""
     report = Report("JSONL")
     for _ in _sound_lines(content, name, report):
         pass

@@ -291,10 +291,8 @@ TARGETS: Final = tuple(info.id for info in FORMATS.values() if info.is_written)
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:
-    """Raise UsageError for the first name outside ``known``; returns nothing.
-
-    ``option``, such as ``--format``, begins the message.
-    """
+    """Raise UsageError for the first name outside ``known``; returns nothing. ``option``, such as
+    ``--format``, begins the message."""
     for name in names:
         if name not in known:
             raise UsageError(f"{option} {name}: expected one of {', '.join(known)}")
@@ -302,10 +300,7 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
 
 def target_of(path: Path) -> FormatInfo:
     """Return the writable format whose suffix ends an output path, case-sensitive; the longest
-    suffix wins.
-
-    Raises UsageError for an unknown suffix, and for a name of only a suffix.
-    """
+    suffix wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
     # ".v1.he" ends with ".he", too: the longest suffix wins.
     targets = [FORMATS[id] for id in TARGETS]
     for info in sorted(targets, key=lambda each: -len(each.suffix)):

@@ -81,10 +81,8 @@ def write_signals(
     stem: Path,
     tolerance: float,
 ) -> Written:
-    """Write signals in an envelope format, clipped to the format's frequencies and reported.
-
-    Raises InputError for signals beyond the format's limits, OutputError for an unwritable file.
-    """
+    """Write signals in an envelope format, clipped to the format's frequencies and reported. Raises
+    InputError for signals beyond the format's limits, OutputError for an unwritable file."""
     left_out: tuple[str, ...] = ()
     if info.held:
         frequencies = info.function("held")(frequencies)
@@ -99,11 +97,9 @@ def write_signals(
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
-    """Raise UsageError for a choice of formats and devices that cannot be exported.
-
-    Cases: an unknown format, a device format without devices or without a matching modality in any
-    device, two different devices with equal ids (their files would coincide). Returns nothing.
-    """
+    """Raise UsageError for a choice of formats and devices that cannot be exported. Cases: an
+    unknown format, a device format without devices or without a matching modality in any device,
+    two different devices with equal ids (their files would coincide). Returns nothing."""
     refuse_unknown(formats, "format")
     of_id: dict[str, list[DeviceConfig]] = {}
     for device in devices:
@@ -157,10 +153,8 @@ def _why_nothing(info: FormatInfo, device: DeviceConfig) -> str:
 
 
 def why_nothing(id: str, devices: Sequence[DeviceConfig]) -> str:
-    """Tooltip: reason for no file of a format for any device; empty if a file is possible.
-
-    Empty for formats of tracks.
-    """
+    """Tooltip: reason for no file of a format for any device; empty if a file is possible. Empty
+    for formats of tracks."""
     info = FORMATS[id]
     if not info.is_of_device:
         return ""

@@ -32,10 +32,8 @@ _temporary: Path | None = None
 
 
 def start() -> Any:
-    """Import ``bpy`` and register this package in it; return the module.
-
-    Raises HfxError: Blender cannot be loaded; the message names the missing packages.
-    """
+    """Import ``bpy`` and register this package in it; return the module. Raises HfxError: Blender
+    cannot be loaded; the message names the missing packages."""
     if is_child():
         end_on_signals(at_once=True)
     try:
@@ -91,9 +89,7 @@ def _temporary_folder() -> Iterator[None]:
 
 def new_temporary_folder(prefix: str) -> Path:
     """Create a folder in Blender's temporary folder, to be removed by the caller or with Blender.
-
-    Raises OutputError: the folder cannot be created.
-    """
+    Raises OutputError: the folder cannot be created."""
     folder = sys.modules["bpy"].app.tempdir
     try:
         return Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
@@ -118,11 +114,8 @@ def refuse_name(path: Path) -> None:
 
 
 def open_blend(path: Path) -> None:
-    """Open a .blend file; no script, driver or handler of the file is run.
-
-    Raises InputError: the file is missing, is no .blend, links to a pipe or device, or Blender
-    cannot read it.
-    """
+    """Open a .blend file; no script, driver or handler of the file is run. Raises InputError: the
+    file is missing, is no .blend, links to a pipe or device, or Blender cannot read it."""
     refuse_name(path)
     if not path.is_file():
         fault = "it is a folder" if path.is_dir() else "there is no such file"
@@ -154,10 +147,8 @@ def remove_temporary_files() -> None:
 
 
 def open_standard_streams() -> None:
-    """Open missing standard streams (``hfx ... >&-``) on the null device.
-
-    Otherwise the first opened files would get their descriptors, and prints would go there.
-    """
+    """Open missing standard streams (``hfx ... >&-``) on the null device. Otherwise the first
+    opened files would get their descriptors, and prints would go there."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is not None:
             continue
@@ -173,11 +164,9 @@ def open_standard_streams() -> None:
 
 
 def without_chatter(work: Callable[[], int]) -> int:
-    """Run ``work`` without Blender's output on stdout; prints of Python still reach stdout.
-
-    Blender writes to descriptor 1, past ``sys.stdout``. During the call descriptor 1 is the null
-    device, and ``sys.stdout`` writes to a copy of the original descriptor.
-    """
+    """Run ``work`` without Blender's output on stdout; prints of Python still reach stdout. Blender
+    writes to descriptor 1, past ``sys.stdout``. During the call descriptor 1 is the null device,
+    and ``sys.stdout`` writes to a copy of the original descriptor."""
     sys.stdout.flush()
     # Blender writes to descriptor 1 directly, so it is descriptor 1 that is replaced.
     original = os.dup(1)

@@ -72,10 +72,8 @@ def json_message(content: Any) -> bytes:
 
 
 def read_message(stream: IO[bytes]) -> Message | None:
-    """Read the next message of a buffered stream; None at the end, also within a message.
-
-    Raises MessageError: the data is no message: unknown kind or too long.
-    """
+    """Read the next message of a buffered stream; None at the end, also within a message. Raises
+    MessageError: the data is no message: unknown kind or too long."""
     head = stream.read(_HEAD.size)
     if len(head) < _HEAD.size:
         return None

@@ -63,11 +63,9 @@ _farewell = threading.Lock()  # acquired once, by the thread that writes the far
 
 
 def end_on_signals(*, at_once: bool = False) -> None:
-    """Let Ctrl-C, SIGTERM and SIGHUP end this process; signals with custom handlers are left.
-
-    Has no effect outside the main thread. ``at_once``: end without message and without unwinding,
-    for a process whose parent reports the end.
-    """
+    """Let Ctrl-C, SIGTERM and SIGHUP end this process; signals with custom handlers are left. Has
+    no effect outside the main thread. ``at_once``: end without message and without unwinding, for a
+    process whose parent reports the end."""
     if threading.current_thread() is not threading.main_thread():
         return
     replaced = (signal.SIG_DFL, signal.default_int_handler, end_at_once)
@@ -88,10 +86,8 @@ def end_on_signals(*, at_once: bool = False) -> None:
 
 
 def check() -> None:
-    """Raise TerminatedError, once, if a signal has come; does nothing outside the main thread.
-
-    To be called between two pieces of work, neither in callbacks of Blender nor under a lock.
-    """
+    """Raise TerminatedError, once, if a signal has come; does nothing outside the main thread. To
+    be called between two pieces of work, neither in callbacks of Blender nor under a lock."""
     if not _state.number or _state.is_unwinding:
         return
     if threading.current_thread() is threading.main_thread():
@@ -110,11 +106,9 @@ def answered() -> None:
 
 
 def leave(code: int) -> NoReturn:
-    """Exit at once with a code, past all threads; end child processes, remove unfinished files.
-
-    In place of a normal exit of Python, in which Blender's module sometimes hangs. A signal that
-    has not been answered overrides the code.
-    """
+    """Exit at once with a code, past all threads; end child processes, remove unfinished files. In
+    place of a normal exit of Python, in which Blender's module sometimes hangs. A signal that has
+    not been answered overrides the code."""
     # Only one thread tidies up: a second one waits, then the process is gone.
     if _ending.acquire(timeout=TIDYING_S):
         if _state.is_answered:
@@ -139,10 +133,9 @@ def _note(number: int) -> None:
 
 
 def _watch(reading: int) -> None:
-    """Run the watching thread: read numbers of arrived signals from the descriptor ``reading``.
-    If the main thread does not call its handler in ``_LOOK_S``, record the signal here. End the
-    process if the main thread then exceeds its time limits to notice the signal and to unwind.
-    """
+    """Run the watching thread: read numbers of arrived signals from the descriptor ``reading``. If
+    the main thread does not call its handler in ``_LOOK_S``, record the signal here. End the
+    process if the main thread then exceeds its time limits to notice the signal and to unwind."""
     while True:
         handled = _state.handled
         numbers = os.read(reading, 64)

@@ -23,10 +23,8 @@ ended: list[bool] = []  # not empty: this process is ending and starts no proces
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a module, by its name within the package: ``devices.host.host``.
-
-    Modules of ``hfx_tools`` have their full name.
-    """
+    """Command line of a module, by its name within the package: ``devices.host.host``. Modules of
+    ``hfx_tools`` have their full name."""
     name = module if module.startswith("hfx_tools.") else f"hfx_blender.{module}"
     return [*python_command(), name, *map(os.fspath, arguments)]
 
@@ -63,10 +61,8 @@ def start(
 
 def end_all(limit_s: float) -> None:
     """Terminate all processes started by :func:`start`; kill the rest after ``limit_s``, seconds.
-
-    Later starts fail: this process is ending. On Windows processes with an input pipe are left,
-    as these exit with their input.
-    """
+    Later starts fail: this process is ending. On Windows processes with an input pipe are left, as
+    these exit with their input."""
     ended.append(True)
     # A copy, as other threads may start processes.
     known = [reference() for reference in list(_started.values())]

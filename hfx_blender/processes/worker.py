@@ -118,10 +118,8 @@ class Worker:
 
     def send(self, content: bytes, *, is_awaited: bool = False) -> None:
         """Send encoded messages, results of :func:`.messages.message`, in order, without waiting.
-
         ``is_awaited``: the process has read all earlier messages. Up to 4 KiB are then written in
-        this thread, which saves the switch to the writing thread: an empty pipe does not block.
-        """
+        this thread, which saves the switch to the writing thread: an empty pipe does not block."""
         if not is_awaited or len(content) > _PIPE:
             self._unsent.put(content)
         elif self.process is not None:
@@ -130,10 +128,8 @@ class Worker:
 
     def receive(self, limit_s: float | None = None) -> Message | None:
         """Wait for the next message; None after the last, and after invalid data (:attr:`fault`).
-
         Raises TimeoutError: no message has come within ``limit_s``, seconds; None waits without
-        limit.
-        """
+        limit."""
         try:
             message = self._received.get(timeout=limit_s)
         except queue.Empty:
@@ -143,10 +139,8 @@ class Worker:
         return message
 
     def wait(self, limit_s: float | None = None) -> int:
-        """Wait for the exit and return the exit code; all messages have been read then.
-
-        Raises subprocess.TimeoutExpired: the process did not exit within ``limit_s``, seconds.
-        """
+        """Wait for the exit and return the exit code; all messages have been read then. Raises
+        subprocess.TimeoutExpired: the process did not exit within ``limit_s``, seconds."""
         assert self.process is not None
         code = self.process.wait(limit_s)
         # With a limit, as a process started by the worker may keep a pipe open.

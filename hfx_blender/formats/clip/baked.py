@@ -38,11 +38,9 @@ Played = Sequence[tuple[DeviceConfig, Raster]]
 def sections_of(
     header: TrackHeader, played: Played, texts: Texts, title: str
 ) -> tuple[dict[str, Records], Written]:
-    """Sections TIME, CLIP, DEVC, ACTR, COLM, ROWS and VALU; second, notes on skipped clips.
-
-    Rasters are on the sample clock of the track; ``title`` names the scene. ``texts`` receives all
-    names; the caller creates the section ``TEXT`` from it.
-    """
+    """Sections TIME, CLIP, DEVC, ACTR, COLM, ROWS and VALU; second, notes on skipped clips. Rasters
+    are on the sample clock of the track; ``title`` names the scene. ``texts`` receives all names;
+    the caller creates the section ``TEXT`` from it."""
     time = header.time
     start_s = float(time.times_s(np.array([0]))[0])
     baked = _Baked(texts, {body.id: body.name for body in header.bodies}, _models(header))
@@ -58,10 +56,8 @@ def sections_of(
 
 def numbers_of(values: F64, lowest: float, highest: float) -> Records:
     """Quantize values (n,) to uint16: 0 at ``lowest``, 65535 at ``highest``, rounded to nearest.
-
     Values outside are clipped; an empty or NaN range gives 0. Players read the number of the
-    neutral value as exactly neutral.
-    """
+    neutral value as exactly neutral."""
     scale = highest - lowest
     if not scale > 0.0:
         return np.zeros(len(values), np.uint16)
@@ -71,9 +67,7 @@ def numbers_of(values: F64, lowest: float, highest: float) -> Records:
 
 def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
     """Decode an actuator (record number) of a valid clip: stored rows (n,), values (n, columns).
-
-    Values equal to the column's neutral number are exactly the neutral value.
-    """
+    Values equal to the column's neutral number are exactly the neutral value."""
     at = sections["ACTR"][actuator]
     count, columns = int(at["rows"]), int(at["columns"])
     first_row, first_value = int(at["first_row"]), int(at["first_value"])

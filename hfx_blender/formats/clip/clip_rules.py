@@ -92,9 +92,7 @@ def read(content: bytes, name: str) -> dict[str, Records]:
 
 def findings_of(sections: Sections, file_name: str) -> list[Finding]:
     """Return the findings of the first failing group of rules; later groups rely on earlier groups.
-
-    Empty for a valid clip; TooLargeError then for a clip longer than the limit of duration.
-    """
+    Empty for a valid clip; TooLargeError then for a clip longer than the limit of duration."""
     text = sections["TEXT"]
     if not len(text) or text[0] or text[-1]:
         return [_finding("TEXT", "does not begin and end with a zero byte")]

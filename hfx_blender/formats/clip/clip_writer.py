@@ -20,11 +20,9 @@ from .spatial_recorder import SpatialRecorder
 def write(
     header: TrackHeader, played: baked.Played, stem: Path, scene: SpatialRecorder | None = None
 ) -> Written:
-    """Write ``stem.hfxclip``: device output of a track, and effects of a scene for avatars.
-
-    Raises InputError for content beyond the format's limits, OutputError for an unwritable file; no
-    partial file remains.
-    """
+    """Write ``stem.hfxclip``: device output of a track, and effects of a scene for avatars. Raises
+    InputError for content beyond the format's limits, OutputError for an unwritable file; no
+    partial file remains."""
     texts = Texts()
     path = stem.with_name(stem.name + SUFFIX)
     sections, loss = baked.sections_of(header, played, texts, stem.name)

@@ -56,9 +56,7 @@ _OF_THUMB: Final = ("Metacarpal", "Proximal", "Distal")
 @cache
 def rig_names(bone: str) -> RigNames:
     """Names of the joint of a canonical bone such as ``wrist.L`` in other rigs, side included.
-
-    Fingers have ``finger1-1`` (thumb) to ``finger5-3``. All names are empty for an unknown bone.
-    """
+    Fingers have ``finger1-1`` (thumb) to ``finger5-3``. All names are empty for an unknown bone."""
     stem, _, side = bone.partition(".")
     for pattern, names in _MIDDLE:
         if re.fullmatch(pattern, stem):

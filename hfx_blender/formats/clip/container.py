@@ -94,10 +94,8 @@ class Texts:
         self._places: dict[str, int] = {"": 0}
 
     def add(self, text: str) -> int:
-        """Add a text once; returns its byte offset in ``TEXT`` (0: empty).
-
-        Unwritable characters and zero bytes are replaced; UTF-8 beyond 1000 bytes is cut off.
-        """
+        """Add a text once; returns its byte offset in ``TEXT`` (0: empty). Unwritable characters
+        and zero bytes are replaced; UTF-8 beyond 1000 bytes is cut off."""
         # A cut within a character leaves bytes that "ignore" drops.
         text = clean(text).replace("\0", " ").encode()[:MOST_TEXT].decode("utf-8", "ignore")
         if text not in self._places:
@@ -124,9 +122,7 @@ def records(section: str, rows: Sequence[tuple[Any, ...]]) -> Records:
 
 def encoded(sections: Sections, name: str) -> bytes:
     """Encode sections as the bytes of a clip, in the order of ``RECORDS``, each at a multiple of 8.
-
-    Empty sections are omitted. Raises TooLargeError, with ``name``, beyond 2**31 - 1 bytes.
-    """
+    Empty sections are omitted. Raises TooLargeError, with ``name``, beyond 2**31 - 1 bytes."""
     filled = [
         (record, sections[record])
         for record in RECORDS
@@ -155,11 +151,9 @@ def with_checksum(content: bytes) -> bytes:
 
 
 def decoded(content: bytes, name: str) -> dict[str, Records]:
-    """Decode the sections of a clip: missing sections are empty, unknown sections dropped.
-
-    Contents are not validated. Raises InputError for another file, a newer version, truncated or
-    damaged content, and misplaced sections.
-    """
+    """Decode the sections of a clip: missing sections are empty, unknown sections dropped. Contents
+    are not validated. Raises InputError for another file, a newer version, truncated or damaged
+    content, and misplaced sections."""
     if content[: len(_MAGIC)] != _MAGIC:
         raise InputError(f"{name}: is no game clip (its first 8 bytes are not 'HFXCLIP').")
     if len(content) < _HEAD.size:

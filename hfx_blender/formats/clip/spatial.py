@@ -42,9 +42,7 @@ def sections_of(
     recorder: SpatialRecorder, played: Played, texts: Texts
 ) -> tuple[dict[str, Records], Written]:
     """Sections of a scene's bodies and effects, and notes on losses; no sections without effects.
-
-    ``played`` is in the order of the baked part; ``texts`` receives all names.
-    """
+    ``played`` is in the order of the baked part; ``texts`` receives all names."""
     effects = recorder.effects()
     lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
     if not effects:
@@ -93,9 +91,8 @@ class _Bodies:
 
     def add(self, body: BodyDescription) -> None:
         """Append the records of a body bound to an armature, with a level of detail of every model.
-
-        Only bones with skin weights are stored. Fitted vertices replace those of a canonical model.
-        """
+        Only bones with skin weights are stored. Fitted vertices replace those of a canonical
+        model."""
         assert isinstance(body.binding, SkinBinding)
         binding, text = body.binding, self._texts.add
         placed = [

@@ -37,9 +37,7 @@ index into :data:`SHAPES`, and ``half_segment``; ``matrix`` (4, 4) and ``control
 
 class SpatialRecorder:
     """Recorder of the first state and highest level of a scene's volumes and painted areas.
-
-    ``detail`` is the level of detail of the models in the clip; 0 stores all vertices.
-    """
+    ``detail`` is the level of detail of the models in the clip; 0 stores all vertices."""
 
     def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
         self.scene, self.detail = scene, detail

@@ -70,11 +70,9 @@ _PARTS: Final = 4  # straight pieces for the product of two ramps
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write a pattern per audible signal: ``stem.<name>.ahap``.
-
-    Curves modulate the whole pattern, ticks included. The ticks of a signal with an envelope are
-    therefore a second pattern, ``stem.<name>.transients.ahap``, to be played with the first.
-    """
+    """Write a pattern per audible signal: ``stem.<name>.ahap``. Curves modulate the whole pattern,
+    ticks included. The ticks of a signal with an envelope are therefore a second pattern,
+    ``stem.<name>.transients.ahap``, to be played with the first."""
     files: list[Path] = []
     for signal in signals:
         for suffix, content in (
@@ -91,11 +89,9 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """AHAP document of a signal's envelope without its ticks; see :func:`ticks`.
-
-    Events last 30 s at most and are silent in the rest of the signal; a changing frequency is a
-    sharpness curve. ``Pattern`` is empty for a silent signal without ``is_kept``.
-    """
+    """AHAP document of a signal's envelope without its ticks; see :func:`ticks`. Events last 30 s
+    at most and are silent in the rest of the signal; a changing frequency is a sharpness curve.
+    ``Pattern`` is empty for a silent signal without ``is_kept``."""
     pattern: list[dict[str, Any]] = []
     sharpness = frequencies.share(signal.frequency_hz.values)
     constant = float(sharpness[0]) if np.ptp(sharpness) == 0.0 else None
@@ -121,10 +117,8 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
 
 
 def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """AHAP document of a signal's ticks; ``Pattern`` is empty without ticks.
-
-    Without an envelope, silent events are added up to the signal's end.
-    """
+    """AHAP document of a signal's ticks; ``Pattern`` is empty without ticks. Without an envelope,
+    silent events are added up to the signal's end."""
     pattern = [
         {
             "Event": {
@@ -214,10 +208,8 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Decode a pattern to a list of one signal, and the frequency range; audio events are left out.
-
     Losses are in ``left_out``, tolerated faults in ``notes``. Raises InputError for an unreadable
-    file, errors not tolerated by Core Haptics, or a law of intensity other than linear.
-    """
+    file, errors not tolerated by Core Haptics, or a law of intensity other than linear."""
     document = parse(content, name)
     # Apple's reader accepts these faults; the limits bind writers only.
     lenient = ("DURATION", "DURATION-MISSING", "CURVE-ORDER", "ENTRY", "CHOICE", "MISSING")
@@ -348,10 +340,8 @@ write_signals: Final = simplified_writer(write, SUFFIX, decode)
 
 def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
     """Add the ticks of ``<name>.transients.ahap`` in the same folder to the first signal, by time.
-
     Without this file, and for such a file itself, the signals are returned unchanged. An envelope
-    of the companion is reported in ``left_out``. Raises InputError for an unreadable companion.
-    """
+    of the companion is reported in ``left_out``. Raises InputError for an unreadable companion."""
     companion = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
     if path.name.endswith(TICKS_SUFFIX) or not companion.is_file():
         return signals

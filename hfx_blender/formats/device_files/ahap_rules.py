@@ -155,10 +155,8 @@ _NEEDED: Final = {
 
 
 def completed(document: dict[str, Any]) -> dict[str, Any]:
-    """Copy of a document without missing members, as Core Haptics reads it.
-
-    Missing times are 0; entries and items without another needed member are dropped.
-    """
+    """Copy of a document without missing members, as Core Haptics reads it. Missing times are 0;
+    entries and items without another needed member are dropped."""
     entries = []
     for entry in document.get("Pattern", []):
         full = {kind: _completed(kind, entry[kind]) for kind in entry.keys() & _NEEDED.keys()}

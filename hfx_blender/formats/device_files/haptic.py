@@ -80,11 +80,9 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """Content of a .haptic file of a signal: breakpoints from 0 s on, with ticks as emphasis.
-
-    Of ticks at a time the strongest is stored; an emphasis is raised to the envelope's level. Lasts
-    1 ms at least.
-    """
+    """Content of a .haptic file of a signal: breakpoints from 0 s on, with ticks as emphasis. Of
+    ticks at a time the strongest is stored; an emphasis is raised to the envelope's level. Lasts 1
+    ms at least."""
     # One emphasis per time: the strongest of simultaneous ticks is stored.
     ticks: dict[float, Transient] = {}
     for tick in signal.transients:
@@ -188,11 +186,9 @@ validate = json_validator(_findings, _parsed)
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode a file to a list of one signal, and the frequency range.
-
-    Points with an emphasis also give ticks; frequency 0.5 without a frequency envelope. Raises
-    InputError for an unreadable file, or errors not tolerated by players.
-    """
+    """Decode a file to a list of one signal, and the frequency range. Points with an emphasis also
+    give ticks; frequency 0.5 without a frequency envelope. Raises InputError for an unreadable
+    file, or errors not tolerated by players."""
     document = _parsed(content, name)
     notes = refuse_untolerated(
         _findings(document),

@@ -116,10 +116,8 @@ def write_openharmony(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write OpenHarmony's variant, at most 128 events within 30 min and 64 KiB a file.
-
-    Tolerance, ``left_out`` and InputError as of :func:`write_v1`.
-    """
+    """Write OpenHarmony's variant, at most 128 events within 30 min and 64 KiB a file. Tolerance,
+    ``left_out`` and InputError as of :func:`write_v1`."""
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=False)

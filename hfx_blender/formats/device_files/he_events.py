@@ -56,11 +56,9 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
 
 
 def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
-    """Convert a signal to events in time order, cut at ticks and at the format's limits.
-
-    The signal is simplified, without two keyframes at the same time. ``falls_to_zero``: begin and
-    end each event silent, as version 1 requires.
-    """
+    """Convert a signal to events in time order, cut at ticks and at the format's limits. The signal
+    is simplified, without two keyframes at the same time. ``falls_to_zero``: begin and end each
+    event silent, as version 1 requires."""
     ticks = [
         HeEvent(
             round(tick.time_s * 1000.0),
@@ -208,10 +206,8 @@ def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
-    """JSON entry of an event, at ``relative_ms`` from the start of its pattern.
-
-    Curve levels are 0..1 of intensity 100, rounded to 4 decimals.
-    """
+    """JSON entry of an event, at ``relative_ms`` from the start of its pattern. Curve levels are
+    0..1 of intensity 100, rounded to 4 decimals."""
     if event.transient is not None:
         intensity, frequency = event.transient
         return {

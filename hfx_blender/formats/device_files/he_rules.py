@@ -173,10 +173,8 @@ class PatternSpacing:
         return max(self.android_ms, self.library_ms)
 
     def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
-        """Advance past a pattern at ``start_ms`` with events (relative time, duration) in ms.
-
-        A duration of None stands for a transient.
-        """
+        """Advance past a pattern at ``start_ms`` with events (relative time, duration) in ms. A
+        duration of None stands for a transient."""
         ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
         self.library_ms = start_ms + max((sum(end) for end in ends), default=0)
         continuous = [(time, lasts) for time, lasts in events if lasts is not None]

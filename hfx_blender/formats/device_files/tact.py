@@ -147,9 +147,7 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
 
 def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
     """Write the vibration of a device's raster; steps of strength replace the unused ``tolerance``.
-
-    Raises InputError for a device without a corresponding motor.
-    """
+    Raises InputError for a device without a corresponding motor."""
     why = why_nothing(device)
     if why:
         raise InputError(f"D{why[1:]}.")
@@ -162,11 +160,9 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
 def document(
     signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
 ) -> dict[str, Any]:
-    """Document of the signals of a kind of suit, in steps of 20 ms from 0; 1 step at least.
-
-    Silence above 500 ms parts effects. Raises TooLargeError beyond the memory limit; ``name``
-    is the title and the file's name in messages.
-    """
+    """Document of the signals of a kind of suit, in steps of 20 ms from 0; 1 step at least. Silence
+    above 500 ms parts effects. Raises TooLargeError beyond the memory limit; ``name`` is the title
+    and the file's name in messages."""
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
@@ -276,11 +272,9 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode a signal per used dot, named like ``VestFront 0``, and the default frequency.
-
-    Moving points are played by the nearest dot. Losses and notes are on the first signal. Raises
-    InputError for an unreadable file or a wrong structure.
-    """
+    """Decode a signal per used dot, named like ``VestFront 0``, and the default frequency. Moving
+    points are played by the nearest dot. Losses and notes are on the first signal. Raises
+    InputError for an unreadable file or a wrong structure."""
     document = without_nulls(parse(content, name))
     # The player requires only the right types, and skips missing members.
     notes = refuse_untolerated(

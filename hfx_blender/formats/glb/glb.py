@@ -52,11 +52,9 @@ class Document:
     def accessor(
         self, array: npt.NDArray[Any], *, is_index: bool = False, is_vertex: bool = False
     ) -> int:
-        """Append numbers, (n,) or (n, 2 to 4 or 16), and return the accessor's index.
-
-        ``is_index``: corners of triangles, 32 bits. ``is_vertex``: attribute of a mesh. Unsigned
-        16-bit numbers (joints) stay so; the rest becomes float32.
-        """
+        """Append numbers, (n,) or (n, 2 to 4 or 16), and return the accessor's index. ``is_index``:
+        corners of triangles, 32 bits. ``is_vertex``: attribute of a mesh. Unsigned 16-bit numbers
+        (joints) stay so; the rest becomes float32."""
         is_joint = not is_index and array.dtype == np.uint16
         kind = np.dtype("<u4" if is_index else "<u2" if is_joint else "<f4")
         data = np.ascontiguousarray(array, kind)
@@ -100,11 +98,9 @@ def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
 
 
 def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None) -> None:
-    """Write a perceptual model as a mesh in rest pose, with unchanged vertex ids.
-
-    ``hjif_uri`` names the HJIF file with channels for the vertices. Raises OutputError for an
-    unwritable file; no partial file remains.
-    """
+    """Write a perceptual model as a mesh in rest pose, with unchanged vertex ids. ``hjif_uri``
+    names the HJIF file with channels for the vertices. Raises OutputError for an unwritable file;
+    no partial file remains."""
     document = Document()
     node = {"mesh": add_model(document, model), "name": clean(model.id)}
     document.json["scenes"] = [{"nodes": [document.append("nodes", node)]}]
@@ -208,10 +204,8 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
 
 def decomposed(matrices: F64) -> tuple[F64, F64, F64, Bool]:
     """Translations (T, 3), quaternions x y z w (T, 4), scales (T, 3) and shear (T,) of matrices.
-
     Successive quaternions are on the same half sphere, so interpolation does not jump. Of a
-    mirrored matrix the x scale is negative. Shear is True beyond 1e-4.
-    """
+    mirrored matrix the x scale is negative. Shear is True beyond 1e-4."""
     linear = matrices[:, :3, :3]
     scales = np.linalg.norm(linear, axis=1)
     scales[np.linalg.det(linear) < 0.0, 0] *= -1.0
@@ -254,10 +248,8 @@ def read_json(content: bytes, name: str) -> dict[str, Any]:
 
 
 def model_hashes(content: bytes, name: str) -> dict[str, str]:
-    """Content hashes of HFX body models stored as meshes, by model id.
-
-    Raises InputError for a file with errors.
-    """
+    """Content hashes of HFX body models stored as meshes, by model id. Raises InputError for a file
+    with errors."""
     extras = (mesh.get("extras") for mesh in read_json(content, name).get("meshes", []))
     pairs = (
         (item.get("hfx_model"), item.get("hfx_content_hash"))
@@ -279,10 +271,8 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings about the container and the members used by HFX.
-
-    Khronos' validator checks all further rules of glTF. Raises InputError for unreadable JSON.
-    """
+    """Return the findings about the container and the members used by HFX. Khronos' validator
+    checks all further rules of glTF. Raises InputError for unreadable JSON."""
     report = Report("GLB")
     text = _json_chunk(content, report)
     if report.has_errors:

@@ -108,10 +108,8 @@ class VolumeRecorder:
         return arrays
 
     def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
-        """Sorted distinct first active samples of the volumes in :meth:`arrays` of recorders.
-
-        For each volume the first of ``parts``, in time order, with samples counts.
-        """
+        """Sorted distinct first active samples of the volumes in :meth:`arrays` of recorders. For
+        each volume the first of ``parts``, in time order, with samples counts."""
         firsts = (
             next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
             for k in self._volumes

@@ -31,10 +31,8 @@ _Points = list[tuple[float, float]]  # times, s, and values
 
 def tone(band: dict[str, Any], placed: Placed, timescale: int, gain: float) -> Piece:
     """Vectorial wave as a piece: amplitude times ``gain``, and frequency, to the last keyframe.
-
     Amplitude 1 without keyframes; a negative amplitude is made positive. Frequencies are clipped to
-    the band; without any, the band's middle, or 100 Hz for a band of 0 to 0 Hz, is used.
-    """
+    the band; without any, the band's middle, or 100 Hz for a band of 0 to 0 Hz, is used."""
     position, effect = placed
     levels, hertz = _columns(effect.get("keyframes", ()), position, timescale)
     begin = position / timescale
@@ -71,10 +69,8 @@ def curve(band: dict[str, Any], effects: Iterable[Placed], timescale: int) -> Cu
 
 
 def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Waveform:
-    """Sample a curve band of a vibration at 2 to 8 kHz, with fewer samples for long curves.
-
-    Raises TooLargeError beyond the limits of duration or memory; ``name`` is the file's.
-    """
+    """Sample a curve band of a vibration at 2 to 8 kHz, with fewer samples for long curves. Raises
+    TooLargeError beyond the limits of duration or memory; ``name`` is the file's."""
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band["upper_frequency_limit"], 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
     limits.SECONDS.check(end, name, "its curves last")
@@ -128,11 +124,9 @@ _LONG: Final = 100_000  # keyframes
 
 
 def interpolated(keyframes: Curve, kind: str | None) -> Curve:
-    """Interpolate keyframes by a curve type, as straight pieces.
-
-    ``kind`` is the band's ``curve_type``; None and ``Unknown`` are cubic. Two keyframes, and steps,
-    are always joined by lines. Bezier and BSpline curves do not pass through all keyframes.
-    """
+    """Interpolate keyframes by a curve type, as straight pieces. ``kind`` is the band's
+    ``curve_type``; None and ``Unknown`` are cubic. Two keyframes, and steps, are always joined by
+    lines. Bezier and BSpline curves do not pass through all keyframes."""
     times, values = keyframes.times_s, keyframes.values
     if kind == "Linear" or len(times) < 3 or (np.diff(times) <= 0.0).any():
         return keyframes

@@ -74,11 +74,9 @@ def vertex_masks(model: PerceptualModel) -> U32:
 
 
 def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
-    """Body part mask of an actuator's place; 0 for a place of vertices.
-
-    A centre selects one bit per part, mirrored in x for ``is_mirrored``. Without a centre all bits
-    of a part are set, or those of the place's side.
-    """
+    """Body part mask of an actuator's place; 0 for a place of vertices. A centre selects one bit
+    per part, mirrored in x for ``is_mirrored``. Without a centre all bits of a part are set, or
+    those of the place's side."""
     if isinstance(place, RoomPlace):
         parts: tuple[str, ...] = place.parts
         centre, side = None, None

@@ -80,10 +80,8 @@ Burst = tuple[int, tuple[Keyframe, ...]]
 def shared_waves(
     bands: Sequence[Sequence[Burst]],
 ) -> tuple[list[dict[str, Any]], list[list[dict[str, Any]]]]:
-    """Effect library of a perception, and for each band the list of its effects.
-
-    Keyframes occurring twice or more are stored once in the library (ids from 1), and referenced.
-    """
+    """Effect library of a perception, and for each band the list of its effects. Keyframes
+    occurring twice or more are stored once in the library (ids from 1), and referenced."""
     # Equal keyframes are equal tuples, so counting finds repetitions.
     counts = Counter(keyframes for bursts in bands for _, keyframes in bursts)
     repeated = [keyframes for keyframes, count in counts.items() if count > 1]
@@ -118,10 +116,8 @@ def keyframes_of(frames: Iterable[Keyframe]) -> list[dict[str, Any]]:
 
 
 def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
-    """Split a vibration at its silences into effects: position and keyframes of each.
-
-    Equal stretches get equal keyframes, so a library can store them once. Empty for silence.
-    """
+    """Split a vibration at its silences into effects: position and keyframes of each. Equal
+    stretches get equal keyframes, so a library can store them once. Empty for silence."""
     bursts = []
     cached: dict[bytes, tuple[Keyframe, ...]] = {}  # by rounded rows
     frequency = dense.frequency_hz
@@ -238,10 +234,8 @@ def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe
 
 
 def curve_effects(dense: Dense, timescale: int, tolerance: float) -> list[dict[str, Any]]:
-    """Effects of a pressure, temperature or wind curve; several only beyond 65535 ticks.
-
-    A constant of a single row lasts two ticks.
-    """
+    """Effects of a pressure, temperature or wind curve; several only beyond 65535 ticks. A constant
+    of a single row lasts two ticks."""
     strength = Curve(dense.times_s, dense.strength)
     few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
     ticks, values = _on_grid(few, strength, tolerance, timescale)

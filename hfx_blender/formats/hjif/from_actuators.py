@@ -42,10 +42,8 @@ def write(
     raster: Raster, device: DeviceConfig, stem: Path, tolerance: float = DEFAULT_TOLERANCE
 ) -> Written:
     """Write ``stem.hjif`` with a channel per actuator; strengths are relative to neutral values.
-
     Actuators silenced by the tolerance are noted. Raises OutputError for an unwritable file; no
-    partial file remains.
-    """
+    partial file remains."""
     columns = {(column.actuator, column.parameter): k for k, column in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     # The last row lasts a whole period, as in all formats.
@@ -86,11 +84,9 @@ def write_signals(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale.
-
-    The file is read back to measure the error. Raises OutputError for an unwritable file; no
-    partial file remains.
-    """
+    """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale. The
+    file is read back to measure the error. Raises OutputError for an unwritable file; no partial
+    file remains."""
     timescale = timescale_of(Fraction(1000))
     places = [
         Place(signal.name, 1.0, 0, _dense(signal), transients=signal.transients)

@@ -40,11 +40,9 @@ def write(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write ``stem.hjif``, and each body model as ``stem.<model>.glb`` in the same folder.
-
-    Raises NothingFeltError without samples on a body, InputError for a body model of another
-    version than recorded, and OutputError for an unwritable file; no partial file remains.
-    """
+    """Write ``stem.hjif``, and each body model as ``stem.<model>.glb`` in the same folder. Raises
+    NothingFeltError without samples on a body, InputError for a body model of another version than
+    recorded, and OutputError for an unwritable file; no partial file remains."""
     document, meshes, loss = compose(track, devices, stem.name, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
@@ -69,10 +67,8 @@ def compose(
     name: str,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[dict[str, Any], list[PerceptualModel], Written]:
-    """HJIF document of a track, its models, and losses as a Written without files.
-
-    Raises as :func:`write`, except OutputError. ``name`` begins the mesh file names.
-    """
+    """HJIF document of a track, its models, and losses as a Written without files. Raises as
+    :func:`write`, except OutputError. ``name`` begins the mesh file names."""
     header = track.header
     seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
     timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)

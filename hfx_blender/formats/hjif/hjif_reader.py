@@ -23,11 +23,9 @@ _FATAL = _STRUCTURAL - {"HJIF-RANGE"}  # amplitudes of early wavelets
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
-    """Parse a document; second, sentences about tolerated faults.
-
-    Files of other tools and drafts are converted to the standard's form as far as clear in meaning;
-    unknown members are dropped. Raises InputError for unreadable files.
-    """
+    """Parse a document; second, sentences about tolerated faults. Files of other tools and drafts
+    are converted to the standard's form as far as clear in meaning; unknown members are dropped.
+    Raises InputError for unreadable files."""
     document = parse(content, name)
     faults = findings(document)
     # Valid files are read as they are; only faulty ones are brought to the standard's form.

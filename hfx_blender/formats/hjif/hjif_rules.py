@@ -192,10 +192,8 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 def findings(document: Any) -> list[Finding]:
     """Return the findings of a parsed document: schema faults, or without any, semantic faults.
-
     Unknown members are warnings and no schema faults. Messages of faults that a tool is known for
-    end with a remark about the tool in brackets.
-    """
+    end with a remark about the tool in brackets."""
     report = Report("HJIF")
     check(DOCUMENT, document, report)
     if all(finding.code == "HJIF-UNKNOWN" for finding in report.findings):

@@ -46,9 +46,7 @@ def document_of(
     date: str = DATE,
 ) -> dict[str, Any]:
     """Compose a document at the lowest sufficient level; channels are numbered in place, from 0.
-
-    Channel ids are unique in the whole file, as decoders require.
-    """
+    Channel ids are unique in the whole file, as decoders require."""
     channels = [channel for perception in perceptions for channel in perception["channels"]]
     for number, channel in enumerate(channels):
         channel["id"] = number

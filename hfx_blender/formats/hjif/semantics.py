@@ -49,10 +49,8 @@ _DATE: Final = re.compile(
 
 
 def check_semantics(document: dict[str, Any], report: Report) -> None:
-    """Report semantic faults of a document that has no schema faults.
-
-    Ids, URIs, counts of channels, and the faults of all perceptions.
-    """
+    """Report semantic faults of a document that has no schema faults. Ids, URIs, counts of
+    channels, and the faults of all perceptions."""
     is_simple = document["profile"] == "Simple Parametric"
     _check_root(document, report, is_simple=is_simple)
     avatars = _ids(document["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)

@@ -47,11 +47,9 @@ class Envelope:
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """Decode the vibration channels of a file as signals, and the range of all frequencies.
-
-    Losses and notes of the file are on the first signal; 0 to 1 Hz without signals. Raises
-    InputError for an unreadable file, and TooLargeError for too many effects after unfolding.
-    """
+    """Decode the vibration channels of a file as signals, and the range of all frequencies. Losses
+    and notes of the file are on the first signal; 0 to 1 Hz without signals. Raises InputError for
+    an unreadable file, and TooLargeError for too many effects after unfolding."""
     document, notes = read(content, name)
     signals = []
     # The constant date of HFX's own files states nothing.
@@ -111,10 +109,8 @@ def _unused_members(document: dict[str, Any]) -> ToleratedFaults:
 
 def envelopes(document: dict[str, Any], name: str = "HJIF") -> Iterator[Envelope]:
     """Yield the envelope of each channel with all bands, references and compositions resolved.
-
     ``name`` is the file's name in messages. Raises TooLargeError for too many unfolded effects or
-    too long envelopes, and InputError for cyclic references.
-    """
+    too long envelopes, and InputError for cyclic references."""
     unfolding = Unfolding(name)
     timescale = document.get("timescale", 1000)
     for perception in document["perceptions"]:
@@ -142,10 +138,8 @@ class _Parts:
         self._is_vibration, self._gain = is_vibration, gain
 
     def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
-        """Decode the effects of a band; a curve of a vibration is a waveform.
-
-        Raises TooLargeError and InputError as :meth:`Unfolding.effects`.
-        """
+        """Decode the effects of a band; a curve of a vibration is a waveform. Raises TooLargeError
+        and InputError as :meth:`Unfolding.effects`."""
         placed = list(unfolding.effects(band["effects"], self.lost))
         if band["band_type"] == "Transient":
             for tick in chain.from_iterable(
@@ -225,9 +219,7 @@ def _envelope(
 
 class Unfolding:
     """Resolver of references and compositions with a limit on the total number of effects.
-
-    ``library`` maps effect ids of the current perception to effects.
-    """
+    ``library`` maps effect ids of the current perception to effects."""
 
     def __init__(self, name: str) -> None:
         self.library: dict[int | None, dict[str, Any]] = {}
@@ -238,10 +230,8 @@ class Unfolding:
         self, effects: Iterable[dict[str, Any]], lost: Counter[str], start: int = 0, depth: int = 0
     ) -> Iterator[bands.Placed]:
         """Yield (position in ticks, basis effect); missing references are counted in ``lost``.
-
         Positions add to ``start``; ``depth``: level of nesting. Raises InputError beyond eight
-        levels, and TooLargeError beyond the file's limit of effects and keyframes.
-        """
+        levels, and TooLargeError beyond the file's limit of effects and keyframes."""
         if depth > _DEEPEST:
             raise InputError(
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."

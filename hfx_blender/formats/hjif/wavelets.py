@@ -182,10 +182,8 @@ class _Bits:
         return self._next >= len(self._bits) and self._code == self._lower
 
     def take(self, kind: int) -> int:
-        """Decode the next decision of a context (``_HEADER`` to ``_REFINEMENT``), 0 or 1.
-
-        The context's probability is adapted.
-        """
+        """Decode the next decision of a context (``_HEADER`` to ``_REFINEMENT``), 0 or 1. The
+        context's probability is adapted."""
         # The interval is split in proportion to the context's probability of 0; both parts have
         # a width of 1 at least, so that either decision can be coded.
         width = self._upper - self._lower

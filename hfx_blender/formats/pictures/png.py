@@ -32,10 +32,8 @@ _LONGEST_TEXT: Final = 4 << 20  # bytes
 
 def write(values: Grey, path: Path) -> None:
     """Write a picture, top row first: grey (H, W) of uint8 or uint16, or RGB (H, W, 3) of uint8.
-
     Grey values are marked as linear (gAMA 1), colours as sRGB. Raises OutputError for an unwritable
-    file (no partial file remains), and ValueError for another shape or type.
-    """
+    file (no partial file remains), and ValueError for another shape or type."""
     is_deep = values.dtype == np.uint16
     is_coloured = values.ndim == 3 and values.shape[2] == 3 and not is_deep
     if not (values.ndim == 2 or is_coloured) or values.size == 0:
@@ -62,10 +60,8 @@ def write(values: Grey, path: Path) -> None:
 
 def read(path: Path) -> tuple[Grey, bool]:
     """Read a picture as grey values (H, W), top row first; second, True for a coloured picture.
-
     Colours become the mean of red, green and blue; transparency is dropped. Raises InputError for
-    an unreadable file, and for palettes, interlacing or other depths than 8 and 16 bits.
-    """
+    an unreadable file, and for palettes, interlacing or other depths than 8 and 16 bits."""
     content = _content(path)
     try:
         return decode(content, str(path))
@@ -86,10 +82,8 @@ def _content(path: Path) -> bytes:
 
 
 def decode(content: bytes, name: str) -> tuple[Grey, bool]:
-    """Decode the bytes of :func:`read`.
-
-    Raises ValueError, struct.error or zlib.error for damaged content.
-    """
+    """Decode the bytes of :func:`read`. Raises ValueError, struct.error or zlib.error for damaged
+    content."""
     if not content.startswith(_SIGNATURE):
         raise ValueError("no PNG signature")
     chunks = list(_chunks(content))
@@ -128,10 +122,8 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
 
 def texts(path: Path) -> dict[str, str]:
     """Texts of a picture by keyword (tEXt, zTXt, iTXt; PNG 11.3.4), the first for each keyword.
-
     Damaged texts, and all texts after a damaged chunk, are skipped; texts are cut at 4 MiB. Empty
-    for files of another kind. Raises InputError for an unreadable file.
-    """
+    for files of another kind. Raises InputError for an unreadable file."""
     content = _content(path)
     texts_by_keyword: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):

@@ -26,10 +26,8 @@ _TYPES: Final = {
 
 
 def read(path: Path) -> F64:
-    """Read the points (N, 3) of a file in the file's unit, without non-finite points.
-
-    Raises InputError for a missing, unknown or damaged file, or fewer than three points.
-    """
+    """Read the points (N, 3) of a file in the file's unit, without non-finite points. Raises
+    InputError for a missing, unknown or damaged file, or fewer than three points."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a point cloud ({', '.join(SUFFIXES)}).")
     refuse_no_file(path)

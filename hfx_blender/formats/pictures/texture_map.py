@@ -88,9 +88,7 @@ def write_relief(
     field: HeightField, map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16
 ) -> tuple[Path, ...]:
     """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
-
-    Roughness is 1 - sharpness. Raises OutputError for an unwritable file.
-    """
+    Roughness is 1 - sharpness. Raises OutputError for an unwritable file."""
     heights = field.heights_m - field.heights_m.min()
     layers = {
         "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
@@ -113,11 +111,9 @@ def _write_layers(
 
 
 def read(path: Path) -> HapticMap:
-    """Read a map by the path of the JSON file; its layers are in the same folder.
-
-    Raises InputError for a missing or damaged file, a layer elsewhere, layers of different sizes,
-    or invalid values.
-    """
+    """Read a map by the path of the JSON file; its layers are in the same folder. Raises InputError
+    for a missing or damaged file, a layer elsewhere, layers of different sizes, or invalid
+    values."""
     document = read_json(path)
     refuse_another(document.value, document.file, _FORMAT)
     members = document.read(_MAP)

@@ -37,11 +37,9 @@ def column_name(column: Column) -> str:
 
 
 def write(raster: Raster, path: Path) -> None:
-    """Write a raster as CSV (RFC 4180, UTF-8, no comments, decimal points).
-
-    Values have nine significant digits and times twelve, finer than any device; times of a 1 kHz
-    clock are exact (``0.003``). Raises OutputError for an unwritable file; no partial file remains.
-    """
+    """Write a raster as CSV (RFC 4180, UTF-8, no comments, decimal points). Values have nine
+    significant digits and times twelve, finer than any device; times of a 1 kHz clock are exact
+    (``0.003``). Raises OutputError for an unwritable file; no partial file remains."""
     row_format = ",".join(["%.9g"] * len(raster.columns))
     with atomic_file(path) as file:
         file.write((",".join(["time_s", *map(column_name, raster.columns)]) + "\r\n").encode())
@@ -72,9 +70,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 def read(path: Path) -> Raster:
     """Read a raster with empty device and body, and the first row as neutral, for conversion.
-
-    Raises InputError for an unreadable file or another table.
-    """
+    Raises InputError for an unreadable file or another table."""
     return decode(read_data(path), str(path))
 
 
@@ -84,11 +80,9 @@ def facts(path: Path) -> dict[str, Any]:
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """Decode a raster: the first row gives the neutral values, the times the rate.
-
-    The rate is the mean of ascending times, as a fraction with a denominator of at most 1001;
-    100 Hz for a single time. Raises InputError, with ``name``, as :func:`read`.
-    """
+    """Decode a raster: the first row gives the neutral values, the times the rate. The rate is the
+    mean of ascending times, as a fraction with a denominator of at most 1001; 100 Hz for a single
+    time. Raises InputError, with ``name``, as :func:`read`."""
     first, _, rest = content.partition(b"\n")
     try:
         names = first.decode("utf-8-sig").rstrip("\r").split(",")

@@ -75,11 +75,8 @@ _FELT: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.
 
 
 def write(raster: Raster, path: Path) -> None:
-    """Write a raster; equal rasters give equal bytes.
-
-    Raises OutputError for an unwritable file (no partial file remains), and TooLargeError beyond
-    the memory limit of readers.
-    """
+    """Write a raster; equal rasters give equal bytes. Raises OutputError for an unwritable file (no
+    partial file remains), and TooLargeError beyond the memory limit of readers."""
     meta = {
         "format": FORMAT,
         "version": 1,

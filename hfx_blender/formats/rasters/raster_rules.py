@@ -17,11 +17,9 @@ _BLOCK_ROWS: Final = 1 << 16
 
 
 def refuse(raster: Raster, name: str) -> None:
-    """Raise InputError, with file and field, for a raster breaking a rule; returns nothing.
-
-    Rules: a row or more, finite values (T, columns), rate up to 1 MHz, times ascending and evenly
-    spaced within 1 % of a row (and rounding), and the limits of duration and memory.
-    """
+    """Raise InputError, with file and field, for a raster breaking a rule; returns nothing. Rules:
+    a row or more, finite values (T, columns), rate up to 1 MHz, times ascending and evenly spaced
+    within 1 % of a row (and rounding), and the limits of duration and memory."""
     times, rate = raster.times_s, raster.rate_hz
     if not len(times):
         raise InputError(f"{name}: 'times_s' has no rows.")
