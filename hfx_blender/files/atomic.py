@@ -301,7 +301,8 @@ def _remove(path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the file system can; else OSError."""
+    """Force the names in a folder to the disk; does nothing on Windows and on file systems that
+    cannot sync folders. Raises OSError for any other failure."""
     if os.name == "nt":  # folders cannot be opened; NTFS journals the move itself
         return
     descriptor = os.open(folder, os.O_RDONLY)

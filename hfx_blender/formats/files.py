@@ -94,10 +94,11 @@ def can_validate(path: Path) -> bool:
 def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
     """Return the format and the findings of a file, in file order; none: valid.
 
-    A file beyond parsing has a single finding, ``<FORMAT>-UNREADABLE`` (``-LARGE``: beyond a limit,
-    ``-CONTENT``: of a format with ``read``). ``reads``: decode the envelopes of a file without
-    errors too, most of the time spent. Raises InputError if the path is missing, unreadable or of
-    an unknown format.
+    A file beyond parsing has a single finding: ``<FORMAT>-LARGE`` beyond a limit of size,
+    ``-CONTENT`` in a format without a check of its own (its reader's error), else ``-UNREADABLE``.
+    ``reads``: also decode the envelopes of a file without errors, to find a file beyond the
+    reader's limits; this takes most of the time. Raises InputError if the path is missing,
+    unreadable or of an unknown format.
     """
     refuse_no_file(path)
     for info in _formats_without_check():

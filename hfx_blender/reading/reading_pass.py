@@ -34,9 +34,9 @@ from .stepped.stepped_volumes import FarVolumes
 class ReadingPass:
     """One pass over the times of a scene; scenes are stepped until ``stack`` is closed.
 
-    ``always_posed``: pose bodies at all times, also without effects that need poses. ``spots`` (n,)
-    are ascending sample indices, if only these are read. ``with_far``: read stepped volumes also
-    while far from skin.
+    ``always_posed``: pose bodies at all times, also without effects that need poses.
+    ``lone_samples`` (n,) are ascending sample indices, if only these are read. ``with_far``: read
+    stepped volumes also while far from skin.
 
     Attributes hold indices in the scene description: ``stepped_effects`` and ``stepped_bodies``,
     other active objects being read from F-curves (``curves``); ``dormant`` effects, never read;
@@ -53,7 +53,7 @@ class ReadingPass:
         *,
         always_posed: bool,
         stack: ExitStack,
-        spots: I64 | None = None,
+        lone_samples: I64 | None = None,
         with_far: bool = False,
     ) -> None:
         self.plan = plan
@@ -65,7 +65,7 @@ class ReadingPass:
         )
         self.always_posed = always_posed
         self.counters = reading.counters
-        self.curves = EffectChunks(plan.effects, self._frames, spots=spots)
+        self.curves = EffectChunks(plan.effects, self._frames, lone_samples=lone_samples)
         self._exact_frames = ExactFrames.of(haptics.scene, scene.time)
         self._key_indices: dict[CurveEffect | CurveBody, F64] = {}
         areas = [effect.area for effect in scene.effects]
@@ -75,9 +75,9 @@ class ReadingPass:
         self.found = haptics
         self.scene = scene
         self._reading = reading
-        is_judged = spots is None and not plan.is_sequential and not with_far
+        is_judged = lone_samples is None and not plan.is_sequential and not with_far
         # Comparisons need placements and values only, so boxes replace meshes.
-        reading.far = frozenset(() if spots is None else self.stepped_effects)
+        reading.far = frozenset(() if lone_samples is None else self.stepped_effects)
         self.far_volumes = FarVolumes(haptics, scene, self.stepped_effects if is_judged else ())
         self.rows = self._stepped_rows(stack)
 

@@ -287,10 +287,10 @@ class SceneReader:
         return checked(plan, self.found, self._described, self._reading, indices, agrees)
 
     def open_pass(
-        self, stack: ExitStack, plan: Plan | None = None, spots: I64 | None = None
+        self, stack: ExitStack, plan: Plan | None = None, lone_samples: I64 | None = None
     ) -> ReadingPass:
-        """Start a pass by ``plan`` (default :attr:`plan`), open until ``stack`` closes; ``spots``
-        are the only sample indices read, if given."""
+        """Start a pass by ``plan`` (default :attr:`plan`), open until ``stack`` closes;
+        ``lone_samples`` are the only sample indices read, if given."""
         return ReadingPass(
             plan or self.plan,
             self.found,
@@ -298,7 +298,7 @@ class SceneReader:
             self._reading,
             always_posed=self._always_posed,
             stack=stack,
-            spots=spots,
+            lone_samples=lone_samples,
             with_far=self._with_far,
         )
 

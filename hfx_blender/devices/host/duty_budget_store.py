@@ -116,7 +116,8 @@ def identities(
 
 def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
     """Name of the physical channel of each actuator: Buttplug feature, bHaptics position and motor,
-    or OSC address of the strength with id "*"; "none" without a channel."""
+    or OSC address of the strength, with "*" in place of the configuration's id; "none" without a
+    channel."""
     if isinstance(how, ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
     if isinstance(how, BhapticsEncoder):

@@ -35,8 +35,9 @@ class SurfaceDrive:
 
     @classmethod
     def of(cls, texture: SurfaceTexture) -> SurfaceDrive | None:
-        """Drive of a texture with the common c_v that a device's own may replace; None for
-        micro-collisions (MCHA) and for an object's own c_v."""
+        """Drive of a texture by the common c_v (drive per metre of height), which the c_v
+        calibrated for a device replaces. None if nothing may replace it: for micro-collisions
+        (MCHA), and for a c_v set on the object."""
         by_heights = texture.renderer is not SurfaceRenderer.MCHA
         if not (by_heights and texture.is_calibrated and texture.drive_per_m > 0.0):
             return None

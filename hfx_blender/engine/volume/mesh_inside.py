@@ -58,6 +58,7 @@ def _spans(corners: F64) -> F64:
 
 def _cross(spans: F64, triangles: I64, points: F64) -> tuple[I64, F64, F64]:
     """Intersect vertical lines (along z) through points (3, n) with triangles (n,), pair by pair.
+    ``spans``: all triangles as of :func:`_spans`.
     Returns the ascending indices (m,) of the pairs that cross, the z (m,) of each crossing, and the
     change (m,) of the winding number, +1 or -1."""
     y_low, y_middle, y_high = spans[:3]

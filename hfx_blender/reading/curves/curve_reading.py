@@ -212,27 +212,27 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Cache of sampled effects in chunks of :data:`_CHUNK` samples. ``spots`` (n,) ascending:
-    sample these indices together, without chunks."""
+    """Cache of sampled effects in chunks of :data:`_CHUNK` samples. ``lone_samples`` (n,)
+    ascending: sample these indices together, without chunks."""
 
     def __init__(
         self,
         effects: Mapping[int, CurveEffect],
         frames_of: Callable[[I64], F64],
         *,
-        spots: I64 | None = None,
+        lone_samples: I64 | None = None,
     ) -> None:
         self._effects = effects
         self._frames_of = frames_of
-        self._spots = spots
+        self._lone_samples = lone_samples
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """Block of effect ``which`` at ascending, not empty sample indices (n,); with ``spots`` all
-        of these must be spots."""
-        if self._spots is not None:
-            rows = np.searchsorted(self._spots, indices)
-            return _rows_of(self._chunk(0, self._spots)[which], rows)
+        """Block of effect ``which`` at ascending, not empty sample indices (n,); if the reader has
+        ``lone_samples``, all must be among these."""
+        if self._lone_samples is not None:
+            rows = np.searchsorted(self._lone_samples, indices)
+            return _rows_of(self._chunk(0, self._lone_samples)[which], rows)
         # Chunks stand at fixed positions in time, so that neighbouring blocks share them.
         numbers = indices // _CHUNK
         parts = []

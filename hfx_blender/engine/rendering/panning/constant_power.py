@@ -84,8 +84,8 @@ class VectorBasePanning:
 
 
 def _pairs(units: F64) -> I64:
-    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart. None of
-    a single unit."""
+    """Pairs (S, 2) of angular neighbours among units (P, 2), less than half a circle apart; a
+    single unit has no pair, (0, 2)."""
     if len(units) == 1:
         return np.zeros((0, 2), np.int64)
     angles = np.arctan2(units[:, 1], units[:, 0])
