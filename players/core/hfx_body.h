@@ -50,7 +50,7 @@ static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model,
 }
 
 /* Parts of a body's memory, in bytes; their sum. */
-static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[8]) {
+static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[9]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   uint64_t chunks = 0, weights = 0, held = 0, largest = 0, sum = 0;
   uint32_t k;
@@ -66,73 +66,144 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_
     held += hfx_held_of(clip, model, effect);
   }
   parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
-  parts[1] = parts[2] = sizeof(hfx_chunk) * chunks;
-  parts[3] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
-  parts[4] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
-  parts[5] = 4 * HFX_CHUNK * weights;
-  parts[6] = 4 * held;
-  parts[7] = 4 * (HFX_CHUNK * largest + 2 * (uint64_t)hfx_clip_effects(clip) +
-                  2 * (uint64_t)clip->parts[HFX_REAC].count);
-  for (k = 0; k < 8; k++) sum += parts[k];
+  parts[1] = sizeof(hfx_tone) * (uint64_t)clip->parts[HFX_REAC].count;
+  parts[2] = parts[3] = sizeof(hfx_chunk) * chunks;
+  parts[4] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
+  parts[5] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
+  parts[6] = 4 * HFX_CHUNK * weights;
+  parts[7] = 4 * held;
+  parts[8] = 4 * HFX_CHUNK * largest;
+  for (k = 0; k < 9; k++) sum += parts[k];
   return sum;
 }
 
 HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
-  uint64_t parts[8], sum;
+  uint64_t parts[9], sum;
   if (body >= hfx_clip_bodies(clip)) return 0;
   sum = hfx_parts_of(clip, body, parts) + 1;
   return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
 }
 
+/* Sets up an effect on a body, off, in memory of zeros. */
+static inline void hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32_t effect,
+                                  float *weights, float *held) {
+  felt->effect = hfx_record(&self->clip, HFX_EFCT, effect);
+  felt->model = hfx_model_of(&self->clip, self->body, felt->effect);
+  felt->first_chunk = hfx_first_chunk(&self->clip, self->body, felt->model);
+  felt->weights = weights;
+  felt->held = held;
+  hfx_floats(felt->effect + 40, 4, felt->parameters);
+  hfx_floats(felt->effect + 76, 12, felt->matrix);
+}
+
+/* Sets the weights of a painted area. */
+static inline void hfx_paint(const hfx_body *self, hfx_felt *felt) {
+  const uint32_t count = hfx_u32(felt->effect + 72);
+  uint32_t k;
+  for (k = 0; k < count; k++) {
+    const unsigned char *at = hfx_record(&self->clip, HFX_PNTD, hfx_u32(felt->effect + 68) + k);
+    if (hfx_u32(at) < hfx_vertices_of(&self->clip, felt->model))
+      felt->weights[hfx_u32(at)] = hfx_f32(at + 4);
+  }
+  felt->to = count ? hfx_chunks_of(&self->clip, felt->model) : 0;
+}
+
 HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
                           size_t size) {
   unsigned char *at = (unsigned char *)memory;
-  uint64_t parts[8], i;
-  uint32_t k, first = 0, held = 0, painted;
-  self->clip = clip;
+  uint64_t parts[9], i;
+  uint32_t k;
+  float *weights, *held;
+  self->clip = *clip;
   self->body = HFX_NONE;
+  self->felt = self->last = self->recent = NULL;
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
   if (!memory || hfx_parts_of(clip, body, parts) > size) return HFX_ERROR_MEMORY;
   for (i = 0; i < size; i++) at[i] = 0;
   self->felt = (hfx_felt *)memory;
-  at += parts[0];
-  self->places = (hfx_chunk *)(void *)at;
-  self->before = (hfx_chunk *)(void *)(at += parts[1]);
-  self->boxes = (hfx_boxes *)(void *)(at += parts[2]);
-  self->bones = (hfx_bone_pose *)(void *)(at += parts[3]);
-  self->weights = (float *)(void *)(at += parts[4]);
-  self->held = (float *)(void *)(at += parts[5]);
-  self->scratch = (float *)(void *)(at += parts[6]);
+  self->tones = (hfx_tone *)(void *)(at += parts[0]);
+  self->places = (hfx_chunk *)(void *)(at += parts[1]);
+  self->before = (hfx_chunk *)(void *)(at += parts[2]);
+  self->boxes = (hfx_boxes *)(void *)(at += parts[3]);
+  self->bones = (hfx_bone_pose *)(void *)(at += parts[4]);
+  weights = (float *)(void *)(at += parts[5]);
+  held = (float *)(void *)(at += parts[6]);
+  self->scratch = (float *)(void *)(at += parts[7]);
   self->body = body;
   self->frame = 0;
-  self->chunks = (uint32_t)(parts[1] / sizeof(hfx_chunk));
+  self->chunks = (uint32_t)(parts[2] / sizeof(hfx_chunk));
   hfx_find_bone_extents(self);
   self->is_posed = self->was_posed = 0;
   self->time_s = 0.0;
   for (k = 0; k < hfx_clip_effects(clip); k++) {
-    const unsigned char *effect = hfx_record(clip, HFX_EFCT, k);
     hfx_felt *felt = &self->felt[k];
-    felt->model = hfx_model_of(clip, body, effect);
-    felt->first_weight = first;
-    felt->first_held = held;
-    felt->first_chunk = hfx_first_chunk(clip, body, felt->model);
-    felt->level = hfx_u32(effect + 4) ? 0.0 : hfx_f32(effect + 36);
-    hfx_floats(effect + 40, 4, felt->parameters);
-    hfx_floats(effect + 76, 12, felt->matrix);
-    for (painted = 0; painted < hfx_u32(effect + 72); painted++) {
-      const unsigned char *each = hfx_record(clip, HFX_PNTD, hfx_u32(effect + 68) + painted);
-      if (hfx_u32(each) < hfx_vertices_of(clip, felt->model))
-        self->weights[first + hfx_u32(each)] = hfx_f32(each + 4);
-    }
-    felt->to = painted ? hfx_chunks_of(clip, felt->model) : 0;
-    first += HFX_CHUNK * hfx_chunks_of(clip, felt->model);
-    held += hfx_held_of(clip, felt->model, effect);
+    hfx_begin_felt(self, felt, k, weights, held);
+    if (hfx_u32(felt->effect + 4)) hfx_paint(self, felt);
+    else felt->level = hfx_f32(felt->effect + 36);
+    felt->number = k;
+    if (self->last) self->last->next = felt;
+    self->last = self->recent = felt;
+    weights += HFX_CHUNK * (size_t)hfx_chunks_of(clip, felt->model);
+    held += hfx_held_of(clip, felt->model, felt->effect);
   }
+  self->next_number = k;
   return 0;
 }
 
+HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect) {
+  const unsigned char *at;
+  uint64_t floats;
+  uint32_t model;
+  if (body >= hfx_clip_bodies(clip) || effect >= hfx_clip_effects(clip)) return 0;
+  at = hfx_record(clip, HFX_EFCT, effect);
+  model = hfx_model_of(clip, body, at);
+  if (hfx_u32(at + 4)) return 0;
+  floats = HFX_CHUNK * (uint64_t)hfx_chunks_of(clip, model) + hfx_held_of(clip, model, at);
+  floats = sizeof(hfx_felt) + 4 * floats;
+  return floats < (uint64_t)(size_t)-1 ? (size_t)floats : 0;
+}
+
+HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memory, size_t size) {
+  const size_t needed = hfx_body_volume_bytes(&self->clip, self->body, effect);
+  hfx_felt *felt = (hfx_felt *)memory;
+  float *weights;
+  size_t i;
+  if (!memory || !needed || size < needed || self->next_number == HFX_NONE) return HFX_NONE;
+  for (i = 0; i < needed; i++) ((unsigned char *)memory)[i] = 0;
+  weights = (float *)(void *)(felt + 1);
+  hfx_begin_felt(self, felt, effect, weights, NULL);
+  felt->held = weights + HFX_CHUNK * (size_t)hfx_chunks_of(&self->clip, felt->model);
+  felt->number = self->next_number++;
+  self->last->next = felt;
+  self->last = felt;
+  return felt->number;
+}
+
+HFX_API void *hfx_body_remove_volume(hfx_body *self, uint32_t number) {
+  hfx_felt *felt = self->felt;
+  if (number < hfx_clip_effects(&self->clip)) return NULL;
+  while (felt && felt->next && felt->next->number != number) felt = felt->next;
+  if (!felt || !felt->next) return NULL;
+  self->recent = felt;
+  felt = felt->next;
+  self->recent->next = felt->next;
+  if (self->last == felt) self->last = self->recent;
+  return felt;
+}
+
+/* The effect or added volume of a number; NULL: there is none. Numbers that are asked for in
+ * ascending order are found at once. */
+static inline hfx_felt *hfx_find_felt(const hfx_body *self, uint32_t number) {
+  hfx_felt *felt;
+  if (self->body == HFX_NONE || !self->felt) return NULL;
+  if (number < hfx_clip_effects(&self->clip)) return &self->felt[number];
+  felt = self->recent && self->recent->number <= number ? self->recent : self->felt;
+  while (felt && felt->number < number) felt = felt->next;
+  return felt && felt->number == number ? felt : NULL;
+}
+
 HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
-  const uint32_t count = hfx_clip_bones(self->clip, self->body);
+  const uint32_t count = hfx_clip_bones(&self->clip, self->body);
   uint32_t i;
   int c;
   for (i = 0; i < count; i++, matrices += 12)
@@ -140,78 +211,82 @@ HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
   self->is_posed = count > 0;
 }
 
-static inline int hfx_has_effect(const hfx_body *self, uint32_t effect) {
-  return self->body != HFX_NONE && effect < hfx_clip_effects(self->clip);
+/* As hfx_find_felt; a later search begins here. */
+static inline hfx_felt *hfx_take_felt(hfx_body *self, uint32_t number) {
+  hfx_felt *felt = hfx_find_felt(self, number);
+  if (felt) self->recent = felt;
+  return felt;
 }
 
 HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *matrix) {
+  hfx_felt *felt = hfx_take_felt(self, effect);
   int i;
-  if (!hfx_has_effect(self, effect)) return HFX_ERROR_INDEX;
-  for (i = 0; i < 12; i++) self->felt[effect].matrix[i] = matrix[i];
+  if (!felt) return HFX_ERROR_INDEX;
+  for (i = 0; i < 12; i++) felt->matrix[i] = matrix[i];
   return 0;
 }
 
 HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t parameter,
                                    double value) {
-  if (!hfx_has_effect(self, effect) || parameter > 3) return HFX_ERROR_INDEX;
-  if (hfx_is_within(value, -HFX_HUGE_F32, HFX_HUGE_F32))
-    self->felt[effect].parameters[parameter] = (float)value;
+  hfx_felt *felt = hfx_take_felt(self, effect);
+  if (!felt || parameter > 3) return HFX_ERROR_INDEX;
+  if (hfx_is_within(value, -HFX_HUGE_F32, HFX_HUGE_F32)) felt->parameters[parameter] = (float)value;
   return 0;
 }
 
-HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level) {
-  if (!hfx_has_effect(self, effect)) return HFX_ERROR_INDEX;
-  self->felt[effect].level = hfx_clamped(hfx_positive(level), 0.0, 1.0);
+HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double factor) {
+  hfx_felt *felt = hfx_take_felt(self, effect);
+  if (!felt) return HFX_ERROR_INDEX;
+  felt->level = hfx_clamped(hfx_positive(factor), 0.0, 1.0) * hfx_f32(felt->effect + 36);
   return 0;
 }
 
-/* Works one effect out for this moment. */
-static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
-  const unsigned char *effect = hfx_record(self->clip, HFX_EFCT, index);
-  hfx_felt *felt = &self->felt[index];
+/* Evaluates one effect at this moment. */
+static inline void hfx_feel(hfx_body *self, hfx_felt *felt, double seconds) {
   const int is_on = felt->model != HFX_NONE && felt->level > 0.0 && self->is_posed;
   int i;
   felt->response = 0.0;
-  if (is_on && hfx_u32(effect + 4)) {
+  if (is_on && hfx_u32(felt->effect + 4)) {
     felt->response = 1.0;
   } else if (is_on) {
     hfx_touch touch;
     touch.felt = felt;
-    touch.effect = effect;
     touch.body = self;
-    touch.model = hfx_record(self->clip, HFX_MODL, felt->model);
+    touch.model = hfx_record(&self->clip, HFX_MODL, felt->model);
     touch.weights = self->scratch;
     touch.first = felt->first_chunk;
-    touch.vertices = hfx_vertices_of(self->clip, felt->model);
-    touch.count = hfx_chunks_of(self->clip, felt->model);
-    if (hfx_place(&touch.volume, effect, felt->matrix))
-      felt->response = hfx_respond(self, &touch, self->weights + felt->first_weight, seconds);
+    touch.vertices = hfx_vertices_of(&self->clip, felt->model);
+    touch.count = hfx_chunks_of(&self->clip, felt->model);
+    if (hfx_place(&touch.volume, felt->effect, felt->matrix))
+      felt->response = hfx_respond(self, &touch, felt->weights, seconds);
     for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
   }
   if (!is_on) felt->was_touched = 0;
   felt->was_on = is_on;
 }
 
+/* Puts a vibration into a list by ascending frequency, behind those of the same frequency. */
+static inline void hfx_add_tone(hfx_tone **first, hfx_tone **last, hfx_tone *tone) {
+  if (*first && tone->hertz >= (*last)->hertz) first = &(*last)->next;
+  else
+    while (*first && (*first)->hertz <= tone->hertz) first = &(*first)->next;
+  tone->next = *first;
+  if (!*first) *last = tone;
+  *first = tone;
+}
+
 /* Sum of vibrations at one place: within 1 Hz they add, else their powers do. The strongest's
  * frequency. */
-static inline double hfx_together(float *strengths, float *hertz, uint32_t count,
-                                  double *found_hz) {
-  double power = 0.0, group = 0.0, strongest = 0.0, group_hz = 0.0;
-  uint32_t i, k;
-  for (i = 1; i < count; i++)
-    for (k = i; k && hertz[k] < hertz[k - 1]; k--) {
-      const float strength = strengths[k], hz = hertz[k];
-      strengths[k] = strengths[k - 1], hertz[k] = hertz[k - 1];
-      strengths[k - 1] = strength, hertz[k - 1] = hz;
-    }
+static inline double hfx_together(const hfx_tone *tone, double *found_hz) {
+  double power = 0.0, group = 0.0, strongest = 0.0, group_hz = -HFX_HUGE_F64;
   *found_hz = 0.0;
-  for (i = 0; i < count; i++) {
-    if (i == 0 || hertz[i] > group_hz + 1.0) {
+  for (; tone; tone = tone->next) {
+    if (tone->hertz > group_hz + 1.0) {
       power += group * group;
       group = 0.0;
-      group_hz = hertz[i];
+      group_hz = tone->hertz;
     }
-    group += strengths[i];
+    group += tone->strength;
     if (group > strongest) strongest = group, *found_hz = group_hz;
   }
   return sqrt(power + group * group);
@@ -221,8 +296,8 @@ static inline double hfx_together(float *strengths, float *hertz, uint32_t count
 static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt,
                               const unsigned char *reaction) {
   const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
-  const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
-  const float *weights = self->weights + felt->first_weight;
+  const unsigned char *at = hfx_record(&self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
+  const float *weights = felt->weights;
   const int is_mean = hfx_u32(reaction + 12) == 1;
   double strongest = 0.0, sum = 0.0;
   if (!count || hfx_u32(at) / HFX_CHUNK >= felt->to) return 0.0;
@@ -239,27 +314,28 @@ static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt,
 
 /* Value of a reaction at its actuator, and for vibrations its frequency. */
 static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target,
-                                  float *strengths, float *hertz, double *found_hz) {
-  const uint32_t modality = hfx_u32(at + 8), effects = hfx_clip_effects(self->clip);
+                                  double *found_hz) {
+  const uint32_t modality = hfx_u32(at + 8);
   double sum = 0.0, wind[3] = {0.0, 0.0, 0.0};
-  uint32_t k, count = 0;
-  for (k = 0; k < effects; k++) {
-    const hfx_felt *felt = &self->felt[k];
-    const unsigned char *effect = hfx_record(self->clip, HFX_EFCT, k);
+  hfx_tone *first = NULL, *last = NULL;
+  hfx_felt *felt;
+  for (felt = self->felt; felt; felt = felt->next) {
     double does;
     int c;
     if (felt->model != hfx_u32(at + 4) || !(felt->response > 0.0)) continue;
-    if (hfx_u32(effect + 8) != modality) continue;
+    if (hfx_u32(felt->effect + 8) != modality) continue;
     does = hfx_gain(self, felt, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
-    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? hfx_f32(effect + 56) : 0.0);
+    does *= felt->parameters[0] -
+            (modality == HFX_TEMPERATURE ? hfx_f32(felt->effect + 56) : 0.0);
     for (c = 0; c < 3; c++) wind[c] += does * felt->parameters[1 + c];
-    strengths[count] = (float)does;
-    hertz[count++] = felt->parameters[1];
+    felt->tone.strength = (float)does;
+    felt->tone.hertz = felt->parameters[1];
+    if (modality == HFX_VIBRATION) hfx_add_tone(&first, &last, &felt->tone);
     sum += does;
   }
   *found_hz = 0.0;
-  if (modality == HFX_VIBRATION) sum = hfx_together(strengths, hertz, count, found_hz);
+  if (modality == HFX_VIBRATION) sum = hfx_together(first, found_hz);
   if (modality == HFX_WIND) sum = sqrt(wind[0] * wind[0] + wind[1] * wind[1] + wind[2] * wind[2]);
   if (target != HFX_TEMPERATURE) sum = fabs(sum);
   if (hfx_f32(at + 20) > 0.0f) *found_hz = hfx_f32(at + 20);
@@ -271,32 +347,33 @@ static inline float hfx_limited(const unsigned char *column, double value) {
 }
 
 static inline void hfx_drive(hfx_body *self, float *out) {
-  const hfx_clip *clip = self->clip;
+  const hfx_clip *clip = &self->clip;
   const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
   const uint32_t first = hfx_u32(body + 12), models = hfx_u32(body + 16);
-  const uint32_t reactions = clip->parts[HFX_REAC].count, effects = hfx_clip_effects(clip);
-  float *of_effects = self->scratch, *of_reactions = self->scratch + 2 * (size_t)effects;
+  const uint32_t reactions = clip->parts[HFX_REAC].count;
   uint32_t r = 0;
   while (r < reactions) {
     const uint32_t index = hfx_u32(hfx_record(clip, HFX_REAC, r));
     const unsigned char *actuator = hfx_record(clip, HFX_ACTR, index);
     const unsigned char *column = hfx_record(clip, HFX_COLM, hfx_u32(actuator + 8));
     const uint32_t target = hfx_u32(actuator + 4);
+    hfx_tone *lowest = NULL, *last = NULL;
     double sum = 0.0, hz = 0.0;
-    uint32_t count = 0;
+    int is_any = 0;
     for (; r < reactions && hfx_u32(hfx_record(clip, HFX_REAC, r)) == index; r++) {
       const unsigned char *at = hfx_record(clip, HFX_REAC, r);
       double does;
       if (hfx_u32(at + 4) - first >= models) continue;
-      does = hfx_reaction(self, at, target, of_effects, of_effects + effects, &hz);
+      does = hfx_reaction(self, at, target, &hz);
       if (does == 0.0) continue;
       sum += does;
-      of_reactions[count] = (float)does;
-      of_reactions[reactions + count++] = (float)hz;
+      is_any = 1;
+      self->tones[r].strength = (float)does;
+      self->tones[r].hertz = (float)hz;
+      if (target == HFX_VIBRATION) hfx_add_tone(&lowest, &last, &self->tones[r]);
     }
-    if (!count) continue;
-    if (target == HFX_VIBRATION)
-      sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
+    if (!is_any) continue;
+    if (target == HFX_VIBRATION) sum = hfx_together(lowest, &hz);
     if (target == HFX_TEMPERATURE) sum += hfx_f64(column + 32);
     if (!hfx_is_within(sum, -HFX_HUGE_F64, HFX_HUGE_F64)) continue; /* of a strange clip: neutral */
     out[hfx_u32(actuator + 8)] = hfx_limited(column, sum);
@@ -306,29 +383,30 @@ static inline void hfx_drive(hfx_body *self, float *out) {
 }
 
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
+  hfx_felt *felt;
   uint32_t k;
   int c;
-  hfx_neutral(self->clip, out);
-  if (self->body >= hfx_clip_bodies(self->clip)) return;
+  hfx_neutral(&self->clip, out);
+  if (self->body >= hfx_clip_bodies(&self->clip)) return;
   seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
   if (self->is_posed) hfx_begin_pose(self);
-  for (k = 0; k < hfx_clip_effects(self->clip); k++) hfx_feel(self, k, seconds);
-  for (k = 0; k < hfx_clip_bones(self->clip, self->body); k++)
+  for (felt = self->felt; felt; felt = felt->next) hfx_feel(self, felt, seconds);
+  for (k = 0; k < hfx_clip_bones(&self->clip, self->body); k++)
     for (c = 0; c < 16; c++) self->bones[k].before[c] = self->bones[k].now[c];
   self->was_posed = self->is_posed;
   hfx_drive(self, out);
 }
 
 HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uint32_t *count) {
-  const int is_there = hfx_has_effect(self, effect);
-  *count = is_there ? hfx_vertices_of(self->clip, self->felt[effect].model) : 0;
-  return *count ? self->weights + self->felt[effect].first_weight : NULL;
+  const hfx_felt *felt = hfx_find_felt(self, effect);
+  *count = felt ? hfx_vertices_of(&self->clip, felt->model) : 0;
+  return *count ? felt->weights : NULL;
 }
 
 HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect) {
-  if (!hfx_has_effect(self, effect)) return 0.0;
-  return self->felt[effect].level * self->felt[effect].response;
+  const hfx_felt *felt = hfx_find_felt(self, effect);
+  return felt ? felt->level * felt->response : 0.0;
 }
 
 #ifdef __cplusplus

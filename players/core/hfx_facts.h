@@ -9,11 +9,11 @@ extern "C" {
 #endif
 
 static inline uint32_t hfx_count(const hfx_clip *clip, int section) {
-  return clip ? clip->parts[section].count : 0; /* what has not begun to play has no clip */
+  return clip ? clip->parts[section].count : 0;
 }
 
 HFX_API double hfx_clip_seconds(const hfx_clip *clip) {
-  return clip ? clip->row_count / clip->rate_hz : 0.0;
+  return clip && clip->row_count ? clip->row_count / clip->rate_hz : 0.0; /* zeros: no clip yet */
 }
 
 HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip) { return hfx_count(clip, HFX_DEVC); }

@@ -25,7 +25,7 @@ static inline double hfx_elapsed(double seconds) {
 
 /* Row of a time, among those of the part that is played. */
 static inline int64_t hfx_row_of(const hfx_player *player, double seconds) {
-  const double rate = player->clip->rate_hz;
+  const double rate = player->clip.rate_hz;
   const double last = ceil(player->end_s * rate - HFX_EARLY) - 1.0;
   const double first = hfx_clamped(floor(player->start_s * rate + HFX_EARLY), 0.0, last);
   return (int64_t)hfx_clamped(floor(seconds * rate + HFX_EARLY), first, last);
@@ -55,8 +55,8 @@ static inline int hfx_parameter(char letter) { /* names of columns begin with di
 
 static inline float hfx_scaled(const hfx_player *player, uint32_t column, uint32_t number,
                                int is_strength) {
-  const unsigned char *at = hfx_record(player->clip, HFX_COLM, column);
-  const int parameter = hfx_parameter(hfx_text(player->clip, at)[0]);
+  const unsigned char *at = hfx_record(&player->clip, HFX_COLM, column);
+  const int parameter = hfx_parameter(hfx_text(&player->clip, at)[0]);
   const double factor = parameter < HFX_PARAMETERS ? player->factors[parameter] : 1.0;
   const double neutral = is_strength ? hfx_f64(at + 32) : 0.0;
   const double scale = is_strength ? player->gain * factor : factor;
@@ -74,7 +74,7 @@ static inline void hfx_neutral(const hfx_clip *clip, float *out) {
 
 /* Strongest row of each actuator of one or two spans of rows, both ends included. */
 static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], float *out) {
-  const hfx_clip *clip = player->clip;
+  const hfx_clip *clip = &player->clip;
   uint32_t i, k;
   int s;
   for (i = 0; i < hfx_clip_actuators(clip); i++) {
@@ -104,7 +104,7 @@ static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], 
 static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s,
                              double end_s) {
   int k;
-  player->clip = clip;
+  if (clip != &player->clip) player->clip = *clip;
   player->position_s = player->start_s = start_s;
   player->end_s = end_s;
   player->gain = 1.0;
@@ -136,7 +136,7 @@ HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out) 
   int64_t spans[2][2] = {{0, -1}, {0, -1}};
   int64_t now;
   if (!player->is_playing || player->is_paused) {
-    hfx_neutral(player->clip, out);
+    hfx_neutral(&player->clip, out);
     return;
   }
   player->position_s += hfx_elapsed(seconds);
@@ -157,7 +157,7 @@ HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out) 
     hfx_player_stop(player);
     player->position_s = player->end_s;
     if (spans[0][0] > now) { /* all of it has been felt */
-      hfx_neutral(player->clip, out);
+      hfx_neutral(&player->clip, out);
       return;
     }
   }
@@ -177,7 +177,7 @@ HFX_API void hfx_player_stop(hfx_player *player) {
 }
 
 HFX_API void hfx_player_seek(hfx_player *player, double seconds) {
-  if (!player->clip) return;
+  if (!player->clip.row_count) return;
   player->position_s = hfx_clamped(hfx_positive(seconds), player->start_s, player->end_s);
   player->shown_row = hfx_row_of(player, player->position_s) - 1;
 }
@@ -185,9 +185,9 @@ HFX_API void hfx_player_seek(hfx_player *player, double seconds) {
 HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, double factor) {
   const int known = parameter ? hfx_parameter(parameter[0]) : HFX_PARAMETERS;
   uint32_t i;
-  for (i = 0; i < hfx_clip_columns(player->clip); i++) {
-    const unsigned char *at = hfx_record(player->clip, HFX_COLM, i);
-    if (known == HFX_PARAMETERS || !hfx_same(hfx_text(player->clip, at), parameter)) continue;
+  for (i = 0; i < hfx_clip_columns(&player->clip); i++) {
+    const unsigned char *at = hfx_record(&player->clip, HFX_COLM, i);
+    if (known == HFX_PARAMETERS || !hfx_same(hfx_text(&player->clip, at), parameter)) continue;
     player->factors[known] = hfx_positive(factor);
     return 0;
   }
@@ -196,7 +196,7 @@ HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, 
 
 HFX_API void hfx_player_silence(hfx_player *player, float *out) {
   hfx_player_pause(player, 1);
-  hfx_neutral(player->clip, out);
+  hfx_neutral(&player->clip, out);
 }
 
 #ifdef __cplusplus

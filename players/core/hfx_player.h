@@ -4,10 +4,11 @@
  * C library only math.h (sqrt, floor, ceil, fabs, exp, log, pow, sin,
  * sqrtf, fabsf).
  *
- *   hfx_clip clip;                    // the bytes stay where they are, and must not change
+ *   hfx_clip clip;                    // may move or end once a player or a body has it
  *   hfx_player player;
  *   float out[64];                    // hfx_clip_columns(&clip) values
  *   const int error = hfx_clip_open(&clip, bytes, size);   // 0, or see hfx_error_text(error)
+ *                                     // the bytes have to stay where they are, unchanged
  *   hfx_player_play(&player, &clip);                       // after an error: of nothing
  *   hfx_player_advance(&player, seconds_since_last_frame, out);   // each frame
  *
@@ -130,7 +131,7 @@ HFX_API int hfx_clip_effect(const hfx_clip *clip, uint32_t index, hfx_effect *fo
 /* ---- Playing the baked part ---------------------------------------------------------------- */
 
 typedef struct hfx_player {
-  const hfx_clip *clip;
+  hfx_clip clip; /* a copy: only the bytes have to stay */
   double position_s, start_s, end_s, gain, factors[HFX_PARAMETERS];
   int64_t shown_row; /* last row that was given; -1: none */
   int is_playing, is_paused, loops;
@@ -171,12 +172,22 @@ typedef struct hfx_impact {
   uint32_t filter, place; /* place: of what it holds */
 } hfx_impact;
 
-typedef struct hfx_felt { /* an effect on a body */
-  double level, response, speeds[16];
+typedef struct hfx_tone { /* a vibration in a sum */
+  float strength, hertz;
+  struct hfx_tone *next; /* of the same or a higher frequency */
+} hfx_tone;
+
+typedef struct hfx_felt { /* a volume or a painted area on a body */
+  double level, response, speeds[16]; /* level: the factor times the level in the clip */
+  const unsigned char *effect;
+  struct hfx_felt *next;  /* in the order of `number` */
+  float *weights, *held;  /* of the model's vertices; what impacts hold */
+  hfx_tone tone;
   float matrix[12], before[12], parameters[4];
-  uint32_t model, first_chunk, first_weight; /* HFX_NONE: not felt by this body */
-  uint32_t from, to;                         /* chunks outside of these have no weight */
-  uint32_t first_held, held_from, held_to;   /* the same of what impacts hold */
+  uint32_t number;                   /* of the effect, or of hfx_body_add_volume */
+  uint32_t model, first_chunk;       /* HFX_NONE: not felt by this body */
+  uint32_t from, to;                 /* chunks outside of these have no weight */
+  uint32_t held_from, held_to;       /* chunks outside of these have no held weight */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
@@ -199,15 +210,16 @@ typedef struct hfx_bone_pose {
 } hfx_bone_pose;
 
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
-  const hfx_clip *clip;
-  uint32_t body, frame, chunks;
+  hfx_clip clip;
+  uint32_t body, frame, chunks, next_number;
   int is_posed, was_posed;
   double time_s;
-  hfx_felt *felt;
+  hfx_felt *felt, *last, *recent; /* of each effect; the newest added volume; the last one found */
+  hfx_tone *tones;                /* one for each reaction */
   hfx_bone_pose *bones;
   hfx_chunk *places, *before;
   hfx_boxes *boxes;
-  float *weights, *held, *scratch;
+  float *scratch; /* weights of one model */
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */
@@ -223,14 +235,28 @@ HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *ma
 /* Changes a parameter of an effect (0: its strength), in its unit; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t parameter,
                                    double value);
-/* Turns an effect on at a level of 0 (off) to 1; 0 or HFX_ERROR_INDEX. */
-HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level);
+/* Turns an effect on at a factor of 0 (off) to 1 of its level in the clip, hfx_effect.level;
+ * 0 or HFX_ERROR_INDEX. */
+HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double factor);
+
+/* A volume effect can be in several places at once (rain, bullets): each further volume has a
+ * matrix, factor, parameters and contact response of its own, and is felt in addition. */
+
+/* Memory that one further volume needs, aligned as malloc's; 0: there is no such volume effect. */
+HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect);
+/* Adds a volume, off, with matrix and parameters as in the clip. Returns its number, which the
+ * functions above and below take in place of an effect; HFX_NONE: there is no such volume effect,
+ * or too little memory. The memory stays in use until the volume is removed. */
+HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memory, size_t size);
+/* Removes an added volume. Returns the memory that it had; NULL: no added volume has the number. */
+HFX_API void *hfx_body_remove_volume(hfx_body *self, uint32_t number);
+
 /* Evaluates the body now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
  * the devices that this body wears, neutral ones for the others. */
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out);
 /* Weights 0 to 1 of the last evaluation at the vertices of the effect's model on this body. */
 HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uint32_t *count);
-/* Level of the last evaluation: the effect's, times the response to the touch. */
+/* Level of the last evaluation: factor, level in the clip and response to the touch, multiplied. */
 HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 
 #ifdef __cplusplus

@@ -16,7 +16,7 @@ enum { HFX_DISTANCE, HFX_SPEED, HFX_IMPACT, HFX_PROXIMITY, HFX_SINE };
 
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
                                               uint32_t index) {
-  return hfx_record(self->clip, HFX_FLTR, hfx_u32(touch->effect + 60) + index);
+  return hfx_record(&self->clip, HFX_FLTR, hfx_u32(touch->felt->effect + 60) + index);
 }
 
 static inline double hfx_control(const unsigned char *filter, int index) {
@@ -145,8 +145,7 @@ static inline double hfx_envelope(const hfx_impact *impact, double since_s, int 
 
 /* Largest weights of an impact's touches since it began; each of those that ring has a place. */
 static inline float *hfx_held(const hfx_touch *touch, const hfx_impact *impact) {
-  const size_t first = touch->felt->first_held;
-  return touch->body->held + first + HFX_CHUNK * (size_t)touch->count * impact->place;
+  return touch->felt->held + HFX_CHUNK * (size_t)touch->count * impact->place;
 }
 
 /* A new impact, in the place of the one that ends first where there are too many. */
@@ -260,7 +259,7 @@ static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weig
                              double seconds) {
   float reach = 0.0f;
   uint32_t i;
-  for (i = 0; i < hfx_u32(touch->effect + 64); i++) {
+  for (i = 0; i < hfx_u32(touch->felt->effect + 64); i++) {
     const unsigned char *filter = hfx_filter(self, touch, i);
     const double range_m = hfx_u32(filter) == HFX_PROXIMITY ? hfx_control(filter, 1) : 0.0;
     if (range_m > reach) reach = (float)range_m;
@@ -278,7 +277,7 @@ static inline double hfx_fold(const hfx_body *self, const hfx_touch *touch, cons
                               double start, int is_left) {
   double result = start;
   uint32_t f;
-  for (f = 0; f < hfx_u32(touch->effect + 64); f++) {
+  for (f = 0; f < hfx_u32(touch->felt->effect + 64); f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);
     const double influence = hfx_control(filter, 0);
     const double value = is_left && hfx_u32(filter) == HFX_PROXIMITY ? 0.0 : values[f];
@@ -294,7 +293,7 @@ static inline double hfx_fold(const hfx_body *self, const hfx_touch *touch, cons
  * since they began. `seconds` since the moment before. */
 static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weights, double seconds) {
   hfx_felt *felt = touch->felt;
-  const uint32_t count = hfx_u32(touch->effect + 64);
+  const uint32_t count = hfx_u32(touch->felt->effect + 64);
   double values[16], speed, onset_s = self->time_s, result, left;
   int is_touched, is_any, is_new, multiplies = 0, has_impacts = 0, rings;
   uint32_t i, f;

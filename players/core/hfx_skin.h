@@ -66,7 +66,7 @@ static inline uint32_t hfx_chunk_count(uint32_t vertices) {
 
 /* Finds the boxes in rest space of the vertices that follow each bone. */
 static inline void hfx_find_bone_extents(hfx_body *self) {
-  const hfx_clip *clip = self->clip;
+  const hfx_clip *clip = &self->clip;
   const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
   uint32_t i, k, m;
   int c;
@@ -119,7 +119,7 @@ static inline float hfx_largest_motion(const hfx_body *self, uint32_t bones) {
 
 /* Begins a frame: all chunks may have moved, and none is posed. */
 static inline void hfx_begin_pose(hfx_body *self) {
-  const uint32_t bones = hfx_clip_bones(self->clip, self->body);
+  const uint32_t bones = hfx_clip_bones(&self->clip, self->body);
   const float way = self->was_posed ? hfx_largest_motion(self, bones) : HFX_UNKNOWN_SLACK;
   hfx_chunk *spare = self->before;
   uint32_t k;

@@ -11,7 +11,6 @@ extern "C" {
 
 typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
   hfx_felt *felt;
-  const unsigned char *effect;
   hfx_volume volume;
   hfx_body *body;
   const unsigned char *model;
@@ -36,8 +35,8 @@ static inline uint32_t hfx_next_near(hfx_touch *touch, uint32_t k, float reach) 
 static inline void hfx_pose_model_chunk(const hfx_touch *touch, const float *matrices, uint32_t k,
                                hfx_chunk *chunk, float *box) {
   const uint32_t i = HFX_CHUNK * k;
-  const unsigned char *at = hfx_record(touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
-  hfx_pose_chunk(touch->body->clip, matrices, at, touch->vertices - i, chunk, box);
+  const unsigned char *at = hfx_record(&touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
+  hfx_pose_chunk(&touch->body->clip, matrices, at, touch->vertices - i, chunk, box);
 }
 
 /* A chunk of the model in this frame, posed when it is first needed. */

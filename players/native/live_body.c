@@ -35,8 +35,10 @@ hfx_live_body *hfx_live_open(const void *bytes, size_t size, uint32_t body, int3
   return NULL;
 }
 
+/* Frees all added volumes, and the rest. */
 void hfx_live_close(hfx_live_body *self) {
   if (!self) return;
+  while (self->body.last && hfx_live_remove_volume(self, self->body.last->number) == 0) continue;
   free(self->memory);
   free(self->bytes);
   free(self);
@@ -64,8 +66,26 @@ int32_t hfx_live_set_parameter(hfx_live_body *self, uint32_t effect, uint32_t pa
   return self ? hfx_body_set_parameter(&self->body, effect, parameter, value) : HFX_ERROR_INDEX;
 }
 
-int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double level) {
-  return self ? hfx_body_trigger(&self->body, effect, level) : HFX_ERROR_INDEX;
+int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double factor) {
+  return self ? hfx_body_trigger(&self->body, effect, factor) : HFX_ERROR_INDEX;
+}
+
+int32_t hfx_live_add_volume(hfx_live_body *self, uint32_t effect) {
+  const size_t needed = self ? hfx_body_volume_bytes(&self->clip, self->body.body, effect) : 0;
+  void *memory = needed ? malloc(needed) : NULL;
+  uint32_t number = HFX_NONE;
+  if (!needed) return HFX_ERROR_INDEX;
+  if (memory) number = hfx_body_add_volume(&self->body, effect, memory, needed);
+  if (number <= 0x7FFFFFFFu) return (int32_t)number;
+  if (number != HFX_NONE) hfx_body_remove_volume(&self->body, number);
+  free(memory);
+  return HFX_ERROR_MEMORY;
+}
+
+int32_t hfx_live_remove_volume(hfx_live_body *self, uint32_t number) {
+  void *memory = self ? hfx_body_remove_volume(&self->body, number) : NULL;
+  free(memory);
+  return memory ? 0 : HFX_ERROR_INDEX;
 }
 
 int32_t hfx_live_evaluate(hfx_live_body *self, double seconds, float *out, uint32_t count) {

@@ -28,7 +28,12 @@ HFX_EXPORT int32_t hfx_live_set_volume(hfx_live_body *self, uint32_t effect, con
                                        uint32_t count);
 HFX_EXPORT int32_t hfx_live_set_parameter(hfx_live_body *self, uint32_t effect, uint32_t parameter,
                                           double value);
-HFX_EXPORT int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double level);
+HFX_EXPORT int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double factor);
+/* Adds one more volume of an effect, off; its number, which the other functions take in place of an
+ * effect, or an hfx_error below 0. */
+HFX_EXPORT int32_t hfx_live_add_volume(hfx_live_body *self, uint32_t effect);
+/* Removes an added volume; 0, or HFX_ERROR_INDEX. */
+HFX_EXPORT int32_t hfx_live_remove_volume(hfx_live_body *self, uint32_t number);
 HFX_EXPORT int32_t hfx_live_evaluate(hfx_live_body *self, double seconds, float *out, uint32_t count);
 /* Weights of the last evaluation; how many there are. `out` gets them where `count` is as many. */
 HFX_EXPORT uint32_t hfx_live_weights(const hfx_live_body *self, uint32_t effect, float *out,

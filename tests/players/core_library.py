@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 ROOT = Path(__file__).resolve().parents[2]
 CORE = ROOT / "players" / "core"
-_PLAYER_BYTES = 512
+_PLAYER_BYTES = 1024
 _CLIP_BYTES = 1024
-_BODY_BYTES = 256
+_BODY_BYTES = 1024
 _SOURCE = """\
 #ifdef _WIN32
 #define HFX_API __declspec(dllexport)
@@ -83,6 +83,9 @@ def library() -> ctypes.CDLL:
     assert core.sizes(0) <= _CLIP_BYTES and core.sizes(1) <= _PLAYER_BYTES
     assert core.sizes(2) <= _BODY_BYTES
     core.hfx_body_bytes.restype = ctypes.c_size_t
+    core.hfx_body_volume_bytes.restype = ctypes.c_size_t
+    core.hfx_body_add_volume.restype = ctypes.c_uint32
+    core.hfx_body_remove_volume.restype = ctypes.c_void_p
     core.hfx_body_weights.restype = ctypes.POINTER(ctypes.c_float)
     core.hfx_body_level.restype = ctypes.c_double
     core.hfx_clip_seconds.restype = core.hfx_player_position.restype = ctypes.c_double
@@ -175,6 +178,20 @@ class Body:
         self.error = int(
             self._core.hfx_body_open(self._at, clip.at, body, self._memory, ctypes.c_size_t(size))
         )
+
+        self._blocks: list[object] = []
+        self._body = body
+
+    def add_volume(self, effect: int, size: int | None = None) -> int:
+        """Add a volume, with memory of ``size`` bytes or as many as needed; return the number."""
+        if size is None:
+            size = int(self._core.hfx_body_volume_bytes(self._clip.at, self._body, effect))
+        self._blocks.append((ctypes.c_uint64 * (size // 8 + 1))())
+        given = ctypes.c_size_t(size)
+        return int(self._core.hfx_body_add_volume(self._at, effect, self._blocks[-1], given))
+
+    def remove_volume(self, number: int) -> bool:
+        return bool(self._core.hfx_body_remove_volume(self._at, number))
 
     def set_bones(self, matrices: npt.NDArray[np.float64]) -> None:
         """Set the pose by (B, 3, 4) matrices of the clip's bones, rest space to world."""

@@ -57,7 +57,7 @@ class Moment:
 
     bones: np.ndarray  # (B, 3, 4) rest space to world, of the clip's bones
     volumes: np.ndarray  # (E, 3, 4)
-    levels: np.ndarray  # (E,)
+    factors: np.ndarray  # (E,): level over the level in the clip
     # Weight times level of each effect, (V,) of the effect's model in the clip.
     felt: list[np.ndarray]
     values: np.ndarray  # (C,) at level 0: values of actuators
@@ -85,7 +85,7 @@ def moments(made: Walk, folder: Path, level: int) -> tuple[Path, Iterator[Moment
         Moment(
             made.matrices[row, bones],
             np.array([animated.matrices[row, :3] for animated in made.block.effects]),
-            np.array([animated.levels[row] for animated in made.block.effects]),
+            _factors(made, sections, row),
             [
                 _expected(runs_by_id.get(effect.id), row, len(coarse[effect.model_id]))[
                     ranks[effect.model_id]
@@ -103,21 +103,29 @@ def against_standard(made: Walk, folder: Path, level: int) -> np.ndarray:
     whole = _models(made)
     runs = Engine(made.scene, models=whole.__getitem__, tolerance=STANDARD).evaluate(made.block)
     path, bones, given = _written(made, folder, level, runs)
-    columns = clip_rules.read(path.read_bytes(), str(path))["COLM"]
+    sections = clip_rules.read(path.read_bytes(), str(path))
+    columns = sections["COLM"]
     strengths = np.flatnonzero((columns["highest"] > columns["lowest"]) & _are_first(columns))
     body = Body(Clip(path.read_bytes()))
     actual = []
     for row in range(len(made.matrices)):
         body.set_bones(made.matrices[row, bones])
+        factors = _factors(made, sections, row)
         for k, animated in enumerate(made.block.effects):
             body.set_volume(k, animated.matrices[row, :3])
-            body.trigger(k, float(animated.levels[row]))
+            body.trigger(k, float(factors[k]))
         actual.append(body.evaluate(1.0 / RATE_HZ if row else 0.0))
     values, neutral = np.array(actual)[:, strengths], columns["neutral"][strengths]
     expected = given[:, strengths]
     full = (columns["highest"] - columns["lowest"])[strengths]
     acts = (np.abs(values - neutral) > 1e-3 * full) | (np.abs(expected - neutral) > 1e-3 * full)
     return np.asarray((np.abs(values - expected) / full)[acts])
+
+
+def _factors(made: Walk, sections: dict[str, np.ndarray], row: int) -> np.ndarray:
+    """Level of each effect at a row, over its level in the clip, (E,)."""
+    levels = np.array([animated.levels[row] for animated in made.block.effects])
+    return levels / sections["EFCT"]["level"]
 
 
 def _are_first(columns: np.ndarray) -> np.ndarray:
@@ -136,7 +144,7 @@ def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
         body.set_bones(moment.bones)
         for k, matrix in enumerate(moment.volumes):
             body.set_volume(k, matrix)
-            body.trigger(k, float(moment.levels[k]))
+            body.trigger(k, float(moment.factors[k]))
         out = body.evaluate(1.0 / RATE_HZ if row else 0.0)
         if level == 0:
             differs = np.abs(out - moment.values) > full / 255.0

@@ -110,14 +110,25 @@ static void feel(const hfx_clip *clip) {
   const uint32_t bones = hfx_clip_bones(clip, 0), columns = hfx_clip_columns(clip);
   float *matrices, *out, turned[12] = {0};
   uint32_t i, k, count;
-  void *memory;
+  void *memory, *block;
+  size_t needed;
   hfx_body body;
   if (!size || size > 1 << 26) return;
   memory = malloc(size);
   out = (float *)malloc(4 * (size_t)columns + 1);
   matrices = (float *)calloc(12 * (size_t)bones + 1, 4);
   if (!hfx_body_open(&body, clip, 0, memory, size)) {
+    const uint32_t effects = hfx_clip_effects(clip);
+    uint32_t added[3];
     for (k = 0; k < 3; k++) {
+      const uint32_t effect = effects ? drawn(effects) : 0;
+      needed = hfx_body_volume_bytes(clip, 0, effect);
+      block = needed && needed < 1 << 26 ? malloc(needed) : NULL;
+      added[k] = hfx_body_add_volume(&body, effect, block, needed);
+      if (added[k] == HFX_NONE) free(block);
+      hfx_body_trigger(&body, added[k], odd());
+      hfx_body_set_volume(&body, added[k], turned);
+      if (drawn(3) == 0) free(hfx_body_remove_volume(&body, added[drawn(k + 1)]));
       for (i = 0; i < 12 * bones; i++)
         matrices[i] = (i % 12) % 5 == 0 && i % 12 < 11 ? 1.0f : 0.01f * (float)drawn(10);
       hfx_body_set_bones(&body, matrices);
@@ -131,6 +142,7 @@ static void feel(const hfx_clip *clip) {
       for (i = 0; i < columns; i++)
         if (!(out[i] - out[i] == 0.0f)) abort();
     }
+    for (k = 0; k < 3; k++) free(hfx_body_remove_volume(&body, added[k]));
   }
   free(memory);
   free(out);

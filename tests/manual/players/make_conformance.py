@@ -87,8 +87,8 @@ def write_walk(folder: Path) -> None:
         lines = []
         for row, moment in enumerate(messages):
             lines += [f"bone {k} {_numbers(at)}" for k, at in enumerate(moment.bones)]
-            for k, (matrix, level) in enumerate(zip(moment.volumes, moment.levels, strict=True)):
-                lines.append(f"volume {k} {level:.9g} {_numbers(matrix)}")
+            for k, (matrix, factor) in enumerate(zip(moment.volumes, moment.factors, strict=True)):
+                lines.append(f"volume {k} {factor:.7g} {_numbers(matrix)}")
             lines.append(f"evaluate {1.0 / RATE_HZ if row else 0.0:.9g}")
             for k, samples in enumerate(moment.felt):
                 item = (f"{v}:{samples[v]:.4f}" for v in np.flatnonzero(samples))
