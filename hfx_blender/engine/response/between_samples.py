@@ -188,7 +188,7 @@ def _changes(
             rises[k], falls[k] = _changed(run, int(before[k]), int(set_of[k]))
     # A touch that ends and begins again within two samples may be a pause of one touch, also of one
     # without an impact: the volume was there when its clip began.
-    pauses = follows & (before >= 0) & (set_of < 0)
+    pauses = follows & np.concatenate([[False], touches.is_touched[:-1]]) & ~touches.is_touched
     pauses[:-2] &= begins[1:-1] | begins[2:]
     changes = (rises & ~begins) | (falls & np.concatenate([[False], rises[:-1]]))
     less = np.diff(sums, prepend=0.0) <= 0.0, np.diff(sums, append=0.0) <= 0.0
