@@ -47,6 +47,14 @@ HFX_API int hfx_clip_device(const hfx_clip *clip, uint32_t index, hfx_device *fo
   return 0;
 }
 
+HFX_API int hfx_clip_is_device(const hfx_clip *clip, uint32_t index, const char *name) {
+  const char *id;
+  if (index >= hfx_clip_devices(clip) || !name) return 0;
+  if (!*name) return 1;
+  for (id = hfx_text(clip, hfx_record(clip, HFX_DEVC, index)); *name && *name == *id; name++) id++;
+  return !*name && (!*id || hfx_same(id, "_left") || hfx_same(id, "_right"));
+}
+
 HFX_API int hfx_clip_actuator(const hfx_clip *clip, uint32_t index, hfx_actuator *found) {
   const unsigned char *at;
   if (index >= hfx_clip_actuators(clip)) return HFX_ERROR_INDEX;

@@ -101,34 +101,45 @@ static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], 
   }
 }
 
-static inline void hfx_begin(hfx_player *player, const hfx_clip *clip, double start_s,
-                             double end_s) {
-  int k;
-  if (clip != &player->clip) player->clip = *clip;
+/* Begins a part of the clip. */
+static inline void hfx_begin(hfx_player *player, double start_s, double end_s, int loops) {
   player->position_s = player->start_s = start_s;
   player->end_s = end_s;
-  player->gain = 1.0;
-  for (k = 0; k < HFX_PARAMETERS; k++) player->factors[k] = 1.0;
   player->is_playing = end_s > start_s;
   player->is_paused = 0;
-  player->loops = 0;
+  player->loops = loops;
   hfx_player_seek(player, start_s);
 }
 
 HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip) {
-  hfx_begin(player, clip, 0.0, hfx_clip_seconds(clip));
+  int k;
+  if (clip != &player->clip) player->clip = *clip;
+  player->gain = 1.0;
+  for (k = 0; k < HFX_PARAMETERS; k++) player->factors[k] = 1.0;
+  player->loops_whole = 0;
+  hfx_begin(player, 0.0, hfx_clip_seconds(clip), 0);
 }
 
 HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name) {
+  hfx_player_play(player, clip);
+  if (name && *name) return hfx_player_replay(player, name);
+  hfx_begin(player, 0.0, 0.0, 0); /* silence */
+  return HFX_ERROR_NAME;
+}
+
+HFX_API int hfx_player_replay(hfx_player *player, const char *name) {
   hfx_named_clip found;
   uint32_t i;
-  for (i = 0; name && hfx_clip_named_clip(clip, i, &found) == 0; i++) {
-    if (!hfx_same(found.name, name)) continue;
-    hfx_begin(player, clip, found.start_s, found.end_s);
-    player->loops = found.loops;
+  if (!name || !*name) {
+    hfx_begin(player, 0.0, hfx_clip_seconds(&player->clip), player->loops_whole);
     return 0;
   }
-  hfx_begin(player, clip, 0.0, 0.0); /* of which nothing is felt */
+  for (i = 0; hfx_clip_named_clip(&player->clip, i, &found) == 0; i++) {
+    if (!hfx_same(found.name, name)) continue;
+    hfx_begin(player, found.start_s, found.end_s, found.loops);
+    return 0;
+  }
+  hfx_begin(player, 0.0, 0.0, 0); /* silence */
   return HFX_ERROR_NAME;
 }
 
@@ -166,7 +177,9 @@ HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out) 
 }
 
 HFX_API void hfx_player_pause(hfx_player *player, int is_paused) { player->is_paused = is_paused; }
-HFX_API void hfx_player_loop(hfx_player *player, int loops) { player->loops = loops; }
+HFX_API void hfx_player_loop(hfx_player *player, int loops) {
+  player->loops = player->loops_whole = loops;
+}
 HFX_API void hfx_player_gain(hfx_player *player, double gain) { player->gain = hfx_positive(gain); }
 HFX_API int hfx_player_is_playing(const hfx_player *player) { return player->is_playing; }
 HFX_API double hfx_player_position(const hfx_player *player) { return player->position_s; }

@@ -122,6 +122,8 @@ HFX_API uint32_t hfx_clip_bones(const hfx_clip *clip, uint32_t body);
 HFX_API uint32_t hfx_clip_effects(const hfx_clip *clip);
 /* Facts about one; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_clip_device(const hfx_clip *clip, uint32_t index, hfx_device *found);
+/* Tells whether a device is one of a name: "" is any, "glove" is glove, glove_left, glove_right. */
+HFX_API int hfx_clip_is_device(const hfx_clip *clip, uint32_t index, const char *name);
 HFX_API int hfx_clip_actuator(const hfx_clip *clip, uint32_t index, hfx_actuator *found);
 HFX_API int hfx_clip_column(const hfx_clip *clip, uint32_t index, hfx_column *found);
 HFX_API int hfx_clip_named_clip(const hfx_clip *clip, uint32_t index, hfx_named_clip *found);
@@ -134,21 +136,29 @@ typedef struct hfx_player {
   hfx_clip clip; /* a copy: only the bytes have to stay */
   double position_s, start_s, end_s, gain, factors[HFX_PARAMETERS];
   int64_t shown_row; /* last row that was given; -1: none */
-  int is_playing, is_paused, loops;
+  int is_playing, is_paused, loops; /* loops: what plays now */
+  int loops_whole;                  /* of hfx_player_loop: applies to the whole clip */
 } hfx_player;
 
-/* Begins at the beginning. Sets everything anew: gain, parameters and loop are given afterwards. */
+/* Sets a player up, with gain and factors of 1 and no loop, and begins at the beginning. */
 HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip);
-/* The same for a named clip, which loops if it is meant to; 0, or HFX_ERROR_NAME and silence. */
+/* The same with a named clip, which loops if it is meant to; 0, or HFX_ERROR_NAME and silence. */
 HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name);
+/* Begins again with the whole clip (NULL or ""), which loops as hfx_player_loop said, or with a
+ * named clip, which loops if it is meant to. Gain, factors and loop stay, a pause ends; 0, or
+ * HFX_ERROR_NAME and silence. The player has to be set up. */
+HFX_API int hfx_player_replay(hfx_player *player, const char *name);
 /* Goes on by the seconds since the last call. `out` gets hfx_clip_columns values in the units of
  * the columns: of each actuator the strongest of all rows since then. */
 HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out);
 /* While it is paused, advance gives neutral values and stands still; 0 goes on. */
 HFX_API void hfx_player_pause(hfx_player *player, int is_paused);
+/* Ends in silence, at the beginning of what was played. Where a clip ends by itself, the position
+ * stays at its end. */
 HFX_API void hfx_player_stop(hfx_player *player);
 /* Jumps, seconds from the beginning of the clip; what lies between is not felt. */
 HFX_API void hfx_player_seek(hfx_player *player, double seconds);
+/* Whether the whole clip, and what plays now, begins again at its end. */
 HFX_API void hfx_player_loop(hfx_player *player, int loops);
 /* Scales how far all strengths are from neutral; 1 as made. The column's limits hold. */
 HFX_API void hfx_player_gain(hfx_player *player, double gain);

@@ -107,6 +107,9 @@ class Clip:
         )
         self.columns = int(self._core.hfx_clip_columns(self.at))
 
+    def is_device(self, index: int, name: str) -> bool:
+        return bool(self._core.hfx_clip_is_device(self.at, index, name.encode()))
+
 
 class Player:
     """Player of the core."""
@@ -123,6 +126,9 @@ class Player:
 
     def named(self, name: str) -> int:
         return int(self._core.hfx_player_play_named(self._at, self._clip.at, name.encode()))
+
+    def replay(self, name: str = "") -> int:
+        return int(self._core.hfx_player_replay(self._at, name.encode()))
 
     def advance(self, seconds: float) -> F32:
         """Return the values of all columns, (C,)."""

@@ -81,3 +81,39 @@ class Scales:
     def slack(self) -> np.ndarray:
         scale = self._factors * np.where(self._is_strength, self._gain, 1.0)
         return np.asarray(self._step * np.maximum(scale, 1.0) + self._rounding)
+
+
+def test_calls_behave_as_written_by_hand() -> None:
+    folder = FOLDER / "behaviour"
+    clip = Clip((folder / "behaviour.hfxclip").read_bytes())
+    slack = np.array([65.535, 65.535, 20.0]) / 65535.0 * 2.0 + 1e-6  # at a gain of 2
+    player, checks = Player(clip), 0
+    for number, line in enumerate((folder / "behaviour.txt").read_text().splitlines(), 1):
+        if not line or line.startswith("#"):
+            continue
+        call, _, expected = (part.strip() for part in line.partition("="))
+        word, _, argument = call.partition(" ")
+        place = f"line {number}: {line}"
+        checks += 1
+        if word == "open":
+            player = Player(clip)
+            player.stop()
+        elif word == "play":
+            assert (player.replay(argument) == 0) == bool(int(expected)), place
+        elif word == "parameter":
+            name, factor = argument.split()
+            assert player.parameter(name, float(factor)) == (-7 if expected else 0), place
+        elif word == "playing":
+            assert player.is_playing == bool(int(expected)), place
+        elif word == "position":
+            assert player.position_s == pytest.approx(float(expected), abs=1e-6), place
+        elif word == "devices":
+            named = [str(k) for k in range(3) if clip.is_device(k, argument)]
+            assert named == expected.split(), place
+        elif word == "advance":
+            actual = player.advance(float(argument))
+            values = np.array(expected.split(), np.float64)
+            assert (np.abs(actual - values) <= slack).all(), f"{place}: {actual}"
+        else:
+            getattr(player, word)(*([float(argument)] if argument else []))
+    assert checks > 80

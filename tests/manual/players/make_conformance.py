@@ -20,6 +20,8 @@ from check_spatial import moments
 from clip_cases import DEMOS, SPECS, Case, cases
 from walkers import RATE_HZ, walk
 
+from hfx_blender.formats.clip.container import Texts, encoded, records
+
 FOLDER = Path(__file__).resolve().parents[3] / "players" / "conformance"
 _MOST_VALUES = 2500  # of a clip
 
@@ -98,6 +100,40 @@ def write_walk(folder: Path) -> None:
     (folder / "walk.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def write_behaviour(folder: Path) -> None:
+    """Write ``behaviour.hfxclip``: ten rows of three devices; the calls are written by hand."""
+    texts = Texts()
+    text, rows = texts.add, 10
+    ids = ("pad_left", "pad_right", "heater")
+    strengths = [(text("amplitude_m_s2"), text("m/s^2"), k, 0, 0.0, 65.535, 0.0) for k in (0, 1)]
+    heat = (text("temperature_c"), text("°C"), 2, 32768, 20.0, 40.0, 30.0)
+    limits = ([0.0] * 3, 0.0, 0.0, 0.0, np.inf, np.inf, 0.0, 0)
+    values = [
+        *(1000 * (np.arange(rows) + first) for first in (1, 11)),
+        np.where(np.arange(rows), np.round(65535 * (10 + np.arange(rows)) / 20.0), 32768),
+    ]
+    sections = {
+        "TIME": records("TIME", [(10.0, 0.0, rows, 0)]),
+        "DEVC": records(
+            "DEVC",
+            [(text(id), text(id), text("Body"), k, 1, k, 1, 250) for k, id in enumerate(ids)],
+        ),
+        "ACTR": records(
+            "ACTR",
+            [
+                (text("a"), 2 * (k == 2), k, 1, rows * k, rows, rows * k, *[0] * 5, *limits)
+                for k in range(3)
+            ],
+        ),
+        "COLM": records("COLM", [*strengths, heat]),
+        "ROWS": np.tile(np.arange(rows, dtype=np.uint32), 3),
+        "VALU": np.concatenate(values).astype(np.uint16),
+        "CLIP": records("CLIP", [(text("Strike"), 0, 0.2, 0.5), (text("Hum loop"), 1, 0.5, 0.8)]),
+        "TEXT": texts.records,
+    }
+    (folder / "behaviour.hfxclip").write_bytes(encoded(sections, "behaviour"))
+
+
 def _numbers(matrix: np.ndarray) -> str:
     return " ".join(f"{item:.7g}" for item in matrix.ravel())
 
@@ -110,6 +146,7 @@ def main() -> None:
             shutil.copy(case.path, FOLDER / case.path.name)
             (FOLDER / f"{case.name}.txt").write_text(script_of(case), encoding="utf-8")
     write_walk(FOLDER / "spatial")
+    write_behaviour(FOLDER / "behaviour")
     total = sum(item.stat().st_size for item in FOLDER.rglob("*"))
     count = len(SPECS) + len(DEMOS)
     sys.stdout.write(f"{count} clips, {total / 2**20:.2f} MiB in {FOLDER}\n")
