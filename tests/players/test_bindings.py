@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from core_library import compiled
+from small_clip import write_small_clip
 
 PLAYERS = Path(__file__).resolve().parents[2] / "players"
 
@@ -27,7 +28,8 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     compiled(core, tmp_path / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
     folders = [PLAYERS / "conformance", PLAYERS / "conformance" / "spatial"]
     found_there = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}
-    subprocess.run(["mono", program, *folders], check=True, env=found_there)
+    start = ["mono", program, *folders, write_small_clip(tmp_path)]
+    subprocess.run(start, check=True, env=found_there)
 
 
 def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:

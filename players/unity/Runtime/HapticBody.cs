@@ -1,37 +1,97 @@
 // SPDX-License-Identifier: MIT
 using System;
+using System.Collections.Generic;
 using UnityEngine;
 
 namespace Hfx.Haptics
 {
     /// <summary>
     /// Lets an avatar feel <see cref="HapticVolume"/> components and painted areas of a clip, on its
-    /// own moves. It stands on the root of the avatar whose rest pose is that of the body in the clip,
-    /// and takes that pose when it wakes, before the animator moves anything. All is neutral while the game is
-    /// paused or has lost its focus. Needs the compiled core.
+    /// own moves. It stands on the root of the avatar whose rest pose is that of the body in the clip. The pose of
+    /// each transform when this component first finds it counts as its rest pose: that before the animator moves
+    /// anything, or see <see cref="TakeRestPose"/>. Everything may be set and changed at any time. All is neutral while
+    /// the game is paused or has lost its focus. Needs the compiled core.
     /// </summary>
     [AddComponentMenu("Haptics/Haptic Body")]
+    [DefaultExecutionOrder(LateOrder)]
     public sealed class HapticBody : MonoBehaviour
     {
+        /// <summary>
+        /// Order of <c>LateUpdate</c>. Animators and Animation Rigging have moved the bones before any of them; scripts
+        /// that move bones in <c>LateUpdate</c> (inverse kinematics, look-at) have to have a lower order.
+        /// </summary>
+        public const int LateOrder = 30000;
+
         [SerializeField] HapticClipAsset clip;
-        /// <summary>For bones that are found by no name, of a humanoid avatar; may be empty.</summary>
+        /// <summary>For bones that are found by no name, of a humanoid avatar; empty: the first in this object.</summary>
         [SerializeField] Animator animator;
         /// <summary>The body of the clip; empty: its first.</summary>
         [SerializeField] string body = "";
 
+        struct Placed
+        {
+            public HapticVolume Volume;
+            public string Effect;
+            public int Number; // in the core; -1: the clip has no such volume
+        }
+
+        static readonly List<HapticBody> All = new List<HapticBody>();
+        static readonly string[] NoBones = new string[0];
+
+        readonly List<Placed> placed = new List<Placed>(); // in the order of HapticVolume.All
+        readonly Dictionary<string, float> triggers = new Dictionary<string, float>();
+        readonly Dictionary<Transform, Matrix4x4> rest = new Dictionary<Transform, Matrix4x4>(); // to the root
         LiveBody core;
         Transform[] bones; // for each bone of the clip; null: as its parent
         Matrix4x4[] fromRest; // the clip's rest space to the bone, at rest
         float[] matrices, matrix, values;
-        bool isSilent;
+        string[] missing = NoBones;
+        bool isStale; // opens anew: settings have changed, or time has stood still
+        bool isUnfocused, isPaused;
 
-        /// <summary>Each frame, and once more when it is disabled: all columns, in their units.</summary>
+        /// <summary>Each frame, and once more when it falls silent: all columns, in their units.</summary>
         public event Action<HapticBody> ValuesChanged;
 
+        /// <summary>The clip's file; the triggers stay.</summary>
+        public HapticClipAsset Asset
+        {
+            get { return clip; }
+            set
+            {
+                Close();
+                clip = value;
+            }
+        }
+
+        /// <summary>For bones that are found by no name, of a humanoid avatar; null: the first in this object.</summary>
+        public Animator Animator
+        {
+            get { return animator; }
+            set
+            {
+                animator = value;
+                isStale = true;
+            }
+        }
+
+        /// <summary>Name of the body in the clip; empty: its first.</summary>
+        public string BodyName
+        {
+            get { return body; }
+            set
+            {
+                body = value ?? "";
+                isStale = true;
+            }
+        }
+
         public HapticClip Clip { get { return clip != null ? clip.Clip : null; } }
+        /// <summary>One value for each column; null before the first frame with a clip.</summary>
         public float[] Values { get { return values; } }
-        /// <summary>The core; null where it or the clip is missing.</summary>
+        /// <summary>The core; null before the first frame, and where it or the clip is missing.</summary>
         public LiveBody Core { get { return core; } }
+        /// <summary>Bones of the clip that carry skin and were not found; they move with their parents.</summary>
+        public string[] MissingBones { get { return missing; } }
 
         /// <summary>The clip's space (metres, right-handed, Z up) to Unity's.</summary>
         public static Matrix4x4 ToUnity
@@ -47,58 +107,120 @@ namespace Hfx.Haptics
             }
         }
 
-        /// <summary>Turns a painted area on at a level of 0 (off) to 1; false: there is none of this name.</summary>
-        public bool Trigger(string effect, float level)
+        /// <summary>
+        /// Turns a painted area on at a factor of 0 (off) to 1 of its level in the clip; false: the clip has none of
+        /// this name. It stays when the component is disabled, or gets another clip.
+        /// </summary>
+        public bool Trigger(string effect, float factor)
         {
             bool found = false;
-            for (int k = 0; core != null && k < core.Clip.Effects.Length; k++)
-                if (core.Clip.Effects[k].Name == effect) found |= core.Trigger(k, level);
+            triggers[effect] = factor;
+            for (int k = 0; Clip != null && k < Clip.Effects.Length; k++)
+            {
+                if (!Clip.Effects[k].IsPainted || Clip.Effects[k].Name != effect) continue;
+                found = true;
+                if (core != null) core.Trigger(k, factor);
+            }
             return found;
         }
 
-        void Awake()
+        /// <summary>Takes the present pose as the rest pose: for an avatar whose skeleton moved before it came here.</summary>
+        public void TakeRestPose()
         {
-            string fault = Open();
-            if (fault.Length > 0) Debug.LogError("The haptic body feels nothing: " + fault, this);
+            rest.Clear();
+            KeepRestPose();
+            isStale = true;
         }
 
-        void OnDestroy()
+        /// <summary>Number in the core of a volume that is enabled; -1: this body does not feel it.</summary>
+        public int NumberOf(HapticVolume volume)
         {
-            if (core != null) core.Dispose();
-            core = null;
+            for (int k = 0; k < placed.Count; k++)
+                if (ReferenceEquals(placed[k].Volume, volume)) return placed[k].Number;
+            return -1;
         }
 
-        void OnDisable() { Silence(); }
+        void Awake() { KeepRestPose(); }
 
-        void OnApplicationFocus(bool hasFocus) { Pause(!hasFocus); }
-
-        void OnApplicationPause(bool isPaused) { Pause(isPaused); }
-
-        void Pause(bool isPaused)
+        void OnEnable()
         {
-            isSilent = isPaused;
-            if (isPaused) Silence();
+            All.Add(this);
+            isUnfocused = !Application.isFocused;
+            isPaused = false;
+            isStale = true;
         }
 
+        void OnDisable()
+        {
+            All.Remove(this);
+            Close();
+        }
+
+        void OnDestroy() { Close(); }
+
+        /// <summary>A skeleton may have come.</summary>
+        void OnTransformChildrenChanged() { isStale |= core == null || missing.Length > 0; }
+
+        void OnApplicationFocus(bool hasFocus)
+        {
+            isUnfocused = !hasFocus;
+            Hold();
+        }
+
+        void OnApplicationPause(bool pause)
+        {
+            isPaused = pause;
+            Hold();
+        }
+
+        void Hold()
+        {
+            if (isUnfocused || isPaused) Silence();
+        }
+
+        /// <summary>Neutral values; what moves until the next frame is no touch.</summary>
         void Silence()
         {
+            isStale = true;
             if (core == null) return;
             for (int k = 0; k < values.Length; k++) values[k] = (float)core.Clip.Columns[k].Neutral;
             Tell();
         }
 
+        void Close()
+        {
+            Silence();
+            if (core != null) core.Dispose();
+            core = null;
+            values = null;
+            placed.Clear();
+        }
+
         void LateUpdate()
         {
-            if (core == null || isSilent) return;
+            if (isUnfocused || isPaused) return;
             if (Time.timeScale == 0.0f)
             {
                 Silence();
                 return;
             }
+            if (isStale) Reopen();
+            if (core == null) return;
             Pose();
             Place();
             core.Evaluate(Time.deltaTime, values);
             Tell();
+        }
+
+        void Reopen()
+        {
+            Close();
+            isStale = false;
+            string fault = Open();
+            if (fault.Length == 0) return;
+            Debug.LogError("The haptic body feels nothing: " + fault, this);
+            if (core != null) core.Dispose();
+            core = null;
         }
 
         string Open()
@@ -108,7 +230,9 @@ namespace Hfx.Haptics
             Body[] bodies = clip.Clip.Bodies;
             for (int k = bodies.Length - 1; k >= 0; k--)
                 if (body.Length == 0 || bodies[k].Name == body) number = k;
-            if (number < 0) return "the clip has no body of this name; it has " + bodies.Length + ".";
+            if (bodies.Length == 0) return "the clip has no spatial part.";
+            if (number < 0)
+                return "the clip has no body '" + body + "', but: " + string.Join(", ", Array.ConvertAll(bodies, of => of.Name)) + ".";
             try
             {
                 core = new LiveBody(clip.Clip, number);
@@ -123,25 +247,43 @@ namespace Hfx.Haptics
             }
             values = new float[clip.Clip.Columns.Length];
             matrix = new float[12];
-            return FindBones() ? "" : "no bone of the avatar has a known name.";
+            // Each volume is one of its own; those of the clip itself are off.
+            for (int k = 0; k < core.Clip.Effects.Length; k++)
+            {
+                float factor = 0.0f;
+                if (core.Clip.Effects[k].IsPainted) triggers.TryGetValue(core.Clip.Effects[k].Name, out factor);
+                core.Trigger(k, factor);
+            }
+            return FindBones() ? "" : "no bone of the avatar has a known name. Known are those of the clip, VRM, Mixamo, Unreal and Rigify.";
+        }
+
+        void KeepRestPose()
+        {
+            Matrix4x4 toRoot = transform.worldToLocalMatrix;
+            foreach (Transform each in GetComponentsInChildren<Transform>())
+                if (!rest.ContainsKey(each)) rest.Add(each, toRoot * each.localToWorldMatrix);
         }
 
         bool FindBones()
         {
             Bone[] wanted = core.Body.Bones;
-            Transform[] there = GetComponentsInChildren<Transform>();
-            Matrix4x4 toRoot = transform.worldToLocalMatrix;
-            bones = new Transform[wanted.Length];
+            KeepRestPose(); // of transforms that came later
+            Animator humanoid = animator != null ? animator : GetComponentInChildren<Animator>();
+            bones = BoneNames.Find(wanted, GetComponentsInChildren<Transform>(), humanoid);
             fromRest = new Matrix4x4[wanted.Length];
             matrices = new float[12 * wanted.Length];
+            List<string> lost = new List<string>();
             bool isAny = false;
             for (int k = 0; k < wanted.Length; k++)
             {
-                bones[k] = BoneNames.Find(wanted[k], there, animator);
-                if (bones[k] == null) continue;
-                fromRest[k] = (toRoot * bones[k].localToWorldMatrix).inverse * ToUnity;
+                if (bones[k] == null && wanted[k].HasSkin) lost.Add(wanted[k].Name);
+                if (bones[k] == null || !rest.ContainsKey(bones[k])) continue;
+                fromRest[k] = rest[bones[k]].inverse * ToUnity;
                 isAny = true;
             }
+            missing = lost.ToArray();
+            if (isAny && lost.Count > 0)
+                Debug.LogWarning("The haptic body lacks " + lost.Count + " bones, whose skin moves with their parents: " + string.Join(", ", missing) + ".", this);
             return isAny;
         }
 
@@ -158,26 +300,53 @@ namespace Hfx.Haptics
             core.SetBones(matrices);
         }
 
-        /// <summary>Volumes of which there is no component are off.</summary>
+        /// <summary>
+        /// Moves the volumes of this body as the enabled components have moved. New components stand at the end of
+        /// <see cref="HapticVolume.All"/>, so that a volume that is not the next one there has been disabled.
+        /// </summary>
         void Place()
         {
+            List<HapticVolume> all = HapticVolume.All;
             Matrix4x4 toUnity = ToUnity;
-            for (int k = 0; k < core.Clip.Effects.Length; k++)
+            for (int k = 0; k < all.Count; k++)
             {
-                if (core.Clip.Effects[k].IsPainted) continue;
-                HapticVolume volume = VolumeOf(core.Clip.Effects[k].Name);
-                core.Trigger(k, volume != null ? volume.Level : 0.0);
-                if (volume == null) continue;
-                Write(volume.transform.localToWorldMatrix * toUnity, matrix, 0);
-                core.SetVolume(k, matrix);
+                while (k < placed.Count && !ReferenceEquals(placed[k].Volume, all[k])) Remove(k);
+                if (k == placed.Count) placed.Add(Added(all[k]));
+                if (placed[k].Effect != all[k].Effect)
+                {
+                    if (placed[k].Number >= 0) core.RemoveVolume(placed[k].Number);
+                    placed[k] = Added(all[k]);
+                }
+                int number = placed[k].Number;
+                if (number < 0) continue;
+                Write(all[k].transform.localToWorldMatrix * toUnity, matrix, 0);
+                core.SetVolume(number, matrix);
+                core.Trigger(number, all[k].Level);
             }
+            while (placed.Count > all.Count) Remove(placed.Count - 1);
         }
 
-        static HapticVolume VolumeOf(string effect)
+        void Remove(int index)
         {
-            for (int k = 0; k < HapticVolume.All.Count; k++)
-                if (HapticVolume.All[k].Effect == effect) return HapticVolume.All[k];
-            return null;
+            if (placed[index].Number >= 0) core.RemoveVolume(placed[index].Number);
+            placed.RemoveAt(index);
+        }
+
+        Placed Added(HapticVolume volume)
+        {
+            int effect = VolumeNamed(core.Clip, volume.Effect);
+            bool isKnown = effect >= 0;
+            for (int k = 0; k < All.Count && !isKnown; k++) isKnown = VolumeNamed(All[k].Clip, volume.Effect) >= 0;
+            if (!isKnown)
+                Debug.LogWarning("No haptic body has a clip with a volume named '" + volume.Effect + "'.", volume);
+            return new Placed { Volume = volume, Effect = volume.Effect, Number = effect < 0 ? -1 : core.AddVolume(effect) };
+        }
+
+        static int VolumeNamed(HapticClip of, string name)
+        {
+            for (int k = 0; of != null && k < of.Effects.Length; k++)
+                if (!of.Effects[k].IsPainted && of.Effects[k].Name == name) return k;
+            return -1;
         }
 
         static void Write(Matrix4x4 from, float[] rows, int at)

@@ -58,6 +58,8 @@ namespace Hfx.Haptics
         public string Name, Human, Mixamo, Unreal;
         /// <summary>Index within the body, below its own; -1: it has none.</summary>
         public int Parent;
+        /// <summary>Whether skin of a model follows this bone.</summary>
+        public bool HasSkin;
     }
 
     public enum VolumeShape { Cuboid, Sphere, Cylinder, Capsule }
@@ -70,6 +72,8 @@ namespace Hfx.Haptics
         public Modality Modality;
         public VolumeShape Shape;
         public float HalfSegment, Level;
+        /// <summary>Shape space to the scene's world, in the clip's space: 3 x 4, row after row.</summary>
+        public float[] Matrix;
     }
 
     /// <summary>
@@ -84,7 +88,7 @@ namespace Hfx.Haptics
         {
             { "TEXT", 1 }, { "TIME", 24 }, { "DEVC", 32 }, { "ACTR", 88 }, { "COLM", 40 },
             { "ROWS", 4 }, { "VALU", 2 }, { "CLIP", 24 },
-            { "BODY", 24 }, { "BONE", 72 }, { "EFCT", 128 },
+            { "BODY", 24 }, { "BONE", 72 }, { "MODL", 24 }, { "VERT", 24 }, { "WGHT", 4 }, { "EFCT", 128 },
         };
 
         readonly byte[] bytes;
@@ -253,15 +257,42 @@ namespace Hfx.Haptics
                     Parent = isRoot ? -1 : Index(bone + 16, k, "parent"),
                 };
             }
+            MarkSkin(at, body.Bones);
             return body;
+        }
+
+        /// <summary>Marks the bones with a weight above 0 on a vertex of the body's models.</summary>
+        void MarkSkin(int body, Bone[] bones)
+        {
+            int models = Index(body + 16, parts["MODL"].Count + 1L, "models");
+            int first = Index(body + 12, parts["MODL"].Count - models + 1L, "model");
+            Part vertex = parts["VERT"], weight = parts["WGHT"];
+            for (int k = parts["MODL"].Offset + 24 * first; models > 0; k += 24, models--)
+            {
+                int vertices = Index(k + 16, vertex.Count + 1L, "vertices");
+                int at = vertex.Offset + 24 * Index(k + 12, vertex.Count - vertices + 1L, "vertex");
+                for (; vertices > 0; at += 24, vertices--)
+                {
+                    int weights = Index(at + 20, weight.Count + 1L, "weights");
+                    int of = weight.Offset + 4 * Index(at + 16, weight.Count - weights + 1L, "weight");
+                    for (; weights > 0; of += 4, weights--)
+                    {
+                        int bone = bytes[of] | bytes[of + 1] << 8;
+                        Demand(bone < bones.Length, "a bone of the skin is not there");
+                        if ((bytes[of + 2] | bytes[of + 3]) != 0) bones[bone].HasSkin = true;
+                    }
+                }
+            }
         }
 
         Effect ReadEffect(int at)
         {
+            float[] matrix = new float[12];
+            for (int k = 0; k < 12; k++) matrix[k] = F32(at + 76 + 4 * k);
             return new Effect
             {
                 Name = Text(at), IsPainted = Index(at + 4, 2, "kind") == 1, Modality = (Modality)Index(at + 8, 4, "modality"),
-                Shape = (VolumeShape)Index(at + 20, 4, "shape"), HalfSegment = F32(at + 24), Level = F32(at + 36),
+                Shape = (VolumeShape)Index(at + 20, 4, "shape"), HalfSegment = F32(at + 24), Level = F32(at + 36), Matrix = matrix,
             };
         }
 

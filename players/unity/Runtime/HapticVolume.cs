@@ -6,7 +6,8 @@ namespace Hfx.Haptics
 {
     /// <summary>
     /// A volume of a clip in the game's world, felt by every <see cref="HapticBody"/> that it meets
-    /// while it is enabled. Its shape has unit size, as in Blender: scale the transform.
+    /// while it is enabled. Any number of volumes may have the same effect: each has a contact response of its own,
+    /// and all are felt. Its shape has unit size, as in Blender: scale the transform.
     /// </summary>
     [AddComponentMenu("Haptics/Haptic Volume")]
     public sealed class HapticVolume : MonoBehaviour
@@ -15,6 +16,7 @@ namespace Hfx.Haptics
 
         /// <summary>Name of the effect in the clip.</summary>
         [SerializeField] string effect = "";
+        /// <summary>Factor of the effect's own level in the clip, 0 (off) to 1.</summary>
         [SerializeField, Range(0.0f, 1.0f)] float level = 1.0f;
         /// <summary>What the editor draws; what is felt has the shape in the clip.</summary>
         [SerializeField] VolumeShape shape = VolumeShape.Sphere;
@@ -22,6 +24,8 @@ namespace Hfx.Haptics
 
         public string Effect { get { return effect; } set { effect = value; } }
         public float Level { get { return level; } set { level = value; } }
+        public VolumeShape Shape { get { return shape; } set { shape = value; } }
+        public float HalfSegment { get { return halfSegment; } set { halfSegment = value; } }
 
         void OnEnable() { All.Add(this); }
 

@@ -54,11 +54,20 @@ namespace Hfx.Haptics
             return hfx_live_set_parameter(self, (uint)effect, (uint)parameter, value) == 0;
         }
 
-        /// <summary>Turns an effect on at a level of 0 (off) to 1.</summary>
-        public bool Trigger(int effect, double level)
+        /// <summary>Turns an effect on at a factor of 0 (off) to 1 of its level in the clip.</summary>
+        public bool Trigger(int effect, double factor)
         {
-            return hfx_live_trigger(self, (uint)effect, level) == 0;
+            return hfx_live_trigger(self, (uint)effect, factor) == 0;
         }
+
+        /// <summary>
+        /// Adds one more volume of an effect, off, with a contact response of its own; its number, which stands for
+        /// an effect in all other methods, or -1: there is no such volume effect, or no memory.
+        /// </summary>
+        public int AddVolume(int effect) { return Math.Max(hfx_live_add_volume(self, (uint)effect), -1); }
+
+        /// <summary>Removes a volume of <see cref="AddVolume"/>; false: there is none of this number.</summary>
+        public bool RemoveVolume(int number) { return hfx_live_remove_volume(self, (uint)number) == 0; }
 
         /// <summary>What is felt now, the seconds since the last call on: one value for each column.</summary>
         public bool Evaluate(double seconds, float[] values)
@@ -74,7 +83,7 @@ namespace Hfx.Haptics
             return found;
         }
 
-        /// <summary>Level of an effect at the last evaluation: its own, times the response to the touch.</summary>
+        /// <summary>Level of an effect at the last evaluation: factor, level in the clip and response, multiplied.</summary>
         public double GetLevel(int effect) { return hfx_live_level(self, (uint)effect); }
 
         void Close()
@@ -89,7 +98,9 @@ namespace Hfx.Haptics
         [DllImport(Library)] static extern int hfx_live_set_bones(IntPtr self, float[] matrices, uint count);
         [DllImport(Library)] static extern int hfx_live_set_volume(IntPtr self, uint effect, float[] matrix, uint count);
         [DllImport(Library)] static extern int hfx_live_set_parameter(IntPtr self, uint effect, uint parameter, double value);
-        [DllImport(Library)] static extern int hfx_live_trigger(IntPtr self, uint effect, double level);
+        [DllImport(Library)] static extern int hfx_live_trigger(IntPtr self, uint effect, double factor);
+        [DllImport(Library)] static extern int hfx_live_add_volume(IntPtr self, uint effect);
+        [DllImport(Library)] static extern int hfx_live_remove_volume(IntPtr self, uint number);
         [DllImport(Library)] static extern int hfx_live_evaluate(IntPtr self, double seconds, float[] values, uint count);
         [DllImport(Library)] static extern uint hfx_live_weights(IntPtr self, uint effect, float[] found, uint count);
         [DllImport(Library)] static extern double hfx_live_level(IntPtr self, uint effect);

@@ -8,7 +8,8 @@ using Hfx.Haptics;
 /// <summary>
 /// Plays players/conformance and compares each value; then every clip with one byte changed is refused, and
 /// playing makes no garbage. With a second folder, say players/conformance/spatial, a body feels volumes by the
-/// compiled core. Ends with 1 if anything is wrong.
+/// compiled core; with a clip of tests/players/small_clip.py, what a body does when things change. Ends with 1 if
+/// anything is wrong.
 /// </summary>
 static class Conformance
 {
@@ -24,6 +25,7 @@ static class Conformance
         Check(Components.Play(paths[0].Replace(Path.GetFileName(paths[0]), "touch.hfxclip")), "components");
         int felt = 0;
         if (arguments.Length > 1) felt = Spatial.Walk(arguments[1], ref wrong);
+        if (arguments.Length > 2) wrong += Bodies.Play(arguments[2]);
         Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + felt + " weights felt, " + wrong + " wrong");
         return wrong > 0 || compared == 0 || (arguments.Length > 1 && felt == 0) ? 1 : 0;
     }

@@ -38,7 +38,7 @@ static class Spatial
         }
         Set(body, "clip", asset);
         Call(body, "Awake");
-        if (body.Core == null) return 0;
+        Call(body, "OnEnable");
         Matrix4x4 toUnity = Matrix(Side, 0), back = toUnity.inverse;
         int felt = 0;
         foreach (string line in File.ReadAllLines(Path.Combine(folder, "walk.txt")))
@@ -60,17 +60,18 @@ static class Spatial
                 Time.deltaTime = (float)Number(words[1]);
                 Call(body, "LateUpdate");
             }
-            else felt += Compare(body, words, ref wrong);
+            else felt += Compare(body, volumes, words, ref wrong);
         }
         if (Garbage(body.Core) > 1000 && wrong++ < 5) Console.WriteLine("the core makes garbage");
+        foreach (HapticVolume volume in volumes) Call(volume, "OnDisable");
         Call(body, "OnDisable");
         Call(body, "OnDestroy");
         return felt;
     }
 
-    static int Compare(HapticBody body, string[] words, ref int wrong)
+    static int Compare(HapticBody body, List<HapticVolume> volumes, string[] words, ref int wrong)
     {
-        int effect = int.Parse(words[1]), felt = 0;
+        int effect = body.NumberOf(volumes[int.Parse(words[1])]), felt = 0;
         float[] found = body.Core.GetWeights(effect);
         double level = body.Core.GetLevel(effect);
         double[] expected = new double[found.Length];

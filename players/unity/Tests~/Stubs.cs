@@ -19,6 +19,7 @@ namespace UnityEngine
         {
             T made = new T { gameObject = this, transform = transform };
             components.Add(made);
+            Call(made, "Awake");
             Call(made, "OnEnable");
             return made;
         }
@@ -34,6 +35,7 @@ namespace UnityEngine
         public Transform transform;
         public GameObject gameObject;
         public T[] GetComponentsInChildren<T>() { return (T[])(object)transform.all.ToArray(); }
+        public T GetComponentInChildren<T>() where T : class { return null; }
     }
     public class Behaviour : Component { }
     public class MonoBehaviour : Behaviour { }
@@ -136,7 +138,34 @@ namespace UnityEngine
         public static void DrawWireCube(Vector3 centre, Vector3 size) { }
     }
     public static class Time { public static float deltaTime = 1.0f / 60.0f, timeScale = 1.0f; }
-    public static class Debug { public static void LogError(object message, Object context) { Console.WriteLine(message); } }
+    public static class Application { public static bool isFocused = true; }
+    public static class Debug
+    {
+        public static readonly List<string> messages = new List<string>();
+        public static void LogError(object message, Object context) { messages.Add("error: " + message); }
+        public static void LogWarning(object message, Object context) { messages.Add("warning: " + message); }
+    }
+    public sealed class DefaultExecutionOrder : Attribute
+    {
+        public readonly int order;
+        public DefaultExecutionOrder(int order) { this.order = order; }
+    }
+    /// <summary>Frames as Unity's: <c>Update</c>, animators (with Animation Rigging), then <c>LateUpdate</c> by order.</summary>
+    public static class Frames
+    {
+        public static void Play(List<MonoBehaviour> components, Action animate)
+        {
+            foreach (MonoBehaviour each in components) GameObject.Call(each, "Update");
+            animate();
+            components.Sort((one, other) => Order(one).CompareTo(Order(other)));
+            foreach (MonoBehaviour each in components) GameObject.Call(each, "LateUpdate");
+        }
+        static int Order(MonoBehaviour of)
+        {
+            object[] found = of.GetType().GetCustomAttributes(typeof(DefaultExecutionOrder), true);
+            return found.Length > 0 ? ((DefaultExecutionOrder)found[0]).order : 0;
+        }
+    }
     public sealed class SerializeField : Attribute { }
     public sealed class HideInInspectorAttribute : Attribute { }
     public sealed class AddComponentMenu : Attribute { public AddComponentMenu(string path) { } }
