@@ -9,7 +9,7 @@ and nodes of the user stay unchanged. The relief is the sum of the materials' he
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -287,13 +287,10 @@ def _wired(
     wire: Callable[[bpy.types.Material, Any], Callable[[], None]],
     values: Sequence[Any],
 ) -> Iterator[None]:
-    """Context in which ``wire(material, value)`` has rewired each material; the returned undo
-    functions are called at the end.
-    """
+    """Context in which ``wire(material, value)`` has rewired each material. The returned undo
+    functions are called at the end, the last first, also if ``wire`` or another undo raises."""
     # Materials are restored in any case, as the next bake rewires them again.
-    undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
-    try:
+    with ExitStack() as undo:
+        for material, value in zip(materials, values, strict=True):
+            undo.callback(wire(material, value))
         yield
-    finally:
-        for restore in undo:
-            restore()

@@ -152,6 +152,30 @@ def test_each_slot_shows_its_own_material(scene: Any) -> None:
     assert np.allclose(roughness[:, 8:], 0.8, atol=1e-3)
 
 
+def test_materials_are_restored_if_a_later_one_cannot_be_rewired(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=SIZE)
+    obj = bpy.context.object
+    for name in ("first", "second"):
+        obj.data.materials.append(new_material(name))
+    obj.data.polygons.foreach_set("material_index", [k % 2 for k in range(6)])
+    rewired: list[Any] = []
+    restored: list[Any] = []
+
+    def emission(material: Any, _value: Any) -> Any:
+        if rewired:
+            raise InputError("no output node")
+        rewired.append(material)
+        return lambda: restored.append(material)
+
+    monkeypatch.setattr(surface_baking.material_relief, "emission", emission)
+    with pytest.raises(InputError, match="no output node"):
+        surface_baking.bake(obj, 16, 16)
+    assert restored == rewired
+    assert len(rewired) == 1
+
+
 def test_a_tiled_material_is_baked_as_one_tile(plane: Any) -> None:
     bumpy(plane.active_material)
     scale_uvs(plane, 4.0)
