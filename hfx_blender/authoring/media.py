@@ -125,9 +125,10 @@ def _play(
     driven: bpy.types.ID,
     user_path: str,
 ) -> None:
-    """Play a video from a frame on at the video's frame rate, independent of the scene's. Blender
-    advances a picture per scene frame. A driver of the frame offset corrects this. The start is an
-    ID property: a driver that reads the driven image user is a dependency cycle."""
+    """Play a video from a frame on at the video's frame rate, independent of the scene's; at the
+    scene's for a video without a rate. Blender advances a picture per scene frame. A driver of the
+    frame offset corrects this. The start is an ID property: a driver that reads the driven image
+    user is a dependency cycle. Raises RuntimeError for a file that Blender cannot read."""
     user = driven.path_resolve(user_path)
     user.frame_start = 1
     user.frame_duration = _LONGEST  # Blender's limit of frames

@@ -101,9 +101,10 @@ def is_held(armature: bpy.types.Object, mesh: bpy.types.Object) -> bool:
 def choosing_skin(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, list[bpy.types.Object]]:
-    """Choose the meshes of the body in steps: all visible layers, or only the skin if the user has
-    set the armature's *Layer* to *Skin*. Yields progress, 0 to 1. None or one mesh is returned
-    unchanged; of several, at least the largest. The choice is cached with the user's data."""
+    """Choose the meshes of the body in steps, without props and accessories: all visible layers, or
+    only the skin if the user has set the armature's *Layer* to *Skin*. Yields progress, 0 to 1.
+    None or one mesh is returned unchanged; of several, at least the largest. The choice is cached
+    with the user's data."""
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import layers, props
     from . import fit_cache

@@ -127,8 +127,10 @@ def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAncho
 
 
 def _deformation_reason(body: bpy.types.Object) -> str | None:
-    """First reason against posing an avatar's meshes by bones alone; None if bones suffice. All
-    meshes with suspected deformation are measured."""
+    """First reason against posing an avatar's meshes by bones alone; None if bones suffice. A mesh
+    off the bones, without an enabled armature modifier of ``body``, is a reason; so is the measured
+    error of a mesh with suspected deformation. Measurements are cached, and dropped without
+    suspicion."""
     reasons: list[str | None] = []
     for mesh in avatar_meshes.meshes_of(body):
         if avatar_meshes.bone_of(body, mesh) is None and not _armatures(body, mesh):

@@ -44,7 +44,8 @@ def distinct(names: Iterable[str]) -> list[str]:
 
 
 def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
-    """Name part of the files of each body, by body id; empty for a single body."""
+    """Name part of the files of each body, by body id, from the body's name, else its id; empty for
+    a single body."""
     if len(bodies) < 2:
         return dict.fromkeys((body.id for body in bodies), "")
     parts = map(_as_folder, distinct(body.name or body.id for body in bodies))
@@ -52,7 +53,8 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
 
 
 def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
-    """Path stem of the files of a device on a body, a value of :func:`body_parts`. ``scene`` is
+    """Path stem of the files of a device on a body, a value of :func:`body_parts`:
+    ``scene/body/device/stem.body.device``, or ``stem.device`` for body "". ``scene`` is
     ``folder/scene``; ``stem`` is equal, or ``folder/scene.clip`` for a clip."""
     if not body:
         return stem.with_name(f"{stem.name}.{device_id}")
@@ -65,8 +67,9 @@ def placed(
     scene: Path,
     stem: Path,
 ) -> list[tuple[Path, DeviceConfig, Raster]]:
-    """Pair devices and rasters with the path stems of their files, and make their folders.
-    ``scene`` is the stem of the whole scene; ``stem`` is equal, or that of one clip."""
+    """Pair devices and rasters with the path stems of their files (:func:`device_stem`), and make
+    their folders: ``scene/body/device`` if ``whole`` has two or more bodies. ``scene`` is the stem
+    of the whole scene; ``stem`` is equal, or that of one clip."""
     parts = body_parts(whole.bodies)
     entries = []
     for device, raster in played:

@@ -55,9 +55,10 @@ def part_path(stem: Path, part: str, suffix: str) -> Path:
 
 
 def name_part(part: str) -> str:
-    """Convert any text to a part of a file name on any system, 1 to 100 bytes of UTF-8. Characters
-    that a file system or a terminal does not allow are percent-encoded, and ``%``; a longer text
-    ends with 8 digits of the SHA-256."""
+    """Convert any text to a part of a file name on any system, 1 to 100 bytes of UTF-8; "_" for an
+    empty text. Characters that a file system or a terminal does not allow are percent-encoded, and
+    ``%``; a longer text ends with 8 digits of the SHA-256. Dots and spaces at the ends, and
+    reserved names (CON), stay: no whole name."""
     safe = _NOT_ALLOWED.sub(lambda found: quote(found[0], safe=""), clean(part)) or "_"
     if len(safe.encode()) > _LONGEST:
         digest = hashlib.sha256(safe.encode()).hexdigest()[:8]

@@ -239,7 +239,9 @@ class _TextReader:
         return 2
 
     def _weave(self, place: int) -> int:
-        """Read "woven as twill", "woven like a basket"; return the number of words, 0 for none."""
+        """Read the draft after "woven", the word at ``place``: a preposition (as, like, in, into)
+        and the name of a draft. Return the number of words with that at ``place``; 0 without
+        preposition or draft."""
         rest = [word for word in self._words[place + 1 : place + 5] if word not in ("a", "the")]
         if len(rest) < 2 or rest[0] not in ("as", "like", "in", "into") or rest[1] not in DRAFTS:
             return 0

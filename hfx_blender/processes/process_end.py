@@ -63,9 +63,10 @@ _farewell = threading.Lock()  # acquired once, by the thread that writes the far
 
 
 def end_on_signals(*, at_once: bool = False) -> None:
-    """Let Ctrl-C, SIGTERM and SIGHUP end this process; signals with custom handlers are left. Has
-    no effect outside the main thread. ``at_once``: end without message and without unwinding, for a
-    process whose parent reports the end."""
+    """Let Ctrl-C, SIGTERM and SIGHUP end this process: a handler records the first signal, which
+    :func:`check` raises. Without a check in 1 s, or 2 s of unwinding, a thread ends the process.
+    Signals with custom handlers are left. Has no effect outside the main thread. ``at_once``: end
+    without message and without unwinding, for a process whose parent reports the end."""
     if threading.current_thread() is not threading.main_thread():
         return
     replaced = (signal.SIG_DFL, signal.default_int_handler, end_at_once)
@@ -106,9 +107,9 @@ def answered() -> None:
 
 
 def leave(code: int) -> NoReturn:
-    """Exit at once with a code, past all threads; end child processes, remove unfinished files. In
-    place of a normal exit of Python, in which Blender's module sometimes hangs. A signal that has
-    not been answered overrides the code."""
+    """Exit at once with a code, past all threads; end child processes, remove unfinished files,
+    flush standard output. In place of a normal exit of Python, in which Blender's module sometimes
+    hangs. A signal that has not been answered overrides the code, with 128 + number."""
     # Only one thread tidies up: a second one waits, then the process is gone.
     if _ending.acquire(timeout=TIDYING_S):
         if _state.is_answered:
@@ -133,9 +134,10 @@ def _note(number: int) -> None:
 
 
 def _watch(reading: int) -> None:
-    """Run the watching thread: read numbers of arrived signals from the descriptor ``reading``. If
-    the main thread does not call its handler in ``_LOOK_S``, record the signal here. End the
-    process if the main thread then exceeds its time limits to notice the signal and to unwind."""
+    """Run the watching thread, which never returns: read numbers of arrived signals from the
+    descriptor ``reading``. If the main thread does not call its handler in ``_LOOK_S``, record the
+    signal here. If the main thread then exceeds its time limits to notice the signal and to unwind,
+    end child processes, remove unfinished files and exit with 128 + number."""
     while True:
         handled = _state.handled
         numbers = os.read(reading, 64)

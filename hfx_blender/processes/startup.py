@@ -56,7 +56,8 @@ def end_at_once(number: int, _frame: object) -> None:
 
 
 def begin() -> None:
-    """Clean the import path; let signals without custom handler exit the process at once."""
+    """Clean the import path (:func:`clean_import_path`); let SIGINT, SIGTERM and SIGHUP without
+    custom handler exit the process at once, by :func:`end_at_once`."""
     clean_import_path()
     for number in SIGNALS:
         if _signal.getsignal(number) in (_signal.SIG_DFL, _signal.default_int_handler):

@@ -93,7 +93,8 @@ class Worker:
         return self.process is not None and self.process.poll() is None
 
     def start(self) -> None:
-        """Start the process and the threads of its pipes; OSError if that fails."""
+        """Start the process and the threads of its pipes, without waiting for a message; OSError if
+        no process can be started."""
         # A session of its own: Ctrl-C of the terminal does not reach the process, and kill() can
         # signal the whole process group.
         self.process = start.start(
@@ -163,7 +164,8 @@ class Worker:
 
     def close(self, limit_s: float | None = None) -> None:
         """Close the process's input after all unsent messages and wait for the exit; kill the
-        process after ``limit_s`` seconds (None: 10 s). No effect before the start."""
+        process after ``limit_s`` seconds (None: 10 s). No effect before the start; may be called
+        again."""
         if self.process is None:
             return
         self._unsent.put(None)

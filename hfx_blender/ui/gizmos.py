@@ -29,7 +29,8 @@ _COLOURS = ((0.9, 0.25, 0.3), (0.45, 0.75, 0.15), (0.2, 0.5, 0.95))
 
 
 def offset(effect: bpy.types.Object, axis: int) -> float:
-    """Distance of the volume's boundary from its centre along a local axis, world units."""
+    """Distance of the volume's boundary from its centre along a local axis, world units. KeyError
+    for an axis without its own size (:func:`_has`)."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     value = getattr(effect.hfx, name)
     length = value if component < 0 else value[component]

@@ -83,19 +83,22 @@ def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> No
 
 
 def path_of(effect: bpy.types.Object) -> F64:
-    """Stored path of an effect, (n, 3) metres, (0, 3) without a path; InputError if damaged."""
+    """Stored path of an effect, (n, 3) metres in rest space of the canonical body, (0, 3) without a
+    path; InputError if damaged."""
     return _points(effect, PATH)
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """Stored path without its temporary extension, (n, 3) metres; (0, 3) without a path."""
+    """Stored path without its temporary extension, (n, 3) metres in rest space; (0, 3) without a
+    path. Raises InputError: the stored path is damaged."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
 
 
 def knots_of(effect: bpy.types.Object) -> F64:
-    """Control points of a path, (k, 3) metres; all points of the path if none are stored."""
+    """Control points of a path, (k, 3) metres in rest space; all points of the path if none are
+    stored. Raises InputError: the stored points are damaged."""
     knots = _points(effect, KNOTS)
     return knots if len(knots) else path_of(effect)
 
@@ -181,7 +184,8 @@ def through(places: ArrayLike, kind: str, closed: bool = False) -> tuple[F64, F6
 
 
 def length_m(effect: bpy.types.Object) -> float:
-    """Length of an effect's path without the extension, metres; 0 without a path."""
+    """Length of an effect's path without the extension, metres in rest space; 0 without a path.
+    Raises InputError: the stored path is damaged."""
     from ...engine.areas.spot import lengths_along
 
     path = own_path(effect)

@@ -24,9 +24,10 @@ MOST_MISSING = 0.5
 def data_of(image: bpy.types.Image) -> F64:
     """Stored values (H, W) of an image's first channel, bottom row first, without colour space.
 
-    8-bit and 16-bit values are 0 to 1, float values are unchanged.
+    8-bit and 16-bit values are 0 to 1. Float values are unchanged, read again from the file; of a
+    generated or unsaved float image, the values in memory, converted by Blender.
 
-    Raises InputError: the image has no pixels, or too many.
+    Raises InputError: the image has no pixels, or too many, or its file is missing.
     """
     # Blender converts float images to linear light on loading; reloading as data avoids this.
     is_converted = image.is_float and not image.colorspace_settings.is_data

@@ -222,7 +222,7 @@ class DeviceThread:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence the device now, and end the script.
+        """Silence the device now without waiting, and end the script.
 
         Stop bytes are sent even to a silent device. ``event`` with ``reason`` is reported if the
         device was armed, or if the event is not "stopped".

@@ -116,8 +116,8 @@ def identities(
 
 def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
     """Name of the physical channel of each actuator: Buttplug feature, bHaptics position and motor,
-    or OSC address of the strength, with "*" in place of the configuration's id; "none" without a
-    channel."""
+    or OSC address of the strength, in which "*" replaces the id of the device's configuration;
+    "none" without a channel."""
     if isinstance(how, ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
     if isinstance(how, BhapticsEncoder):
@@ -180,11 +180,13 @@ class DutyBudgetStore:
 
     @contextmanager
     def claimed(self, identities: Sequence[Identity]) -> Iterator[list[BudgetUse]]:
-        """Context manager with the budgets of some identities, claimed for this process.
+        """Context manager with a use of each identity's budget, in order; saves and unlocks the
+        budgets at its end.
 
-        Several devices of this process may claim the same budget.
+        Budgets of hardware are locked against other processes, if the folder is writable and has
+        locks. Several devices of this process may share a budget.
 
-        Raises OutputLostError: another process has claimed a budget of the identities.
+        Raises OutputLostError: another process has locked a budget of hardware.
         """
         claimed: list[str] = []
         uses = []
@@ -225,7 +227,8 @@ class DutyBudgetStore:
             del self._stored[name]
 
     def save(self) -> None:
-        """Save changed budgets; a warning about an unwritable folder is logged once."""
+        """Save changed budgets; a failure is logged once and never raised, and the next call tries
+        again."""
         with self._lock:
             for identity, entry in self._stored.items():
                 self._save(identity, entry)

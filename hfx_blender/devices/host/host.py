@@ -126,7 +126,8 @@ class Host:
         self._finish(end)
 
     def end_with(self, pid: int) -> None:
-        """Stop all devices when process ``pid`` starts to exit; runs in a thread."""
+        """Wait for process ``pid`` to start to exit; then stop all devices and let this process
+        end. Runs in a thread."""
         # False where the system has no such test: the end of the pipe is then the only sign.
         if await_end(pid):
             self._finish("Blender has gone")

@@ -76,7 +76,8 @@ class LiveClient:
         atexit.register(self.close)
 
     def start(self) -> None:
-        """Start the output process unless running; DeviceError if that fails."""
+        """Start the output process unless running, without waiting until it is ready; the devices
+        of an ended process are forgotten. DeviceError if no process can be started."""
         if not self.pipe.is_running:
             self.close()
             self.pipe.start()
@@ -124,13 +125,14 @@ class LiveClient:
         return state
 
     def disconnect(self, name: str) -> None:
-        """Stop a device, close the port and forget the state; unknown names are ignored."""
+        """Request stop and closing of a device's port, without waiting, and forget the state;
+        unknown names are ignored."""
         self.close_port(name)
         self.devices.pop(name, None)
 
     def close_port(self, name: str) -> None:
-        """Stop a device and close the port; the state becomes "closed", or "lost" without a
-        confirmed stop."""
+        """Request stop and closing of a device's port, without waiting; the state becomes "closed",
+        or "lost" without a confirmed stop. Unknown names are ignored."""
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:

@@ -86,7 +86,8 @@ class HostPipe:
         return None if self.worker is None else self.worker.pid
 
     def start(self) -> None:
-        """Start a new output process; DeviceError if that fails."""
+        """Start a new output process without waiting for its event "ready"; unsent messages and the
+        state of an earlier process are discarded. DeviceError if no process can be started."""
         worker = self.worker = Worker(
             "devices.host.host",
             str(os.getpid()),

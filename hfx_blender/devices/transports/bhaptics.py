@@ -79,7 +79,8 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}), is_urgent=True)
 
     def close(self) -> None:
-        """Disconnect after up to 1 s for the Player's close frame; OutputLostError without it."""
+        """Disconnect without a stop, after up to 1 s for the Player's close frame, and release the
+        dots. Raises OutputLostError without the frame, and at a second call."""
         try:
             self._socket.finish()
         finally:

@@ -119,7 +119,7 @@ class CsvLog:
                 self._row("stop", self._channels.neutral)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; may be called again."""
         self._file.close()
 
     def _row(self, event: str, values: F64) -> None:

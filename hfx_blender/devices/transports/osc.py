@@ -68,7 +68,8 @@ class OscOutput:
         self._send(self._channels.values(values))
 
     def stop(self) -> None:
-        """Send neutral values three times, as datagrams may be lost."""
+        """Send neutral values three times, as datagrams may be lost; never raises
+        OutputLostError."""
         for _ in range(STOPS):
             with suppress(OutputLostError):
                 self._send(self._channels.neutral)

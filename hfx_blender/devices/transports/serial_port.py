@@ -143,12 +143,12 @@ class SerialFrames:
         self._port.write_newest(self._encoder.frame(values))
 
     def stop(self) -> None:
-        """Send the stop bytes ahead of unsent frames."""
+        """Send three copies of the stop bytes in place of unsent frames; never raises."""
         with suppress(OutputLostError):
             self._port.write_first(self._encoder.stop * STOPS)
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port without a stop; may be called again."""
         self._port.close()
 
 

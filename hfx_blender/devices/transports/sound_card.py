@@ -267,12 +267,13 @@ class SoundCard:
             self._waves.aim(tones)
 
     def stop(self) -> None:
-        """Fade to silence within 5 ms."""
+        """Fade to silence within 5 ms, in PortAudio's thread; does not wait."""
         with self._lock:
             self._silence()
 
     def close(self) -> None:
-        """Close the stream and release the channels; never raises; may be called again."""
+        """Close the stream without a fade and release the channels; never raises; may be called
+        again."""
         self._is_closed = True
         with suppress(Exception):
             self._stream.stop()

@@ -229,14 +229,15 @@ class WireBoard:
         self._port.write_newest(self._frame(FrameKind.VALUES, payload))
 
     def stop(self) -> None:
-        """Send stops ahead of unsent frames; the board then ignores values until configured."""
+        """Send three stops in place of unsent frames; the board then ignores values until
+        configured. Never raises OutputLostError."""
         self._is_stopped, self._is_ready = True, False
         with suppress(OutputLostError):
             frames = [self._frame(FrameKind.STOP) for _ in range(STOPS)]
             self._port.write_first(b"".join(frames))
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port without a stop; may be called again."""
         self._port.close()
 
     def _begin(self, patience_s: float) -> None:

@@ -99,8 +99,9 @@ def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
 
 
 def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
-    """One world box around skin without bones at each of ``rows`` (n,) of the block's times, with
-    the bulge of curved skin: lowest and highest corners, (n, 3) each, metres."""
+    """World boxes around skin that is posed point by point (no bones), at each of ``rows`` (n,) of
+    the block's times, with the bulge of curved skin; may be larger than the skin. Lowest and
+    highest corners, (n, 3) each, metres."""
     assert isinstance(skin.surface, PointwiseModel)
     to_world = pose.to_world[rows]
     low, high = skin.surface.box(pose, rows, to_world)

@@ -74,10 +74,10 @@ def _distances(shape: Shape, points: F64, to_world: F64, directions: F64) -> F64
 
 
 def _nearest_plane(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Normals (3, N) of the nearest supporting planes, shape space, not of unit length in the
-    world. H has kinks at flat faces, where the minimum may lie: along the axes of a cuboid and of
-    caps. H is smooth elsewhere, so a search from many directions finds the minimum: around the side
-    of a cylinder or capsule, and over the sphere."""
+    """Normals (3, N) of the supporting planes nearest to points (3, N) in world distance H; in
+    shape space, not of unit length in the world. H has kinks at flat faces, where the minimum may
+    lie: along the axes of a cuboid and of caps. H is smooth elsewhere, so a search from many
+    directions finds the minimum: around the side of a cylinder or capsule, and over the sphere."""
     count, candidates = points.shape[1], []
     if isinstance(shape, Cuboid | Cylinder):
         faces = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
@@ -104,9 +104,9 @@ def _directions() -> F64:
 
 
 def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat: bool) -> F64:
-    """Local minima (3, N, 4), unit normals in shape space, by shrinking steps from the best of the
-    starting directions (3, S). Starts are even in shape space and even in the world, where the
-    shape may be a needle. ``is_flat``: only directions normal to the axis."""
+    """Four local minima (3, N, 4) of the distance, unit normals in shape space, by shrinking steps
+    from the best of the starting directions (3, S). Starts are even in shape space and even in the
+    world, where the shape may be a needle. ``is_flat``: only directions normal to the axis."""
     # Normals map to the world by the inverse transpose, so world directions map back by this.
     in_world = to_world[:3, :3].T @ starts
     # In the plane normal to the axis the world metric is 2 x 2: its singular vectors map directions
@@ -132,8 +132,9 @@ def _searched(shape: Shape, points: F64, to_world: F64, starts: F64, *, is_flat:
 def _moved_to_least(
     shape: Shape, points: F64, to_world: F64, directions: F64, step: float, is_flat: bool
 ) -> F64:
-    """Directions (3, N, K), unit length, of the least distance among each direction and its
-    neighbours at ``step``: two along the equator if ``is_flat``, else four."""
+    """Unit normals (3, N, K), shape space: of each normal and its neighbours at ``step``, the one
+    whose supporting plane is nearest to the point (:func:`_distances`). Neighbours are two along
+    the equator if ``is_flat``, else four."""
     axis = np.zeros_like(directions)
     axis[2] = 1.0
     if not is_flat:

@@ -116,9 +116,9 @@ def _in_ball(start: F64, way: F64) -> Interval:
 
 
 def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
-    """First and last time, 0 to 1, of crossing triangles (F, 3, 3) on the way from ``start``, with
-    1e-9 beyond their edges; empty without. Moeller and Trumbore, "Fast, minimum storage
-    ray/triangle intersection", 1997."""
+    """First and last time (N,) of crossing triangles (F, 3, 3) on ways ``start`` to ``start +
+    way``, (3, N) each; 0 to 1, with 1e-9 beyond ends and edges; (inf, -inf) without a crossing.
+    Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997."""
     interval = np.full(start.shape[1], np.inf), np.full(start.shape[1], -np.inf)
     grain = 1e-9
     for a, b, c in corners:

@@ -278,8 +278,9 @@ class Renderer:
         return gains
 
     def script_input(self) -> F64:
-        """Values (T, columns) for a device's script: earlier by each actuator's latency, within its
-        limits, and not yet held for update intervals. Call after the last block is added."""
+        """Values (T, columns) for a device's script: earlier by each actuator's latency, if
+        compensated; within its limits, neutral for rows with a non-finite value; not yet held for
+        update intervals. Call after the last block is added."""
         values = np.zeros_like(self._values)
         for part, kind in self._parts():
             values[:, part] = self._limited(self._early(part, kind), part)

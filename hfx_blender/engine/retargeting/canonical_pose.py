@@ -120,8 +120,8 @@ class _Segments:
         return own, target
 
     def _torso(self, _side: str) -> tuple[F64, F64]:
-        """Transform of the torso, hips to shoulders; width and depth scaled by the spread of the
-        skin, 0.7 to 1.6, or 1 with 10 or fewer target vertices."""
+        """Rotation and matrix of the torso, hips to shoulders; width and depth scaled by the spread
+        of the skin, 0.7 to 1.6, or 1 with 10 or fewer target vertices."""
 
         def frame(at: Mapping[str, F64]) -> tuple[F64, F64, float]:
             hips = (at["hip.L"] + at["hip.R"]) / 2
@@ -142,7 +142,7 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, old_hips, new_hips)
 
     def _neck(self, _side: str) -> tuple[F64, F64]:
-        """Transform of the neck from the torso's neck joint to the head's joint, both as
+        """Rotation and matrix of the neck from the torso's neck joint to the head's joint, both as
         transformed; girth of the head."""
         # Neck joints differ among rigs; the adjacent skin of torso and head is reliable.
         start, end = self._c["neck"], self._c["head"]
@@ -152,8 +152,9 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Upright transform of the head; size and position from the skull above the ears. With 10
-        or fewer vertices: the torso's rotation at the head joint, or the torso's transform."""
+        """Identity and upright matrix of the head; size and position from the skull above the ears.
+        With 10 or fewer vertices: the torso's rotation at the head joint, or without the joint the
+        torso's rotation and matrix."""
         own, target = self._skins("head")
         if len(target) <= 10:
             has_joint = "head" in self._t
@@ -174,8 +175,8 @@ class _Segments:
         return affine(np.eye(3), np.diag([*scale, scale.mean()]), old, new)
 
     def _girdle(self, side: str) -> tuple[F64, F64]:
-        """Transform from the clavicle, moved with the torso, to the target's shoulder joint; girth
-        unchanged."""
+        """Rotation and matrix from the clavicle, moved with the torso, to the target's shoulder
+        joint; girth unchanged."""
         start = self._c[f"clavicle.{side}"]
         end = self._t[f"shoulder.{side}"]
         new_start = apply(self._matrix("torso"), start)
@@ -183,8 +184,8 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, old_end, new_start, end, 1.0)
 
     def _limb(self, name: str) -> tuple[F64, F64]:
-        """Transform of a limb bone between its two joints on the target. The parent's without a
-        first joint; without a last joint to the tip of the skin (forearm), else rigid."""
+        """Rotation and matrix of a limb bone between its two joints on the target. The parent's
+        without a first joint; without a last joint to the tip of the skin (forearm), else rigid."""
         stem, _, side = name.partition(".")
         parent, start, end = _ENDS[stem]
         parent_name = parent if parent == "torso" else f"{parent}.{side}"
@@ -200,8 +201,8 @@ class _Segments:
         return self._between(parent_name, start, end, self._girth(name, start, end))
 
     def _hand(self, side: str) -> tuple[F64, F64]:
-        """Transform of a hand by wrist and two or more knuckles, each scale 0.4 to 2.5; by
-        :meth:`_mitten` with fewer knuckles, the forearm's transform without a wrist."""
+        """Rotation and matrix of a hand by wrist and two or more knuckles, each scale 0.4 to 2.5;
+        by :meth:`_mitten` with fewer knuckles, the forearm's without a wrist."""
         forearm, wrist = f"forearm.{side}", f"wrist.{side}"
         if wrist not in self._t:
             return self._turn(forearm), self._matrix(forearm)
@@ -248,8 +249,9 @@ class _Segments:
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Transform of a flat foot: rotated about the vertical only, scaled by the sole. The
-        shank's transform without an ankle; unscaled with 10 or fewer vertices."""
+        """Rotation and matrix of a flat foot: rotated about the vertical only, scaled by the sole,
+        0.4 to 2.5. The shank's without an ankle; unscaled at the ankle with 10 or fewer
+        vertices."""
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:

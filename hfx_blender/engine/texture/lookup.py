@@ -91,7 +91,9 @@ class _Lines:
 
 
 def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
-    """Entries of M segments from ``starts_m`` to ``ends_m`` (2, M), x and y, into texels."""
+    """Entries of M segments from ``starts_m`` to ``ends_m`` (2, M), x and y, into texels,
+    unwrapped: M lists by columns, then M lists by rows, each from the first texel of the segment
+    on."""
     per_texel = np.array([[1.0 / texel_m[0]], [1.0 / texel_m[1]]])
     a, b = starts_m * per_texel, ends_m * per_texel
     count = a.shape[1]

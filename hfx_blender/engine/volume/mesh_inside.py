@@ -213,8 +213,9 @@ def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
     """Voxels touched by triangles (F, 3, 3), in cells: never too few, seldom too many.
 
     Triangles are cut into rows of cells (y), then into columns (x); within a column the triangle's
-    plane bounds its heights. ``counts`` (3,) are cells along each axis. Returns triangles, columns,
-    first and last (n,): a triangle touches the voxels ``first`` to ``last`` of a column.
+    plane bounds its heights. ``counts`` (3,) are cells along each axis; parts beyond count at the
+    border in x and z, and raise ValueError in y. Returns triangles, columns, first and last (n,): a
+    triangle touches the voxels ``first`` to ``last`` of a column.
     """
 
     def cells(low: F64, high: F64, axis: int) -> tuple[I64, I64]:

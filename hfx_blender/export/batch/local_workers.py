@@ -61,9 +61,10 @@ class UnitWorker:
         return None if worker is None else worker.pid
 
     def do(self, unit: Unit, progress: Progress, limit_s: float | None = None) -> Outcome:
-        """Execute a unit in the worker and return the outcome. Raises WorkerDiedError for a process
-        that died, TimeLimitError for a process ended after ``limit_s`` seconds (None: no limit),
-        and HfxError where Blender cannot be started."""
+        """Execute a unit in the worker, started if needed, and return the outcome. Raises
+        TimeLimitError for a unit above ``limit_s`` seconds (None: no limit), whose process is
+        ended; WorkerDiedError for a process that died or did not start in time, HfxError where
+        Blender cannot be started, and OSError where no process can."""
         # Blender never returns some memory, so a process serves a limited number of units.
         if self._count >= RENEW_AFTER:
             self._end()
@@ -172,7 +173,7 @@ class Workers(Protocol):
         ...
 
     def close(self) -> None:
-        """End all work, also units in execution."""
+        """End all work, also units in execution, and wait for the end; may be called again."""
         ...
 
 
@@ -237,7 +238,8 @@ class LocalWorkers:
             self._idle.put(worker)
 
     def close(self) -> None:
-        """End all workers; may be called again."""
+        """Cancel waiting units and end all workers, with units in execution, each killed after 10
+        s; wait for their cleanup. May be called again."""
         workers, self._workers = self._workers, []
         if not workers:
             return

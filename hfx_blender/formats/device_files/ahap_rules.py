@@ -165,8 +165,9 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _completed(kind: str, item: dict[str, Any]) -> dict[str, Any] | None:
-    """Copy of an entry or list item with time 0 if missing; None for one without effect. None: a
-    needed member is missing, or no control point remains."""
+    """Copy of an entry or list item with time 0 if missing (not for event parameters), and without
+    list items that lack a needed member. None: the entry itself lacks a needed member, or no
+    control point remains."""
     completed_item = {**item} if kind == "EventParameters" else {"Time": 0.0, **item}
     for listed in ("EventParameters", "ParameterCurveControlPoints"):
         if listed in completed_item:

@@ -228,8 +228,9 @@ def _strongest(curve: Curve, steps: int) -> F64:
 def _effect(
     levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
 ) -> dict[str, Any]:
-    """Effect of the steps of ``span``, (first, after the last), with the dots of all positions.
-    ``levels`` (steps, 20 columns for each of ``positions``) are percent."""
+    """Effect of the steps of ``span``, (first, after the last), with the dots of all positions;
+    ``startTime`` is of the file, times of dots from there. ``levels`` (steps, 20 columns for each
+    of ``positions``) are percent."""
     first, stop = span
     part = levels[first:stop]
     return {
@@ -333,8 +334,9 @@ def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
 
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
-    """Yield (motor number, piece) for the dots of a mode; points without ``index`` are skipped.
-    Times without a member: 0 for starts, the effect's ``offsetTime`` for ends."""
+    """Yield (motor number, piece) for the dots of a mode, in seconds of the file, with the fade of
+    ``playbackType``; points without ``index`` are skipped. Times of a feedback are relative to the
+    effect: without a member 0 for starts, the effect's ``offsetTime`` for ends."""
     begin = effect.get("startTime", 0)
     for feedback in mode.get("dotMode", {}).get("feedback", []):
         start = begin + feedback.get("startTime", 0)
@@ -349,9 +351,9 @@ def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[
 def _path_pieces(
     effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]
 ) -> Iterator[tuple[int, Piece]]:
-    """Yield (motor number, piece) of the dot of ``dots`` nearest to each point of the mode's paths.
-    A point lasts until the next point, the last until the end of the effect. Differences from
-    bHaptics' own playback are counted in ``lost`` by description."""
+    """Yield (motor number, piece) of the dot of ``dots`` nearest to each point of the mode's paths,
+    in seconds of the file. A point lasts until the next point, the last until the end of the
+    effect. Differences from bHaptics' own playback are counted in ``lost`` by description."""
     places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
     begin = effect.get("startTime", 0)
     for feedback in mode.get("pathMode", {}).get("feedback", []):

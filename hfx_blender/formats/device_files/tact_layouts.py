@@ -69,7 +69,9 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
     A device of the bHaptics Player has the dots of its configuration, as in live playback.
     Otherwise an actuator on the torso has the nearest of 4 columns (x) and 5 rows (z) of the vest,
     front for y < 0; actuators on a forearm, left for x > 0, have the sleeve's motors in the order
-    of the configuration. Actuators elsewhere, or beyond the six of a sleeve, are missing.
+    of the configuration. An actuator placed by vertices counts as on the torso, at the mean of its
+    first set; x is negated for a mirrored device. Actuators elsewhere, or beyond the six of a
+    sleeve, are missing.
     """
     encoder = device.output.encoder if device.output is not None else None
     if isinstance(encoder, BhapticsEncoder):

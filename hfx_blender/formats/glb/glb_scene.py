@@ -260,8 +260,9 @@ def _seconds(frame: float, time: TimeBase) -> float:
 
 
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
-    """Trigger primitive of MPEG_interactivity (a draft extension of glTF) as JSON: a shape with its
-    matrix (4, 4) to the world. None for a mesh, which the extension cannot hold."""
+    """Trigger primitive of MPEG_interactivity (a draft extension of glTF) as JSON: a unit shape
+    (radius 1, edges 2) and its matrix (4, 4) to the world, which has the true size. None for a
+    mesh, which the extension cannot hold."""
     placed = {"transformationMatrix": matrix.T.ravel().tolist()}
     if isinstance(shape, Capsule):
         ends = {

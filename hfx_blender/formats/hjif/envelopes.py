@@ -116,8 +116,9 @@ def keyframes_of(frames: Iterable[Keyframe]) -> list[dict[str, Any]]:
 
 
 def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
-    """Split a vibration at its silences into effects: position and keyframes of each. Equal
-    stretches get equal keyframes, so a library can store them once. Empty for silence."""
+    """Split a vibration at its silences into effects: position and keyframes, in ticks, of each,
+    with the silent row before and after. An effect longer than 65535 ticks is cut into several.
+    Equal stretches get equal keyframes, so a library can store them once. Empty for silence."""
     bursts = []
     cached: dict[bytes, tuple[Keyframe, ...]] = {}  # by rounded rows
     frequency = dense.frequency_hz

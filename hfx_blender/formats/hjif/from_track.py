@@ -180,7 +180,9 @@ class _Collected:
         """True if the vertices change; always False by part."""
 
     def add(self, run: SampleRun) -> None:
-        """Append the next samples of the stream, by ascending sample index."""
+        """Append the next samples of the stream, by ascending sample index: levels and parameters.
+        Of the contacts only the first vertex set and whether the set changes, or by body part the
+        strongest weight of each sample and the touched vertices."""
         self._rows.append(run.indices)
         self._levels.append(run.levels)
         self._parameters.append(run.parameters)

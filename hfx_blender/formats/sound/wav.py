@@ -146,8 +146,9 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
-    """Waves of the raster's rows, then of each effect on actuators with waveform output. Raises
-    InputError for a device without vibration actuators."""
+    """One drive of all raster rows and actuators, silent for actuators with waveform output, then a
+    drive of each effect on these, from a silent row before it. Raises InputError for a device
+    without vibration actuators, or with full scale 0."""
     vibrating, pairs, full_scale = vibration_of(raster, device)
     if not vibrating or full_scale == 0.0:
         raise InputError(

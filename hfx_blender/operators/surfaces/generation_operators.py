@@ -33,7 +33,9 @@ _folders: list[str] = []
 
 
 def _job(context: bpy.types.Context) -> dict[str, Any]:
-    """Request for the generation process, with a new folder; InputError for unusable input."""
+    """Request for the generation process, with a new folder: the words, or a picture file, whose
+    pixels are saved in the folder. InputError without words or picture, or for an unreadable
+    picture."""
     import numpy as np
 
     from ...authoring.surfaces import image_values

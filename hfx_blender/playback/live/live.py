@@ -96,10 +96,11 @@ class Live:
         return None if connected is None else connected.device
 
     def connect(self, name: str, settings: live_settings.LiveSettings) -> None:
-        """Connect a device, start the output process if needed, and arm the device.
+        """Connect a device, start the output process if needed, and arm the device; does not wait
+        for the opening, whose failures arrive as events.
 
-        Raises InputError: the device is unknown, or its script is not approved.
-        Raises DeviceError: the device is on no port, or the output process does not start.
+        Raises InputError: the device is unknown, or its script is not approved. Raises DeviceError:
+        the device is on no port, or the output process does not start.
         """
         from ...devices.configuration import named_in_blend
         from ...devices.live.approval import is_shipped
@@ -159,7 +160,8 @@ class Live:
             self.client.stop_all(reason)
 
     def arm(self) -> None:
-        """Clear the fault and arm all devices; values ramp up from silence."""
+        """Clear the fault and arm all devices; values ramp up from silence. No effect without a
+        client."""
         if self.client is not None:
             self.client.arm()
             self.fault, self.slow_frames.newest = "", None
@@ -206,7 +208,8 @@ class Live:
             self.client.send(name, values)
 
     def close(self) -> None:
-        """Silence all devices, end the output process, remove handlers and timer."""
+        """Discard the description and the open track, remove handlers and timers; then stop all
+        devices and end the output process, killed after about a second. May be called again."""
         client, self.client = self.client, None
         self.connected.clear()
         recorder.is_wanted_by_devices = False
@@ -241,7 +244,8 @@ class Live:
         return self.tracks if scene.hfx.live_source == "TRACK" else self._scene
 
     def follow_other(self) -> None:
-        """Switch to the selected source; devices pause until the description is sent."""
+        """Follow a change of the scene's *source* (scene or track): pause all devices, clear the
+        fault, and with a client request the description, which is sent later."""
         self._pause()
         self.described, self.fault = None, ""
         if self.client is not None:

@@ -56,7 +56,8 @@ class SceneSource:
         recorder.check_settings(context.scene)
 
     def begin(self, client: LiveClient) -> None:
-        """Send the description to the output process."""
+        """Send the description to the output process, with the first body as wearer of all devices.
+        The scene must be open."""
         from ...engine.rendering.moment import moment_header
 
         assert evaluation.scene is not None

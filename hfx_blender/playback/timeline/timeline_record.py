@@ -152,15 +152,17 @@ class TimelineRecord:
 def record(
     scene: bpy.types.Scene, *, may_step: bool, with_positions: bool = False
 ) -> Iterator[TimelineRecord | None]:
-    """Record a scene in pieces: yields None after each block, and the record at the end.
+    """Record a scene in pieces: yields None after each block, and the record at the end. A device
+    that cannot be loaded or rendered is left out, with its error in ``faults`` of the record.
+    Latency is not compensated.
 
     ``may_step``: allow setting frames of scenes. The generator must then run to its end without a
-    pause, as its end restores the frame.
-    ``with_positions``: record positions of samples, for devices in the room.
+    pause, as its end restores the frame. ``with_positions``: record positions of samples, for
+    devices in the room.
 
     Raises NeedsSteppingError: without ``may_step``, frames have to be set, or volumes need the slow
-    reference.
-    Raises InputError: the scene has no body or effect, or more than :data:`MOST_SAMPLES` frames.
+    reference. Raises InputError: the scene has no body or effect, or more than :data:`MOST_SAMPLES`
+    frames.
     """
     if not may_step and sources_of(scene):  # the reader steps all frames to find instances
         raise NeedsSteppingError(_MUST_STEP)

@@ -65,10 +65,10 @@ SILENCED = Activation(ActivationSource.OFF)
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:
-    """Activation of an effect from NLA clips, F-curves and drivers of ``activation``. Always on
-    without any; off if no clip is evaluated (muted, not solo, NLA off). A single F-curve without
-    NLA, and evaluated clips without extrapolation, bound the spans; otherwise all frames may be
-    on."""
+    """Activation of an effect from unmuted F-curves and drivers of ``activation``, else from NLA
+    clips. Always on without any; off if there are only clips and none is evaluated (muted, not
+    solo, NLA off). A single F-curve without NLA, and evaluated clips without extrapolation, bound
+    the spans; otherwise all frames may be on."""
     data = effect.animation_data
     if data is None:
         return Activation(ActivationSource.ALWAYS_ON)

@@ -315,8 +315,9 @@ class Instances:
         return replace(block, effects=(*block.effects, *more))
 
     def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
-        """Effect rows by key at sample ``index``; the last :data:`OVERLAP` samples are cached.
-        Failed drivers and instances without a description are recorded as faults."""
+        """Rows of all effects by key at sample ``index``; the last :data:`OVERLAP` samples are
+        cached. Failed drivers and instances without a description are recorded as faults; their
+        rows stay in the result."""
         if index not in self._last:
             stepper.set_frame(self._time.frame(index))
             for failure in stepper.failures:

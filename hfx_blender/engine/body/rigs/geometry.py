@@ -33,9 +33,9 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
 
 
 def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | None:
-    """Unit vector to the body's left: across up and the mean horizontal direction from ankles to
-    toes. None without feet and toes, for feet shorter than ``least`` times the trunk, or opposite
-    feet."""
+    """Unit vector to the body's left: across the body's up and the mean direction, normal to up,
+    from ankles to toes. None without feet and toes, for feet shorter than ``least`` times the
+    trunk, or feet 90 degrees or more apart."""
     up = _up(heads)
     if up is None:
         return None
@@ -151,7 +151,7 @@ def _body(
 
 def _is_across(heads: Mapping[str, F64], left: F64) -> bool:
     """True if thighs and upper arms lie apart along ``left`` (cosine 0.8, a tenth of the trunk),
-    and feet lie below the thighs by half a trunk."""
+    and feet lie below the thighs by half a trunk, along the body's up."""
     trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]

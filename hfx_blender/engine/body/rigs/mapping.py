@@ -168,7 +168,8 @@ def convention_of(names: Iterable[str]) -> str:
 
 def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
     """Mapping with some canonical bones reassigned to another avatar bone, or to none (None, "").
-    Raises InputError: a name is not a canonical bone, or no bone remains."""
+    Fallbacks and the report's sentences about missing bones are new; an avatar bone may be mapped
+    twice. Raises InputError: a name is not a canonical bone, or no bone remains."""
     _check_canonical(corrections)
     bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
     # An empty correction leaves the joint open: its skin follows a fallback.
