@@ -14,14 +14,15 @@ namespace Hfx.Haptics
         readonly double[] factors; // of each column
         double start, end;
         int shownRow;
+        bool loops, loopsWhole; // what plays now; the whole clip
 
         public HapticClip Clip { get; private set; }
         public bool IsPlaying { get; private set; }
         /// <summary>Stands still, in silence.</summary>
         public bool IsPaused { get; set; }
-        /// <summary>Begins again at the end.</summary>
-        public bool Loops { get; set; }
-        /// <summary>Scales how far all strengths are from neutral.</summary>
+        /// <summary>Whether what plays now begins again at its end. Set, it applies to the whole clip, too.</summary>
+        public bool Loops { get { return loops; } set { loops = loopsWhole = value; } }
+        /// <summary>Scales how far all strengths are from neutral; below 0 and NaN count as 0.</summary>
         public double Gain { get; set; }
         /// <summary>Seconds from the beginning of the clip.</summary>
         public double Position { get; private set; }
@@ -30,25 +31,43 @@ namespace Hfx.Haptics
         {
             Clip = clip;
             factors = new double[clip.Columns.Length];
-            end = clip.Seconds;
             Reset();
         }
 
-        /// <summary>Begins at the beginning, with gain 1 and as the clip was made.</summary>
-        public void Play() { Begin(0.0, Clip.Seconds, false); }
+        /// <summary>Begins again at the beginning. Gain, factors and loop stay, a pause ends.</summary>
+        public void Play() { Begin(0.0, Clip.Seconds, loopsWhole); }
 
-        /// <summary>Begins with a named clip, which loops if it is meant to; false: there is none.</summary>
+        /// <summary>
+        /// Begins again with a named clip, which loops if it is meant to (null or empty: the whole clip). Gain, factors
+        /// and the loop of the whole clip stay; false: there is no such name, and silence.
+        /// </summary>
         public bool Play(string name)
         {
+            if (string.IsNullOrEmpty(name))
+            {
+                Play();
+                return true;
+            }
             foreach (NamedClip each in Clip.NamedClips)
             {
                 if (each.Name != name) continue;
                 Begin(each.StartSeconds, each.EndSeconds, each.Loops);
                 return true;
             }
+            Begin(0.0, 0.0, false);
             return false;
         }
 
+        /// <summary>Gain and factors of 1, no loop, silence.</summary>
+        public void Reset()
+        {
+            Gain = 1.0;
+            for (int k = 0; k < factors.Length; k++) factors[k] = 1.0;
+            loopsWhole = false;
+            Begin(0.0, 0.0, false);
+        }
+
+        /// <summary>Ends in silence, at the beginning of what was played.</summary>
         public void Stop()
         {
             IsPlaying = false;
@@ -94,7 +113,7 @@ namespace Hfx.Haptics
             {
                 first = Math.Min(first, now);
             }
-            else if (Loops)
+            else if (loops)
             {
                 double past = Position - end, length = end - start;
                 Position = start + past % length;
@@ -122,21 +141,14 @@ namespace Hfx.Haptics
             for (int k = 0; k < Clip.Columns.Length; k++) values[k] = (float)Clip.Columns[k].Neutral;
         }
 
-        void Begin(double from, double to, bool loops)
+        void Begin(double from, double to, bool again)
         {
-            Reset();
             start = from;
             end = to;
-            Loops = loops;
+            loops = again;
             IsPaused = false;
             IsPlaying = end > start;
             Seek(start);
-        }
-
-        void Reset()
-        {
-            Gain = 1.0;
-            for (int k = 0; k < factors.Length; k++) factors[k] = 1.0;
         }
 
         int RowOf(double seconds)

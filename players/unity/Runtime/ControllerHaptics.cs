@@ -14,7 +14,7 @@ namespace Hfx.Haptics
     {
         [SerializeField] HapticPlayer player;
         [SerializeField] HapticBody body;
-        /// <summary>Id of a device in the clip (say oculus_touch); empty: all devices.</summary>
+        /// <summary>Id of a device in the clip (say oculus_touch, with or without its side); empty: all devices.</summary>
         [SerializeField] string device = "";
 
         struct Pulse
@@ -23,6 +23,8 @@ namespace Hfx.Haptics
         }
 
         bool isLeftOn, isRightOn, isListening;
+
+        public string Device { get { return device; } set { device = value ?? ""; } }
 
         public HapticPlayer Player
         {
@@ -83,7 +85,7 @@ namespace Hfx.Haptics
         {
             foreach (Device each in clip.Devices)
             {
-                if (device.Length > 0 && each.Id != device) continue;
+                if (!each.IsNamed(device)) continue;
                 for (int k = each.FirstActuator; k < each.FirstActuator + each.Actuators; k++)
                 {
                     Actuator actuator = clip.Actuators[k];

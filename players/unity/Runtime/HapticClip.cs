@@ -16,6 +16,15 @@ namespace Hfx.Haptics
         public int FirstActuator, Actuators;
         /// <summary>Seconds without a new value after which an output falls silent by itself.</summary>
         public double DeadManSeconds;
+
+        /// <summary>Whether this is a device of a name: empty is any, "glove" is glove, glove_left and glove_right.</summary>
+        public bool IsNamed(string name)
+        {
+            if (name.Length == 0 || Id == name) return true;
+            if (!Id.StartsWith(name, StringComparison.Ordinal)) return false;
+            bool isLeft = Id.Length == name.Length + 5 && Id.EndsWith("_left", StringComparison.Ordinal);
+            return isLeft || (Id.Length == name.Length + 6 && Id.EndsWith("_right", StringComparison.Ordinal));
+        }
     }
 
     /// <summary>An actuator of a device; its first column is its strength.</summary>

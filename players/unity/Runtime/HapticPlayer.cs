@@ -17,9 +17,13 @@ namespace Hfx.Haptics
         [SerializeField] bool loop;
         [SerializeField, Range(0.0f, 4.0f)] float gain = 1.0f;
 
+        /// <summary>Seconds of the clip in a second of the game; 0 stands still.</summary>
+        [SerializeField, Range(0.0f, 4.0f)] float speed = 1.0f;
+
         ClipPlayer player;
         float[] values;
-        bool isPaused, isAway; // by the game; because the application is paused or has lost its focus
+        bool isLooping; // as last given to the player
+        bool isHeld, isUnfocused, isPaused; // by the game; the application has lost its focus, is paused
 
         /// <summary>Each frame in which something plays, and once more when it ends: all columns, in their units.</summary>
         public event Action<HapticPlayer> ValuesChanged;
@@ -41,26 +45,46 @@ namespace Hfx.Haptics
         public HapticClip Clip { get { return clip != null ? clip.Clip : null; } }
         public float[] Values { get { return values; } }
         public bool IsPlaying { get { return player != null && player.IsPlaying; } }
+        /// <summary>Seconds from the beginning of the clip; where it has ended by itself, its end.</summary>
+        public double Position { get { return player != null ? player.Position : 0.0; } }
         public float Gain { get { return gain; } set { gain = value; } }
-        public bool Loop { get { return loop; } set { loop = value; } }
-
-        /// <summary>Begins at the beginning.</summary>
-        public void Play()
+        public float Speed { get { return speed; } set { speed = value; } }
+        /// <summary>Whether the whole clip loops; set while a named clip plays, it applies to that, too.</summary>
+        public bool Loop
         {
-            if (Prepare()) player.Play();
+            get { return loop; }
+            set
+            {
+                loop = isLooping = value;
+                if (player != null) player.Loops = value;
+            }
         }
 
-        /// <summary>Begins with a named clip of the scene, which loops if it is meant to.</summary>
+        /// <summary>Begins again at the beginning. Gain, speed, factors and loop stay.</summary>
+        public void Play() { Play(""); }
+
+        /// <summary>
+        /// Begins again with a named clip of the scene, which loops if it is meant to (empty: the whole clip).
+        /// Gain, speed, factors and <see cref="Loop"/> stay; an unknown name is an error, and silence.
+        /// </summary>
         public void Play(string name)
         {
-            if (!Prepare()) return;
-            if (player.Play(name)) loop = player.Loops;
-            else Debug.LogError("The haptic clip has no part '" + name + "'.", this);
+            isHeld = false;
+            if (!Prepare())
+            {
+                Debug.LogError("The haptic player has no clip.", this);
+                return;
+            }
+            if (loop != isLooping) Loop = loop;
+            if (player.Play(name)) return;
+            Debug.LogError("The haptic clip has no part '" + name + "'.", this);
+            Silence();
         }
 
+        /// <summary>Stands still in silence, until it is called with false or something is played.</summary>
         public void Pause(bool pause)
         {
-            isPaused = pause;
+            isHeld = pause;
             Hold();
         }
 
@@ -76,13 +100,16 @@ namespace Hfx.Haptics
             if (player != null) player.Seek(seconds);
         }
 
+        /// <summary>Scales one parameter, say amplitude_m_s2; false: the clip has none of this name, or there is no clip.</summary>
         public bool SetParameter(string parameter, double factor)
         {
-            return player != null && player.SetParameter(parameter, factor);
+            return Prepare() && player.SetParameter(parameter, factor);
         }
 
         void OnEnable()
         {
+            isUnfocused = !Application.isFocused;
+            isPaused = false;
             if (playOnEnable) Play();
         }
 
@@ -90,51 +117,47 @@ namespace Hfx.Haptics
 
         void OnApplicationFocus(bool hasFocus)
         {
-            isAway = !hasFocus;
+            isUnfocused = !hasFocus;
             Hold();
         }
 
         void OnApplicationPause(bool pause)
         {
-            isAway = pause;
+            isPaused = pause;
             Hold();
         }
 
         void Hold()
         {
-            if ((isPaused || isAway) && player != null) Silence();
+            if ((isHeld || isUnfocused || isPaused) && player != null) Silence();
         }
 
         void Update()
         {
-            if (!IsPlaying || isPaused || isAway) return;
+            if (!IsPlaying || isHeld || isUnfocused || isPaused) return;
             if (Time.timeScale == 0.0f)
             {
                 Silence();
                 return;
             }
+            if (loop != isLooping) Loop = loop; // changed in the inspector
             player.Gain = gain;
-            player.Loops = loop;
-            player.Advance(Time.deltaTime, values);
+            player.Advance(Time.deltaTime * speed, values);
             Tell();
             if (player.IsPlaying) return;
             Silence();
             if (Finished != null) Finished();
         }
 
+        /// <summary>Makes a player of the clip; false: there is no clip.</summary>
         bool Prepare()
         {
-            isPaused = false;
-            if (clip == null)
-            {
-                Debug.LogError("The haptic player has no clip.", this);
-                return false;
-            }
-            if (player == null || player.Clip != clip.Clip)
-            {
-                player = new ClipPlayer(clip.Clip);
-                values = new float[clip.Clip.Columns.Length];
-            }
+            if (clip == null) return false;
+            if (player != null && player.Clip == clip.Clip) return true;
+            player = new ClipPlayer(clip.Clip) { Loops = loop };
+            isLooping = loop;
+            values = new float[clip.Clip.Columns.Length];
+            player.Neutral(values);
             return true;
         }
 

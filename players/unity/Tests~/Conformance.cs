@@ -19,6 +19,7 @@ static class Conformance
     {
         string[] paths = Directory.GetFiles(arguments[0], "*.hfxclip");
         foreach (string path in paths) Play(path);
+        wrong += Behaviour.Play(Path.Combine(arguments[0], "behaviour"));
         int damaged = 0;
         foreach (string path in paths) damaged += Damage(path);
         foreach (string path in paths) Garbage(path);
@@ -46,8 +47,8 @@ static class Conformance
             switch (call[0])
             {
                 case "columns": Check(int.Parse(argument) == found.Length, path + ": columns"); break;
-                case "play": player.Play(); factors.Clear(); break;
-                case "named": Check(player.Play(argument), line); factors.Clear(); break;
+                case "play": player.Reset(); player.Play(); factors.Clear(); break;
+                case "named": player.Reset(); Check(player.Play(argument), line); factors.Clear(); break;
                 case "gain": player.Gain = Number(argument); break;
                 case "loop": player.Loops = argument == "1"; break;
                 case "pause": player.IsPaused = argument == "1"; break;

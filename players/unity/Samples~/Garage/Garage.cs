@@ -33,7 +33,6 @@ namespace Hfx.Haptics.Samples
                 bars[k].SetParent(transform, false);
             }
             player.Play();
-            player.Loop = true;
         }
 
         void Show(HapticPlayer player)

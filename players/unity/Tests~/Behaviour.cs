@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: MIT
+using System;
+using System.Collections.Generic;
+using System.Globalization;
+using System.IO;
+using Hfx.Haptics;
+
+/// <summary>Plays the calls of players/conformance/behaviour and compares what is expected of each.</summary>
+static class Behaviour
+{
+    /// <summary>The number of lines that are wrong.</summary>
+    public static int Play(string folder)
+    {
+        HapticClip clip = new HapticClip(File.ReadAllBytes(Path.Combine(folder, "behaviour.hfxclip")));
+        ClipPlayer player = null;
+        float[] values = new float[clip.Columns.Length];
+        int wrong = 0, compared = 0;
+        foreach (string line in File.ReadAllLines(Path.Combine(folder, "behaviour.txt")))
+        {
+            if (line.Length == 0 || line[0] == '#') continue;
+            string[] sides = line.Split('='), call = sides[0].Trim().Split(new[] { ' ' }, 2);
+            string argument = call.Length > 1 ? call[1] : "", expected = sides.Length > 1 ? sides[1].Trim() : null;
+            string found = null;
+            switch (call[0])
+            {
+                case "open": player = new ClipPlayer(clip); break;
+                case "play": found = player.Play(argument) ? "1" : "0"; break;
+                case "stop": player.Stop(); break;
+                case "seek": player.Seek(Number(argument)); break;
+                case "gain": player.Gain = Number(argument); break;
+                case "loop": player.Loops = argument == "1"; break;
+                case "pause": player.IsPaused = argument == "1"; break;
+                case "playing": found = player.IsPlaying ? "1" : "0"; break;
+                case "position": found = Math.Abs(player.Position - Number(expected)) < 1e-6 ? expected : player.Position.ToString(); break;
+                case "devices": found = Devices(clip, argument); break;
+                case "parameter":
+                    string[] words = argument.Split(' ');
+                    bool isThere = player.SetParameter(words[0], Number(words[1]));
+                    if (isThere == (expected == null)) break;
+                    found = isThere + "";
+                    expected = expected ?? "";
+                    break;
+                case "advance":
+                    player.Advance(Number(argument), values);
+                    found = Values(clip, values, expected);
+                    break;
+                default: found = "no such call"; break;
+            }
+            compared++;
+            if (call[0] == "parameter" && found == null) continue;
+            if (found == expected) continue;
+            wrong++;
+            Console.WriteLine("behaviour: " + line + ": " + found);
+        }
+        return compared > 80 ? wrong : wrong + 1;
+    }
+
+    static string Devices(HapticClip clip, string name)
+    {
+        List<string> found = new List<string>();
+        for (int k = 0; k < clip.Devices.Length; k++) if (clip.Devices[k].IsNamed(name)) found.Add(k.ToString());
+        return string.Join(" ", found.ToArray());
+    }
+
+    /// <summary>What is expected, if the values are within twice 1/65535 of full scale (of a gain of 2).</summary>
+    static string Values(HapticClip clip, float[] values, string expected)
+    {
+        string[] words = expected.Split(' ');
+        bool isRight = words.Length == values.Length;
+        for (int k = 0; k < values.Length && isRight; k++)
+        {
+            double slack = 2.0 * (clip.Columns[k].Highest - clip.Columns[k].Lowest) / 65535.0 + 1e-6;
+            isRight = Math.Abs(values[k] - Number(words[k])) <= slack;
+        }
+        return isRight ? expected : string.Join(" ", Array.ConvertAll(values, value => value.ToString(CultureInfo.InvariantCulture)));
+    }
+
+    static double Number(string text) { return text == "nan" ? double.NaN : double.Parse(text, CultureInfo.InvariantCulture); }
+}
