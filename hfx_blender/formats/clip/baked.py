@@ -77,6 +77,8 @@ def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
     numbers = numbers.reshape(count, columns)
     lowest, highest = column_records["lowest"], column_records["highest"]
     values = lowest + (highest - lowest) * (numbers / FULL_SCALE)
+    # The neutral value rarely falls on a step. Its number means exactly neutral, so actuators at
+    # rest stay at rest.
     is_neutral = numbers == column_records["neutral_number"]
     return rows, np.where(is_neutral, column_records["neutral"], values)
 

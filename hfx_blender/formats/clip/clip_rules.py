@@ -278,6 +278,8 @@ def _bodies(sections: Sections) -> list[Finding]:
     is_bad = (parents != NONE) & (parents >= own)
     # Players pose bones in the order of the file, so a parent is posed before its children.
     findings = _first("BONE", "parent", parents, is_bad, "a bone before it")
+    # The bone count of a body is repeated down to its weights. Ranges tile their sections in order,
+    # so repetition joins the records without an index.
     bones_of_model = np.repeat(bodies["bones"], bodies["models"])
     bones_of_vertex = np.repeat(bones_of_model, models["vertices"])
     weights = sections["WGHT"]
@@ -300,6 +302,7 @@ def _spatial(sections: Sections) -> list[Finding]:
     is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
     findings = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
     reactions = sections["REAC"]
+    # Model numbers may be used as indices: an earlier group has checked all references.
     counts = sections["MODL"]["vertices"][reactions["model"]]
     reached = sections["RCHV"]["vertex"]
     actuators = reactions["actuator"].astype(np.int64)

@@ -90,6 +90,7 @@ class Texts:
     """Collector of a clip's texts, each stored once."""
 
     def __init__(self) -> None:
+        # Offset 0 is the empty text, so zeros in a record are a valid reference.
         self._bytes = bytearray(b"\0")
         self._places: dict[str, int] = {"": 0}
 
@@ -192,5 +193,6 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
                 f"{name}: the section '{section}' has {length} bytes from byte {first}, allowed "
                 f"is a multiple of {kind.itemsize} bytes within {size}, from a multiple of 8."
             )
+        # A view of the file's bytes without a copy, aligned by the check above.
         sections[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
     return sections

@@ -126,6 +126,8 @@ class _Bodies:
         vertices = sum(len(part) for part in self._rows["VERT"])
         self.stored_models[body_id, model.id] = (
             len(self._rows["MODL"]),
+            # The argsort of a permutation is the inverse permutation: the file's position of each
+            # chosen vertex.
             np.argsort(order)[chosen.coarse_of],
             model,
         )
@@ -146,6 +148,7 @@ def _neighbours_first(model: PerceptualModel, ids: I64) -> I64:
     # have small boxes.
     weights = model.weights
     _, owner = ramp(np.diff(weights.offsets))
+    # Sorted by vertex, then by falling weight: the entry at a vertex's offset is the strongest.
     strongest = np.lexsort((-weights.values, owner))[weights.offsets[:-1]]
     bone = weights.bones[strongest][ids]
     places = model.vertices[ids].astype(np.float64)
@@ -326,6 +329,7 @@ def _reactions(played: Played, bodies: _Bodies, modalities: set[str]) -> dict[st
     device's body; none for actuators at a fixed place in the room."""
     rows: list[tuple[Any, ...]] = []
     reached: list[Records] = []
+    # Actuators are numbered over all devices, in the order of the baked part's records.
     first = 0
     for device, raster in played:
         for number, actuator in enumerate(device.actuators, first):

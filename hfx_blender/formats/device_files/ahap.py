@@ -81,6 +81,8 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
         ):
             if content["Pattern"]:
                 files.append(part_path(stem, signal.name, suffix))
+                # Converters of Meta and Lofelt store the square root of the amplitude; the key
+                # states this file's law for reading.
                 content["Metadata"][_LAW_KEY] = _LINEAR
                 write_json(content, files[-1])
     return Written(
@@ -102,6 +104,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
         cuts = np.linspace(start, end, count + 1)
         # An event lasts 30 s at most: longer stretches are several events without gaps.
         for begin, stop in pairwise(cuts.tolist()):
+            # Full intensity: controls multiply, so the control curve alone is the envelope.
             pattern.append(_continuous(begin, stop - begin, 1.0, constant or 0.0))
     controls: list[dict[str, Any]] = []
     if pattern:
@@ -216,6 +219,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     codes = {f"AHAP-{code}" for code in lenient}
     notes = refuse_untolerated(findings(document), name, lambda each: each.code in codes)
     document = known_members(DOCUMENT, document)
+    # A missing member ends the check before the rules of values: the completed document is checked
+    # again.
     if any("[AHAP-MISSING]" in note for note in notes):
         document = completed(document)
         notes += refuse_untolerated(findings(document), name, lambda each: each.code in codes)
@@ -246,6 +251,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         level = min(max(float(values.get(INTENSITY, 1.0)), 0.0), 1.0)
         pitch = min(max(float(values.get(SHARPNESS, 0.5)), 0.0), 1.0)
         if kind == "HapticTransient":
+            # Controls act on the whole pattern: a tick takes their values at its start.
             amplitude = level * float(intensity.at(start))
             tone_hz = float(frequencies.hertz(pitch + float(sharpness.at(start))))
             transients.append(Transient(start, amplitude, tone_hz))
@@ -267,6 +273,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
                 steps = np.arange(_PARTS * (len(knots) - 1) + 1) / _PARTS
                 times = np.interp(steps, np.arange(len(knots)), knots)
                 strength = Curve(times, level * shape.at(times) * intensity.at(times))
+                # Never shared, as a shape depends on the event's own times; stored for the count of
+                # keyframes.
                 strengths[start, end, len(pieces)] = strength
             else:
                 if (level,) not in strengths:

@@ -99,6 +99,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     known = {time for time, _ in points}
     points += [(t, float(signal.amplitude.at(t))) for t in sorted(ticks) if t not in known]
     points.sort(key=lambda point: point[0])
+    # All samples of the maker begin at 0 s.
     if points[0][0] > 0.0:
         points.insert(0, (0.0, points[0][1]))
     # Meta's reader refuses an envelope without duration.
@@ -108,6 +109,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     for time, value in points:
         breakpoints.append({"time": time, "amplitude": round(value, 6)})
         if time in ticks:
+            # Removed, so of the two breakpoints of a step only the first has the emphasis.
             emphasized = ticks.pop(time)
             breakpoints[-1]["emphasis"] = {
                 "amplitude": round(max(emphasized.amplitude, breakpoints[-1]["amplitude"]), 6),

@@ -142,6 +142,7 @@ def write_openharmony(
             },
             "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
         }
+        # The limit of the system is on bytes of the file, known only after encoding.
         return content if len(encoded(content)) <= OPENHARMONY_MAX_BYTES else None
 
     limit = f"{OPENHARMONY_MAX_EVENTS} events and {OPENHARMONY_MAX_BYTES >> 10} KiB"
@@ -293,6 +294,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         else:
             pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
             end_s = max(end_s, pieces[index][-1].end_s)
+    # HFX's own descriptions end with "; 0 to 100 is LOW to HIGH Hz".
     label = title.partition(";")[0] or Path(name).stem
     created = text_of(metadata, "Created") or text_of(metadata, "Create")
     signals = []

@@ -93,6 +93,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         all_shares = np.rint(np.interp(all_ms, grid, shares[indices])).astype(int).tolist()
         points = list(zip(all_ms, all_levels, all_shares, strict=True))
         events += _cut(points, cuts, falls_to_zero)
+    # A tick ends where it starts, so at equal starts the tick precedes the envelope's event.
     return sorted([*events, *ticks], key=lambda each: (each.start_ms, each.end_ms))
 
 
@@ -126,6 +127,7 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
             if not following or following[0].start_ms >= earliest:
                 delays[count] = 0
                 break
+            # Continuous events join without gaps: only a tick may be played late.
             if following[0].transient:
                 delays[count] = earliest - following[0].start_ms
         count = min(delays, key=lambda number: delays[number], default=len(candidates))
@@ -220,6 +222,8 @@ def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
         "RelativeTime": relative_ms,
         "Duration": event.points[-1][0],
         "Parameters": {
+            # Points of the curve multiply the intensity and add to the frequency: 100 and 0 leave
+            # the points' values.
             "Intensity": 100,
             "Frequency": 0,
             "Curve": [

@@ -116,6 +116,7 @@ def _frames(signal: Signal, hertz: FrequencyRange) -> Iterator[dict[str, Any]]:
         amplitude = signal.amplitude
         times = joined_times([amplitude], start, end)
         levels = amplitude.at(times)
+        # A step at the border is played by the next frame: here the value before the step ends.
         levels[-1] = amplitude.before(end)
         # Each frame is complete in itself, with values at its start and end.
         pitch = joined_times([signal.frequency_hz], start, end)

@@ -165,6 +165,7 @@ def document(
     and the file's name in messages."""
     layout = LAYOUTS[kind]
     end_s = max((signal.duration_s for signal in signals), default=0.0)
+    # The margin keeps a duration of whole steps, computed in floats, from one step more.
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
     most_bytes = 3.0 * 8.0 * steps * len(layout.positions) * MAX_DOTS  # strengths, in three steps
     limits.MEMORY.check(most_bytes, name, "strengths every 20 ms would take")
@@ -236,6 +237,7 @@ def _effect(
     return {
         "name": f"from {first * INTERVAL_MS} ms",
         "startTime": first * INTERVAL_MS,
+        # In spite of the name the duration of the effect, as in bHaptics' parser.
         "offsetTime": (stop - first) * INTERVAL_MS,
         "modes": {
             position: {
@@ -244,6 +246,7 @@ def _effect(
                     "dotConnected": False,
                     "feedback": list(_dots(part[:, k * MAX_DOTS : (k + 1) * MAX_DOTS])),
                 },
+                # The parser refuses a mode without both members, whichever is played.
                 "pathMode": {
                     "feedback": [
                         {"playbackType": "NONE", "movingPattern": "CONST_SPEED", "pointList": []}

@@ -61,6 +61,8 @@ class Document:
         shape = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[
             1 if data.ndim == 1 else data.shape[1]
         ]
+        # Rows of all types are multiples of 4 bytes (joints are four of 2 bytes), so every view
+        # starts aligned.
         view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": data.nbytes}
         if is_index or is_vertex:
             view["target"] = _ELEMENT_BUFFER if is_index else _ARRAY_BUFFER
@@ -174,6 +176,7 @@ def move(document: Document, node: dict[str, Any], times_s: F64, placed: F64) ->
     # constant.
     moving = {}
     for path, column in columns.items():
+        # About the precision of the 32-bit floats stored.
         rounding = 1e-7 * max(1.0, float(np.abs(column).max()))
         if (np.ptp(column, axis=0) > rounding).any():
             moving[path] = column

@@ -59,6 +59,7 @@ class BodyRecorder:
         """Record the own samples of the next block, in time order, without unposed samples."""
         for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
             rows = posed_rows(pose)
+            # Blocks hold samples of their neighbours too; each sample is recorded by its own block.
             rows = rows[(rows >= block.own.start) & (rows < block.own.stop)]
             if not len(rows):
                 continue
@@ -68,6 +69,8 @@ class BodyRecorder:
                 patches = self._patches_of(body)
                 bones: npt.NDArray[Any]
                 bones, errors = patches.matrices(pose, rows)
+                # Errors are lengths in rest space: the longest axis of the transform bounds them in
+                # the world.
                 scale = float(longest_axis(pose.to_world[rows, :3, :3]).max())
                 motion.errors_m = np.maximum(motion.errors_m, scale * errors)
             else:
@@ -152,6 +155,7 @@ class BodyRecorder:
         for weights in bound:
             _, owners = ramp(np.diff(weights.offsets))
             column = np.searchsorted(used, weights.bones)
+            # Rest places are homogeneous: the last column sums the weights.
             np.add.at(sums, column, weights.values[:, None] * weights.rest[owners])
         pivots = sums[:, :3] / np.maximum(sums[:, 3:], 1e-12)
         children = []
@@ -161,6 +165,7 @@ class BodyRecorder:
         for bone, pivot in zip(used.tolist(), pivots, strict=True):
             name = _STILL
             matrices = np.tile(np.eye(4), (len(times), 1, 1))
+            # The number after the last bone stands for skin without a bone: its joint rests.
             if bone < len(names):
                 name = names[bone]
                 if bones is not None:
@@ -192,6 +197,7 @@ class BodyRecorder:
         """Add a skin of the nodes ``joints``, at ``pivots`` (J, 3), and return its index."""
         inverse = np.tile(np.eye(4), (len(joints), 1, 1))
         inverse[:, :3, 3] = -(pivots @ TO_GLTF.T)
+        # glTF stores matrices column by column.
         columns = inverse.transpose(0, 2, 1).reshape(-1, 16)
         return document.append(
             "skins",
@@ -216,6 +222,7 @@ def _add_weights(document: Document, mesh: int, weights: BoundWeights, used: I64
     shares = np.zeros((len(counts), width), np.float32)
     joints[owners, column] = np.searchsorted(used, weights.bones[order])
     shares[owners, column] = weights.values[order]
+    # Rounded to 32 bits, sums may differ from 1, which validators report.
     shares /= shares.sum(axis=1, keepdims=True)
     attributes = document.json["meshes"][mesh]["primitives"][0]["attributes"]
     for k in range(width // _SET):

@@ -181,6 +181,7 @@ class VolumeRecorder:
             ),
         }
         primitive = _primitive(volume.shape, placed[0])
+        # The draft has no primitive of triangles: the node itself shows the mesh.
         if primitive is None:
             mesh: Any = volume.shape
             attributes = {"POSITION": document.accessor(np.asarray(mesh.vertices), is_vertex=True)}
@@ -213,6 +214,7 @@ def _volume_extras(
     # Edge lengths in world space: columns of the matrix scale the extents of the shape.
     edges = np.linalg.norm(matrices[0, :3, :3], axis=0) * np.diff(shape.bounds, axis=0)[0]
     names = MODALITIES[effect.modality].parameter_names
+    # A direction is a single vector in glTF axes instead of three ranges.
     parameters: dict[str, Any] = {
         name: _range(values[:, 1 + k])
         for k, name in enumerate(names)

@@ -74,6 +74,7 @@ def curve_as_waveform(band: dict[str, Any], values: Curve, name: str) -> Wavefor
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band["upper_frequency_limit"], 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
     limits.SECONDS.check(end, name, "its curves last")
+    # A long curve with few keyframes is smooth: 64 samples per keyframe bound its memory.
     rate = min(rate, max(_SAMPLES * len(values), _LEAST_SAMPLES) / max(end - begin, 1e-6))
     limits.MEMORY.check(BYTES * (end - begin) * rate, name, "its waveform would take")
     times = begin + np.arange(int((end - begin) * rate) + 1) / rate
@@ -106,6 +107,7 @@ def one_after_another(curves: list[Curve]) -> Curve:
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):
+        # Curves of one band do not add: an effect ends where the next effect begins.
         is_before = times[-1] <= after.times_s[0]
         times[-1], values[-1] = times[-1][is_before], values[-1][is_before]
         if float(after.times_s[0]) > float(before.times_s[-1]):  # silent in between
@@ -149,7 +151,9 @@ def interpolated(keyframes: Curve, kind: str | None) -> Curve:
         start, middle, end = (part[:, None, :] for part in (starts, middles, ends))
         dense = start * (1.0 - along) ** 2 + 2.0 * middle * along * (1.0 - along) + end * along**2
         dense = np.concatenate([dense.reshape(-1, 2), ends[-1:]])
+        # Times of an arch ascend, but for rounding, and curves refuse descending times.
         return Curve(np.maximum.accumulate(dense[:, 0]), dense[:, 1])
+    # Cubic curves of the reference software are flat at every keyframe.
     slopes = _akima_slopes(times, values) if kind == "Akima" else np.zeros(len(times))
     width, rise = np.diff(times)[:, None], np.diff(values)[:, None]
     # Cubic Hermite curve with these slopes at its ends.
@@ -172,6 +176,7 @@ def _akima_slopes(times: F64, values: F64) -> F64:
     # Weights: the change of slope on the opposite side. Without any bend the left slope is used.
     left, right = turns[:-2], turns[2:]
     total = left + right
+    # Relative to the sharpest bend: turns from rounding alone would give a quotient of noise.
     is_bent = total > 1e-8 * max(float(total.max()), 1e-300)
     mean = (right * slopes[1:-2] + left * slopes[2:-1]) / np.where(is_bent, total, 1.0)
     return np.asarray(np.where(is_bent, mean, slopes[1:-2]))

@@ -94,6 +94,7 @@ def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
             mask |= 0b1111 if centre is None else (0b0001 if y < 0.0 else 0b0010)
         elif part == "torso":
             if centre is None:
+                # Bits 4 to 9: chest, abdomen, waist and back.
                 mask |= 0b1111110000
             elif y < 0.0:
                 chest = 1 << (5 if x > 0.0 else 4)

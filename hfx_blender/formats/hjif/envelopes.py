@@ -131,6 +131,8 @@ def wave_bursts(dense: Dense, timescale: int, tolerance: float) -> list[Burst]:
         hertz[: first - start] = hertz[first - start]
         hertz[end - start :] = hertz[end - 1 - start]
         times = dense.times_s[start:stop] - dense.times_s[start]
+        # Repetitions differ in the last bits, as their times are differences of other numbers:
+        # equal after rounding is equal.
         key = np.round(np.concatenate([times, levels, hertz]), 9).tobytes()
         if key not in cached:
             cached[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance)

@@ -130,5 +130,6 @@ def _dense(signal: Signal) -> Dense:
     beside = np.concatenate([knots[1:][steps] - _TICK_S, silent - _TICK_S, silent + _TICK_S])
     times = np.unique(np.concatenate([times, beside[(beside > 0.0) & (beside < end)]]))
     levels = signal.amplitude.at(times)
+    # A step at the end has no duration after the jump: the value before counts.
     levels[-1] = signal.amplitude.before(times[-1])
     return Dense(times, levels, frequency.at(times))

@@ -166,6 +166,7 @@ class _Collected:
     """
 
     def __init__(self, masks: U32, *, by_part: bool) -> None:
+        # Parts are distinct masks, so the midline with two bits is a part of its own.
         self._masks, part_of = np.unique(masks, return_inverse=True)
         self._part_of: I64 = part_of.reshape(-1)
         self._is_touched = np.zeros(len(masks), np.bool_)
@@ -193,6 +194,7 @@ class _Collected:
                 run.weights[part].astype(np.float64),
             )
         if not self._by_part:
+            # Sizes are compared first: only sets of equal size line up with the tiled first set.
             first = self.first_set[0]
             self.changes |= bool((np.diff(run.offsets) != len(first)).any()) or not np.array_equal(
                 run.vertices, np.tile(first, len(run.offsets) - 1)

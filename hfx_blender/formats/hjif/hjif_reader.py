@@ -126,6 +126,7 @@ def in_standard_form(shape: Shape, value: Any, name: str = "") -> Any:
         items = [in_standard_form(shape.item, element) for element in value]
         if name == "composition":  # the standard's schema lets anything be in it
             return [item for item in items if _is_effect(shape.item, item)]
+        # An unknown target on the body is dropped; the known targets of the list stay meaningful.
         if isinstance(shape.item, Text) and shape.item.choices:
             return [item for item in items if item in shape.item.choices]
         return items
@@ -147,6 +148,7 @@ def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
     members = {}
     for key, item in value.items():
         name = key
+        # An old name yields to the standard's name within the same object.
         if key not in known and _OLD_NAMES.get(key) not in value:
             name = _OLD_NAMES.get(key, key)
         if name == "block_length" and not (
@@ -176,10 +178,12 @@ def _is_effect(shape: Shape, item: Any) -> bool:
 def _number(shape: Number, value: Any, name: str) -> Any:
     """Clip a number to the allowed range; unchanged for another type. Wider: amplitudes to +-16
     (scale of early wavelets), upper frequency limits to 192 kHz."""
+    # Python's bool is an int: true and false are no numbers here.
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
         return min(max(value, -_LARGEST_SCALE), _LARGEST_SCALE)
     highest = _HIGHEST_RATE if name == "upper_frequency_limit" else shape.highest
     within = min(max(value, shape.lowest), highest)
+    # Writers without integers store 1 as 1.0.
     return int(within) if shape.is_whole and float(within).is_integer() else within

@@ -59,6 +59,7 @@ def document_of(
         "profile": "Main",
         "level": 1 if len(channels) <= MAX_CHANNELS[1] else 2,
         "timescale": timescale,
+        # Required by the reference software, though not by the schema.
         "syncs": [{"timestamp": 0, "timescale": 1000}],
     }
 
@@ -106,6 +107,7 @@ def perception_of(
     reference += _devices(devices, modality, len(reference))
     return {
         "id": id,
+        # No avatar; the writer of tracks sets the number of the mesh afterwards.
         "avatar_id": 0,
         "description": modality,
         "perception_modality": MODALITIES[modality].hjif,

@@ -39,6 +39,7 @@ SEMANTICS: Final = frozenset(
 )
 """Closed list of semantic keywords, including the standard's misspellings."""
 
+# Modalities of the schema at which the reference software ends with an exception (out_of_range).
 _CRASHING: Final = ("Humidity", "User-defined Temporal", "User-defined Spatial")
 # RFC 3986: unreserved and reserved characters; a percent sign precedes two hexadecimal digits.
 _URI: Final = re.compile(r"(?:[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+")
@@ -61,6 +62,7 @@ def check_semantics(document: dict[str, Any], report: Report) -> None:
             message = "is no URI (RFC 3986): encode other characters"
             (report.warn if mesh else report.error)("AVATAR-URI", where, message)
     _ids(document["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
+    # A wrong level is reported with the root; here the limits of the nearest level apply.
     level = min(max(document["level"], 1), 2)
     # The level limits the channels of the whole file.
     counts = [len(perception["channels"]) for perception in document["perceptions"]]
@@ -80,6 +82,7 @@ def check_semantics(document: dict[str, Any], report: Report) -> None:
 def _check_root(document: dict[str, Any], report: Report, *, is_simple: bool) -> None:
     """Report an unknown profile or level, a version before 2023, a wrong date or timescale. Warns
     about members needed by the reference software. The timescale of a simple profile is 1000."""
+    # The schema's pattern holds here: four digits, and perhaps an amendment of one digit.
     year, _, amendment = document["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
@@ -107,6 +110,7 @@ def is_date(text: str) -> bool:
     if not _DATE.fullmatch(text):
         return False
     try:
+        # The pattern has lower case too; the calendar, such as 30 February, is checked by parsing.
         datetime.fromisoformat(text.upper().replace("Z", "+00:00"))
     except ValueError:
         return False

@@ -178,8 +178,10 @@ def _envelope(
     """Mix the bands of a channel; curves are left out in a channel with waves or ticks.
     ``full_scale``: largest amplitude of the reference device, or None. Losses are in
     ``left_out``."""
+    # Ids of effects are unique within a perception only.
     unfolding.library = {effect.get("id"): effect for effect in perception["effect_library"]}
     is_vibration = perception["perception_modality"] in VIBRATIONS
+    # Gains and exponents of foreign files may have any size: clipped, so products stay finite.
     gain = min(channel["gain"], _LARGEST_GAIN)
     if is_vibration:  # other modalities state their unit with this exponent
         gain *= 10.0 ** min(max(perception.get("perception_unit_exponent", 0), -30), 6)
@@ -187,6 +189,7 @@ def _envelope(
     for band in channel["bands"]:
         parts.add(band, timescale, unfolding)
     name = channel["description"] or f"channel {channel['id']}"
+    # Keyframes end with the last sound; this duration states the silence after the last keyframe.
     lasts_s = channel.get("sample_count", 0) / (channel.get("frequency_sampling") or math.inf)
     limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
     # Wavelet and curve bands of a vibration are one waveform: bands add sample by sample.
@@ -232,6 +235,7 @@ class Unfolding:
         """Yield (position in ticks, basis effect); missing references are counted in ``lost``.
         Positions add to ``start``; ``depth``: level of nesting. Raises InputError beyond eight
         levels, and TooLargeError beyond the file's limit of effects and keyframes."""
+        # The limit also ends circular references, without a list of visited effects.
         if depth > _DEEPEST:
             raise InputError(
                 f"{self.name}: effects refer to each other more than {_DEEPEST} levels deep."

@@ -21,6 +21,8 @@ from ...files import limits
 from ..sound.waveforms import BYTES, Waveform
 from .bands import Placed
 
+# Analysis filters of the 9/7 pair, nine taps low and seven taps high; symmetric, so the first half
+# and the middle tap suffice.
 _LOW: Final = np.array([0.037828455507, -0.023849465019, -0.110624404418, 0.377402855613])
 _LOW_MIDDLE: Final = 0.852698679009
 _HIGH: Final = np.array([-0.064538882629, 0.040689417609, 0.418092273222])
@@ -56,6 +58,8 @@ def _filtered(samples: F64, taps: F64) -> F64:
     """Convolve samples (n,) with a filter of an odd number of taps; (n,), samples mirrored about
     the end samples."""
     reach = len(taps) // 2
+    # Mirroring without a repeated end sample fits symmetric filters of odd length: the inverse
+    # transform is exact up to both ends.
     return np.convolve(np.pad(samples, reach, mode="reflect"), taps, mode="valid")
 
 
@@ -79,6 +83,7 @@ def waveform(
             lost["have no block length that is a power of two samples"] += 1
             continue
         total += count
+        # Counted before decoding: a few bytes of references may unfold to billions of samples.
         limits.UNFOLDED.check(total, name, "its wavelet bands have")
         coefficients = _coefficients(effect, count)
         if coefficients is None:
@@ -131,6 +136,7 @@ def _coefficients(effect: dict[str, Any], count: int) -> F64 | None:
             return decoded_block(stream, count)
         except ValueError:
             return None
+    # Drafts stored coefficients divided by their scale, with the scale as a further keyframe.
     levels = [frame.get("amplitude_modulation", 0.0) for frame in frames]
     if len(levels) <= count:
         return None
@@ -169,6 +175,8 @@ class _Bits:
         for _ in range(_FULL.bit_length() - 1):
             self._code = 2 * self._code + self._digit()
         self._lower, self._upper = 0, _FULL
+        # Each context starts at a probability of 1/2 with the weight of 16 decisions, as in the
+        # encoder.
         self._zeros, self._counts = [8] * 7, [16] * 7
 
     def _digit(self) -> int:
@@ -248,6 +256,7 @@ def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
     trees = [(root, False) for root in range(_LOWEST_POINTS // 2, _LOWEST_POINTS)]
     significant: list[int] = []
     for plane in range(planes, -1, -1):
+        # Missing planes are zero bits: coefficients decoded so far stay, only coarser.
         if bits.is_over:
             break
         step = 1 << plane
@@ -279,6 +288,7 @@ def _planes(bits: _Bits, planes: int, count: int) -> list[int]:
                 if 4 * root + 3 < count:
                     trees.append((root, True))
         trees = remaining
+        # Coefficients new in this plane already have the plane's bit, their highest.
         for point in significant[:before]:
             if bits.take(_REFINEMENT):
                 values[point] += step if values[point] > 0 else -step

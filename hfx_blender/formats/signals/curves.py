@@ -57,6 +57,7 @@ class Curve:
     def at(self, times_s: npt.ArrayLike) -> F64:
         """Values at times of any shape; at a step the right limit."""
         times = np.asarray(times_s, np.float64)
+        # At a step np.interp returns either value: keyframe times are looked up instead.
         values = np.interp(times, self.times_s, self.values)
         last = np.searchsorted(self.times_s, times, side="right") - 1
         is_keyframe = (last >= 0) & (self.times_s[np.maximum(last, 0)] == times)
@@ -124,11 +125,13 @@ def simplified(
     half = np.maximum((high - low) / 2.0, 1e-9 * np.maximum(1.0, np.abs(middle)))
     low, high = middle - half, middle + half
     if is_free is not None:
+        # A free row allows any value of the curve, so no line is bounded there.
         low = np.where(is_free, max(lowest, float(values.min())) - 1e-9, low)
         high = np.where(is_free, min(highest, float(values.max())) + 1e-9, high)
     times, values = _fewest_pieces(times, low, high)
     values = np.clip(values, lowest, highest)
     if keeps_silence:
+        # Snapped to silence: the corridor was narrowed by this much above.
         values = np.where(np.abs(values) <= silent * (1.0 + _MARGIN), 0.0, values)
     return Curve(times, values)
 
@@ -293,6 +296,7 @@ def _keyframes(
     for k, (earliest, latest) in enumerate(windows):
         a, b = lines[k], lines[k + 1]
         turn = a[2] - b[2]
+        # Parallel lines have no intersection: the turn is at the end of the window.
         x = b[0] + (b[1] - _value(a, b[0])) / turn if turn else latest
         x = min(max(x, earliest, times[-1]), latest)
         if x <= times[-1]:
