@@ -1,4 +1,5 @@
 import { unknownName } from "./clip.js";
+import { HapticError } from "./core.js";
 import { findBones } from "./bones.js";
 
 /**
@@ -67,7 +68,8 @@ export class HapticBody {
     const { core } = clip;
     const names = clip.bodies.map((item) => item.name);
     const index = body ? names.indexOf(body) : 0;
-    if (index < 0 || !names.length) throw unknownName("body", body, names);
+    if (index < 0) throw unknownName("body", body, names);
+    if (!names.length) throw new HapticError("The clip has no body: export it from a scene, not from a track.", -6);
     this.clip = clip;
     this.index = index;
     this.bones = clip.bodies[index].bones;

@@ -29,10 +29,15 @@ class HapticOutput {
   }
 }
 
-/** Vibration actuators of the device of an id, also without `_left` or `_right`; "": of all devices. */
+/** Tells whether a device is one of a name: "" is any, "glove" is glove, glove_left, glove_right. */
+export function isDevice(id, name) {
+  return !name || [name, `${name}_left`, `${name}_right`].includes(id);
+}
+
+/** Vibration actuators of the devices of a name. */
 function vibrationsOf(clip, device) {
   return clip.devices
-    .filter(({ id }) => !device || id === device || id.replace(/_(left|right)$/, "") === device)
+    .filter(({ id }) => isDevice(id, device))
     .flatMap((item) =>
       clip.actuators.slice(item.firstActuator, item.firstActuator + item.actuators).map((actuator) => ({
         modality: actuator.modality,

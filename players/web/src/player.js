@@ -4,36 +4,49 @@ import { unknownName } from "./clip.js";
 export class HapticPlayer {
   #at;
   #out;
-  #namedLoops = false;
-  #factors = new Map();
+  #gain = 1;
+  #loop = false;
 
   constructor(clip) {
-    const core = clip.core;
+    const { core } = clip;
     this.clip = clip;
     this.values = clip.neutralValues();
-    this.gain = 1;
-    this.loop = false;
     this.onfinished = null;
     this.isPaused = false;
     this.#at = core.take(core.calls.hfx_player_size(), this);
     this.#out = core.take(4 * this.values.length || 4, this);
-    core.calls.hfx_player_play(this.#at, clip.address); // a player of zeros knows no neutral values
+    core.calls.hfx_player_play(this.#at, clip.address);
     core.calls.hfx_player_stop(this.#at);
   }
 
   /** Begins at the beginning, or with a named clip, which loops if it is meant to. */
   play(name = "") {
-    const { calls } = this.clip.core;
-    const named = this.clip.namedClips.find((known) => known.name === name);
-    if (name && !named) {
-      const known = this.clip.namedClips.map((item) => item.name);
-      throw unknownName("named clip", name, known);
-    }
-    if (named) calls.hfx_player_play_named(this.#at, this.clip.address, this.clip.core.text(name));
-    else calls.hfx_player_play(this.#at, this.clip.address);
-    this.#namedLoops = named?.loops ?? false;
+    const { core, namedClips } = this.clip;
     this.isPaused = false;
-    for (const [parameter, factor] of this.#factors) this.setParameter(parameter, factor);
+    const error = core.calls.hfx_player_replay(this.#at, core.text(name));
+    if (!error) return;
+    this.silence();
+    throw unknownName("named clip", name, namedClips.map((item) => item.name));
+  }
+
+  /** Scales how far all strengths are from neutral. */
+  get gain() {
+    return this.#gain;
+  }
+
+  set gain(gain) {
+    this.#gain = gain;
+    this.clip.core.calls.hfx_player_gain(this.#at, gain);
+  }
+
+  /** Whether the whole clip, and what plays now, begins again at its end. */
+  get loop() {
+    return this.#loop;
+  }
+
+  set loop(loop) {
+    this.#loop = loop;
+    this.clip.core.calls.hfx_player_loop(this.#at, loop ? 1 : 0);
   }
 
   /** Stands still with neutral values until it is called with false. */
@@ -57,9 +70,7 @@ export class HapticPlayer {
   /** Scales a parameter, say `amplitude_m_s2`; false: no column of the clip has it. */
   setParameter(parameter, factor) {
     const { core } = this.clip;
-    const error = core.calls.hfx_player_set_parameter(this.#at, core.text(parameter), factor);
-    if (!error) this.#factors.set(parameter, factor);
-    return !error;
+    return core.calls.hfx_player_set_parameter(this.#at, core.text(parameter), factor) === 0;
   }
 
   get isPlaying() {
@@ -75,8 +86,6 @@ export class HapticPlayer {
   advance(seconds) {
     const { core } = this.clip;
     const wasPlaying = this.isPlaying;
-    core.calls.hfx_player_gain(this.#at, this.gain);
-    core.calls.hfx_player_loop(this.#at, this.loop || this.#namedLoops ? 1 : 0);
     core.calls.hfx_player_advance(this.#at, seconds, this.#out);
     this.values.set(core.floats(this.#out, this.values.length));
     if (wasPlaying && !this.isPlaying) this.onfinished?.();

@@ -3,10 +3,14 @@
 const STEP = 1 / 65535;
 const ROUNDING = 1e-6; // of numbers in 32 bits
 
-/** Plays a clip of players/conformance by its calls; numbers compared and sentences about wrong ones. */
-export async function judgeClip(hfx, bytes, text, name) {
+/**
+ * Plays a clip of players/conformance by its calls; numbers compared and sentences about wrong ones. `watch` makes
+ * a function for a player, which gets each frame's seconds, expected values, and a name of the line.
+ */
+export async function judgeClip(hfx, bytes, text, name, watch = () => () => {}) {
   const clip = await hfx.HapticClip.from(bytes);
   const player = new hfx.HapticPlayer(clip);
+  const watched = watch(player);
   const strengths = new Set(clip.actuators.map((actuator) => actuator.firstColumn));
   const factors = new Map();
   const result = { compared: 0, wrong: [] };
@@ -39,6 +43,7 @@ export async function judgeClip(hfx, bytes, text, name) {
     } else if (word === "advance" || word === "silence") {
       if (word === "silence") player.pause();
       else player.advance(Number(argument));
+      watched(Number(argument), expected.split(" ").map(Number), `${name}, line ${number + 1}`);
       expected.split(" ").forEach((value, k) => {
         const { parameter, lowest, highest } = clip.columns[k];
         const scale = (factors.get(parameter) ?? 1) * (strengths.has(k) ? player.gain : 1);
@@ -53,6 +58,51 @@ export async function judgeClip(hfx, bytes, text, name) {
     }
   });
   return result;
+}
+
+/** Plays players/conformance/behaviour, whose results were calculated by hand. */
+export async function judgeBehaviour(hfx, bytes, text) {
+  const clip = await hfx.HapticClip.from(bytes);
+  const result = { compared: 0, wrong: [] };
+  let player = new hfx.HapticPlayer(clip);
+  const calls = {
+    open: () => (player = new hfx.HapticPlayer(clip)),
+    play: (name) => isDone(() => player.play(name)),
+    parameter: (name, factor) => (player.setParameter(name, Number(factor)) ? "" : 0),
+    playing: () => Number(player.isPlaying),
+    position: () => player.position,
+    devices: (name = "") => clip.devices.flatMap(({ id }, k) => (hfx.isDevice(id, name) ? [k] : [])).join(" "),
+    advance: (seconds) => [...player.advance(Number(seconds))].join(" "),
+    silence: () => (player.pause(), [...player.values].join(" ")),
+    pause: (is) => player.pause(is === "1"),
+    stop: () => player.stop(),
+    seek: (seconds) => player.seek(Number(seconds)),
+    loop: (loop) => (player.loop = loop === "1"),
+    gain: (gain) => (player.gain = Number(gain)),
+  };
+  text.split("\n").forEach((line, number) => {
+    if (!line || line.startsWith("#")) return;
+    const [call, expected] = line.split("=").map((part) => part.trim());
+    const [word, ...rest] = call.split(" ");
+    const found = calls[word](...(word === "play" ? [rest.join(" ")] : rest));
+    result.compared += 1;
+    const numbers = String(found).split(" ").map(Number);
+    const slack = word === "advance" || word === "silence" ? 0.003 : 1e-6; // 2/65535 of a column of 65.535
+    const isRight = word === "parameter" || expected === undefined
+      ? expected === undefined ? word !== "parameter" || found === "" : String(found) === expected
+      : expected.split(" ").length === numbers.length && expected.split(" ").every((value, k) => Math.abs(numbers[k] - Number(value)) <= slack);
+    if (!isRight) result.wrong.push(`behaviour, line ${number + 1}: ${line}: ${found}`);
+  });
+  return result;
+}
+
+function isDone(call) {
+  try {
+    call();
+    return 1;
+  } catch {
+    return 0;
+  }
 }
 
 /**
@@ -130,8 +180,12 @@ class Skeleton {
     });
   }
 
+  volume(effect) {
+    return this.body.addVolume(effect, node("volume", null));
+  }
+
   place(effect, level, matrix) {
-    this.volumes[effect] ??= this.body.addVolume(this.body.clip.effects[effect].name, node("volume", null));
+    this.volumes[effect] ??= this.volume(this.body.clip.effects[effect].name);
     this.volumes[effect].level = level;
     this.volumes[effect].object.matrixWorld.elements = toThree(matrix);
   }
@@ -164,4 +218,154 @@ function product(a, b) {
 function toThree(m) {
   const columns = [0, 1, 2, 3].map((column) => [m[column], m[4 + column], m[8 + column]]);
   return [...columns[0], 0, ...columns[2], 0, ...columns[1].map((value) => -value), 0, ...columns[3], 1];
+}
+
+/** Judges the whole folder; `read(name)` gives bytes of a file, `names` are its .txt files. */
+export async function judgeAll(hfx, names, read) {
+  const text = async (name) => new TextDecoder().decode(await read(name));
+  const clips = [];
+  for (const name of names) {
+    const clip = name.replace(".txt", ".hfxclip");
+    clips.push(await judgeClip(hfx, await read(clip), await text(name), clip));
+  }
+  const behaviour = await judgeBehaviour(hfx, await read("behaviour/behaviour.hfxclip"), await text("behaviour/behaviour.txt"));
+  const walk = [await read("spatial/walk.hfxclip"), await text("spatial/walk.txt")];
+  const walks = [await judgeWalk(hfx, ...walk, false), await judgeWalk(hfx, ...walk, true)];
+  const pulses = await judgePulses(hfx, await read("touch.hfxclip"), await text("touch.txt"));
+  const all = [...clips, behaviour, ...walks, pulses];
+  const wrong = all.flatMap((result) => result.wrong);
+  if (all.some((result) => !result.compared)) wrong.push("something was not compared");
+  const values = clips.reduce((sum, result) => sum + result.compared, 0);
+  const summary =
+    `${clips.length} clips, ${values} values, ${behaviour.compared} calls, ` +
+    `${walks.map((result) => result.compared).join(" and ")} weights, ${pulses.compared} pulses, ${wrong.length} wrong`;
+  return { wrong, summary };
+}
+/**
+ * Sends touch.hfxclip (two controllers, strengths up to 10 m/s², dead-man time 250 ms) to stubs of the browser's
+ * interfaces. Planned is, for the strengths in the folder's text: left 0 and right 1 of each frame over 10, for
+ * 250 ms; after the last of them one of nothing for 10 ms. The phone's motor is on for the larger share of 20 ms.
+ */
+export async function judgePulses(hfx, bytes, text) {
+  const calls = { gamepad: [], phone: [], left: [], right: [] };
+  const gamepad = { index: 0, vibrationActuator: { playEffect: async (...effect) => calls.gamepad.push(effect) } };
+  const inputSources = ["left", "right"].map((handedness) => ({
+    handedness,
+    gamepad: { hapticActuators: [{ pulse: async (...pulse) => calls[handedness].push(pulse) }] },
+  }));
+  stub("getGamepads", () => [null, gamepad]);
+  stub("vibrate", (pattern) => calls.phone.push(pattern) > 0);
+  const result = { compared: 0, wrong: [] };
+  const isOn = { gamepad: false, left: false, right: false };
+  let [onMs, nowMs, againMs] = [0, 0, 0];
+  const expect = (name, planned, place) => {
+    const found = calls[name].splice(0);
+    result.compared += planned.length;
+    if (!isNear(found, planned))
+      result.wrong.push(`${place}, ${name}: ${JSON.stringify(found)} instead of ${JSON.stringify(planned)}`);
+  };
+  const expectPulse = (name, isNow, strong, silent, place) => {
+    expect(name, isNow ? [strong] : isOn[name] ? [silent] : [], place);
+    isOn[name] = isNow;
+  };
+  const rumble = (duration, strongMagnitude, weakMagnitude) => ["dual-rumble", { startDelay: 0, duration, strongMagnitude, weakMagnitude }];
+
+  const watch = (player) => {
+    const phone = new hfx.PhoneHaptics(player);
+    const outputs = [
+      new hfx.GamepadHaptics(player, { device: "oculus_touch" }),
+      new hfx.XRHaptics({ inputSources }, player),
+      new hfx.GamepadHaptics(player, { index: 7 }), // of which there is none
+      new hfx.XRHaptics({ inputSources }, player, { device: "back_pad" }), // not in the clip
+      phone,
+    ];
+    return (seconds, values, place) => {
+      nowMs += 1000 * seconds;
+      for (const output of outputs) output.send(nowMs);
+      const [left, right] = [values[0] / 10, values[2] / 10];
+      expectPulse("gamepad", left > 0 || right > 0, rumble(250, left, right), rumble(10, 0, 0), place);
+      expectPulse("left", left > 0, [left, 250], [0, 10], place);
+      expectPulse("right", right > 0, [right, 250], [0, 10], place);
+      // 12 cycles of 20 ms fit into 250 ms; the last pause is left out, and after half of them it is given again.
+      const share = Math.max(left, right);
+      const nextMs = share > 0 ? Math.max(Math.round(20 * share), 1) : 0;
+      const cycles = Array(12).fill([nextMs, 20 - nextMs]).flat().slice(0, -1);
+      const isGiven = nextMs !== onMs || (nextMs > 0 && nowMs >= againMs);
+      expect("phone", isGiven ? [nextMs === 0 ? 0 : nextMs === 20 ? [240] : cycles] : [], place);
+      if (isGiven) againMs = nowMs + 120;
+      onMs = nextMs;
+    };
+  };
+  const { wrong } = await judgeClip(hfx, bytes, text, "touch.hfxclip", watch);
+  result.wrong.push(...wrong);
+  return result;
+}
+
+/** Compares index.d.ts with the package: its exports, and the members of its classes. */
+export async function judgeTypes(hfx, declarations, bytes) {
+  const clip = await hfx.HapticClip.from(bytes);
+  const body = new hfx.HapticBody(clip);
+  const scene = new Skeleton(body);
+  const sources = [new hfx.HapticPlayer(clip), body];
+  const objects = [
+    ...sources, clip, scene.volume(clip.effects[0].name), new hfx.HapticError("", -1), new hfx.GamepadHaptics(sources),
+    new hfx.PhoneHaptics(sources), new hfx.XRHaptics({ inputSources: [] }, sources),
+  ];
+  const result = { compared: 0, wrong: [] };
+  const declared = [...declarations.matchAll(/^export (?:class|function) (\w+)/gm)].map((found) => found[1]).sort();
+  if (String(declared) !== String(Object.keys(hfx).sort())) result.wrong.push(`exports: ${Object.keys(hfx)}`);
+  for (const [, name, members] of declarations.matchAll(/^export class (\w+)[^{]*\{\n(.*?)^\}/gms)) {
+    const object = objects.find((item) => item.constructor === hfx[name]) ?? hfx[name].prototype;
+    for (const [, isStatic, member] of members.matchAll(/^  (static )?(?:readonly )?(\w+)\??[(:]/gm)) {
+      result.compared += 1;
+      const isField = name === "HapticLoop" && ["sources", "outputs"].includes(member); // made with a document only
+      if (member !== "constructor" && !isField && !(member in (isStatic ? hfx[name] : object))) result.wrong.push(`${name} has no ${member}`);
+    }
+  }
+  return result;
+}
+
+/**
+ * Plays the page of the garage in a frame for 8 s, with a stub of navigator.vibrate: patterns begin after the
+ * button is pressed, none lasts longer than its dead-man time, and the last of a stopped page is silence.
+ */
+export async function judgeGarage(address) {
+  const frame = document.createElement("iframe");
+  const patterns = [];
+  frame.src = address;
+  document.body.append(frame);
+  await new Promise((resolve) => (frame.onload = resolve));
+  const { contentDocument, contentWindow } = frame;
+  contentDocument.hasFocus = () => true; // a browser without a window has none
+  Object.defineProperty(contentWindow.navigator, "vibrate", { value: (pattern) => patterns.push([pattern].flat()) > 0 });
+  const wait = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+  await wait(300);
+  const result = { compared: 0, wrong: [] };
+  if (patterns.length) result.wrong.push("the garage vibrates before its button is pressed");
+  contentDocument.getElementById("play").click();
+  await wait(8000);
+  contentDocument.hasFocus = () => false;
+  contentWindow.dispatchEvent(new Event("blur"));
+  await wait(100);
+  result.compared = patterns.length;
+  const isLong = patterns.some((pattern) => pattern.reduce((sum, part) => sum + part, 0) > 250);
+  const isStrange = patterns.some((pattern) => pattern.some((part) => !(part >= 0 && part <= 250)) || pattern.length > 99);
+  if (!patterns.some((pattern) => pattern[0] > 0)) result.wrong.push("the garage does not vibrate");
+  if (isLong || isStrange) result.wrong.push(`the garage gives strange patterns: ${JSON.stringify(patterns.slice(0, 9))}`);
+  if (patterns.length && String(patterns.at(-1)) !== "0") result.wrong.push("the garage vibrates without focus");
+  if (!/^\d+\.\d of \d+\.\d s/.test(contentDocument.getElementById("text").textContent)) result.wrong.push("the garage shows no time");
+  frame.remove();
+  return result;
+}
+
+function stub(name, value) {
+  globalThis.navigator ??= {}; // in Node
+  Object.defineProperty(navigator, name, { value, configurable: true });
+}
+
+function isNear(a, b) {
+  if (typeof a === "number" && typeof b === "number") return Math.abs(a - b) <= 2e-5;
+  if (typeof a !== "object" || typeof b !== "object") return a === b;
+  const names = Object.keys(a);
+  return names.length === Object.keys(b).length && names.every((name) => isNear(a[name], b[name]));
 }
