@@ -65,7 +65,8 @@ static const struct {
 } hfx_sections[HFX_SECTIONS] = {
     {"TEXT", 1},  {"TIME", 24}, {"DEVC", 32}, {"ACTR", 88}, {"COLM", 40},  {"ROWS", 4},
     {"VALU", 2},  {"CLIP", 24}, {"BODY", 24}, {"BONE", 72}, {"MODL", 24},  {"VERT", 24},
-    {"WGHT", 4},  {"EFCT", 128}, {"FLTR", 32}, {"PNTD", 8},  {"REAC", 32}, {"RCHV", 8}};
+    {"WGHT", 4},  {"EFCT", 128}, {"FLTR", 32}, {"PNTD", 8},  {"REAC", 32}, {"RCHV", 8},
+    {"SURF", 24}, {"HMAP", 32}, {"TEXL", 4}};
 
 /* Checks of one field of all records of a section. */
 enum hfx_check {
@@ -147,6 +148,12 @@ static const struct {
     {HFX_REAC, 20, HFX_IS_COUNT, 0},
     {HFX_REAC, 24, HFX_IS_RANGE, HFX_RCHV},
     {HFX_RCHV, 4, HFX_IS_SHARE, 0},
+    {HFX_SURF, 0, HFX_IS_TEXT, 0},
+    {HFX_SURF, 4, HFX_IS_INDEX, HFX_HMAP},
+    {HFX_SURF, 8, HFX_IS_FINITE, 4},
+    {HFX_HMAP, 8, HFX_IS_FINITE, 2},
+    {HFX_HMAP, 16, HFX_AT_MOST, 1},
+    {HFX_HMAP, 20, HFX_IS_RANGE, HFX_TEXL},
 };
 
 static inline const unsigned char *hfx_record(const hfx_clip *clip, int section, uint32_t index) {
@@ -287,6 +294,23 @@ static inline int hfx_are_bodies(const hfx_clip *clip) {
   return 1;
 }
 
+static inline int hfx_are_surfaces(const hfx_clip *clip) {
+  uint32_t i;
+  for (i = 0; i < clip->parts[HFX_HMAP].count; i++) {
+    const unsigned char *at = hfx_record(clip, HFX_HMAP, i);
+    const uint32_t columns = hfx_u32(at), rows = hfx_u32(at + 4);
+    if (columns < 1 || columns > 65535u || rows < 1 || rows > 65535u) return 0;
+    if ((uint64_t)columns * rows != hfx_u32(at + 24)) return 0;
+    if (!(hfx_f32(at + 8) > 0.0f && hfx_f32(at + 12) > 0.0f)) return 0;
+  }
+  for (i = 0; i < clip->parts[HFX_SURF].count; i++) {
+    const unsigned char *at = hfx_record(clip, HFX_SURF, i);
+    if (!hfx_is_within(hfx_f32(at + 8), 0.0, hfx_f32(at + 12))) return 0;
+    if (!hfx_is_within(hfx_f32(at + 16), 0.0, hfx_f32(at + 20))) return 0;
+  }
+  return 1;
+}
+
 static inline int hfx_find_sections(hfx_clip *clip, const unsigned char *bytes, uint32_t size) {
   const uint32_t count = hfx_u32(bytes + 20);
   uint32_t i;
@@ -342,7 +366,7 @@ HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size) {
     if (text->count && !text->at[0] && !text->at[text->count - 1] &&
         hfx_is_utf8(text->at, text->count) && hfx_is_time(clip) &&
         hfx_are_fields(clip) && hfx_are_rows(clip) && hfx_are_columns(clip) &&
-        hfx_are_bodies(clip))
+        hfx_are_bodies(clip) && hfx_are_surfaces(clip))
       return 0;
   }
   clip->rate_hz = 1.0; /* a clip with nothing in it */

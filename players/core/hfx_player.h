@@ -53,7 +53,7 @@ enum hfx_modality { HFX_VIBRATION, HFX_PRESSURE, HFX_TEMPERATURE, HFX_WIND };
 enum hfx_section {
   HFX_TEXT, HFX_TIME, HFX_DEVC, HFX_ACTR, HFX_COLM, HFX_ROWS, HFX_VALU, HFX_CLIP, HFX_BODY,
   HFX_BONE, HFX_MODL, HFX_VERT, HFX_WGHT, HFX_EFCT, HFX_FLTR, HFX_PNTD, HFX_REAC, HFX_RCHV,
-  HFX_SECTIONS
+  HFX_SURF, HFX_HMAP, HFX_TEXL, HFX_SECTIONS
 };
 
 typedef struct hfx_part { /* the records of one section */
@@ -107,6 +107,15 @@ typedef struct hfx_effect {
   float half_segment, level, parameters[4], matrix[12];
 } hfx_effect;
 
+typedef struct hfx_surface { /* a haptic surface with its map */
+  const char *name;
+  float lowest_m_s2, highest_m_s2; /* peak amplitude at intensity just above 0, and at 1 */
+  float lowest_hz, highest_hz;     /* at sharpness 0 and 1 */
+  uint32_t columns, rows;
+  float width_mm, height_mm; /* of the map: u, v = 0 to 1 */
+  int tiles;                 /* 1: the map repeats beyond 0 to 1; 0: its border continues */
+} hfx_surface;
+
 /* Opens a clip that lies in memory; 0, or an hfx_error. Looks at all of it once. */
 HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size);
 /* One sentence about an error, in English. */
@@ -120,6 +129,7 @@ HFX_API uint32_t hfx_clip_named_clips(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_bodies(const hfx_clip *clip);
 HFX_API uint32_t hfx_clip_bones(const hfx_clip *clip, uint32_t body);
 HFX_API uint32_t hfx_clip_effects(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_surfaces(const hfx_clip *clip);
 /* Facts about one; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_clip_device(const hfx_clip *clip, uint32_t index, hfx_device *found);
 /* Tells whether a device is one of a name: "" is any, "glove" is glove, glove_left, glove_right. */
@@ -129,6 +139,7 @@ HFX_API int hfx_clip_column(const hfx_clip *clip, uint32_t index, hfx_column *fo
 HFX_API int hfx_clip_named_clip(const hfx_clip *clip, uint32_t index, hfx_named_clip *found);
 HFX_API int hfx_clip_bone(const hfx_clip *clip, uint32_t body, uint32_t index, hfx_bone *found);
 HFX_API int hfx_clip_effect(const hfx_clip *clip, uint32_t index, hfx_effect *found);
+HFX_API int hfx_clip_surface(const hfx_clip *clip, uint32_t index, hfx_surface *found);
 
 /* ---- Playing the baked part ---------------------------------------------------------------- */
 
@@ -169,6 +180,25 @@ HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, 
 HFX_API void hfx_player_silence(hfx_player *player, float *out);
 HFX_API int hfx_player_is_playing(const hfx_player *player); /* also while it is paused */
 HFX_API double hfx_player_position(const hfx_player *player);
+
+/* ---- Exploring a haptic surface ------------------------------------------------------------- */
+
+typedef struct hfx_stroke { /* of one finger or pointer; begins as zeros */
+  double u, v; /* place of the last call */
+  uint32_t surface;
+  int is_touching;
+} hfx_stroke;
+
+/* Vibration of a finger that has moved to (u, v) since the last call, `seconds` ago: out[0] peak
+ * amplitude in m/s^2, out[1] frequency in Hz, of the strongest texel on the path. u and v are
+ * shares of the map's width and height from its lower left corner, beyond 0 to 1 too.
+ * `speed_mm_s` is the speed relative to the material; below 0: that of the path. At most 0.1 mm/s
+ * is rest, with amplitude 0, and so is the first call of a touch. Where u or v is no number, or
+ * beyond +-1,000,000, nothing is touched. 0, or HFX_ERROR_INDEX and silence. */
+HFX_API int hfx_surface_feel(const hfx_clip *clip, uint32_t surface, hfx_stroke *stroke, double u,
+                             double v, double speed_mm_s, double seconds, float *out);
+/* Ends the touch: the next call begins a new one. */
+HFX_API void hfx_surface_lift(hfx_stroke *stroke);
 
 /* ---- Evaluating the spatial part on a live avatar ------------------------------------------- */
 
@@ -276,6 +306,7 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #include "hfx_clip.h"
 #include "hfx_facts.h"
 #include "hfx_play.h"
+#include "hfx_surface.h"
 #include "hfx_volume.h"
 #include "hfx_skin.h"
 #include "hfx_touch.h"

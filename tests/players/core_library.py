@@ -234,3 +234,25 @@ class Body:
 
     def level(self, effect: int) -> float:
         return float(self._core.hfx_body_level(self._at, effect))
+
+
+class Stroke:
+    """Finger of the core on a clip's surface."""
+
+    def __init__(self, clip: Clip, surface: int = 0) -> None:
+        self._core, self._clip, self._surface = library(), clip, surface
+        self._at = (ctypes.c_uint64 * 8)()
+
+    def feel(
+        self, u: float, v: float, seconds: float, speed_mm_s: float = -1.0
+    ) -> tuple[float, float]:
+        """Amplitude, m/s^2, and frequency, Hz, of the path to a place; -1 mm/s: measured speed."""
+        out = (ctypes.c_float * 2)()
+        numbers = map(ctypes.c_double, (u, v, speed_mm_s, seconds))
+        self.error = self._core.hfx_surface_feel(
+            self._clip.at, self._surface, self._at, *numbers, out
+        )
+        return out[0], out[1]
+
+    def lift(self) -> None:
+        self._core.hfx_surface_lift(self._at)

@@ -66,6 +66,15 @@ def write_small_clip(folder: Path, name: str = "walk") -> Path:
         "PNTD": records("PNTD", [(k, 0.2 * k) for k in range(5)]),
         "REAC": records("REAC", [(0, 0, 0, 0, 1.0, 0.0, 0, 10), (0, 0, 1, 1, 0.5, 90.0, 10, 5)]),
         "RCHV": records("RCHV", [(k, 1.0) for k in range(10)] + [(k, 0.5) for k in range(5)]),
+        "SURF": records(
+            "SURF",
+            [(text("Tiles"), 0, (0.5, 9.0), (80.0, 260.0)),
+             (text("Edge"), 1, (0.0, 4.0), (50.0, 50.0))],
+        ),
+        "HMAP": records(
+            "HMAP", [(5, 4, (10.0, 8.0), 1, 0, 20, 0), (1, 6, (1.0, 9.0), 0, 20, 6, 0)]
+        ),
+        "TEXL": random.integers(0, 2**32, 26, dtype=np.uint32),
         "TEXT": texts.records,
     }  # fmt: skip
     assert set(sections) == set(RECORDS)

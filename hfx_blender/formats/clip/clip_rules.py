@@ -30,6 +30,7 @@ _TEXTS: Final = {
     "BONE": ("name", "human", "mixamo", "unreal"),
     "MODL": ("id",),
     "EFCT": ("name", "model"),
+    "SURF": ("name",),
 }
 _RANGES: Final = (
     ("DEVC", "first_actuator", "actuators", "ACTR"),
@@ -43,6 +44,7 @@ _RANGES: Final = (
     ("EFCT", "first_filter", "filters", "FLTR"),
     ("EFCT", "first_painted", "painted", "PNTD"),
     ("REAC", "first_reached", "reached", "RCHV"),
+    ("HMAP", "first_texel", "texels", "TEXL"),
 )
 """Ranges of records: section, fields of first and count, target section."""
 
@@ -50,6 +52,7 @@ _INDICES: Final = (
     ("COLM", "actuator", "ACTR"),
     ("REAC", "actuator", "ACTR"),
     ("REAC", "model", "MODL"),
+    ("SURF", "map", "HMAP"),
 )
 _LAST_MODALITY: Final = len(MODALITIES) - 1
 _WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
@@ -63,6 +66,7 @@ _WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
              "falloff": (0, 2), "filters": (0, 16)},
     "FLTR": {"kind": (0, 4), "operation": (0, 2), "about": (0, 2)},
     "REAC": {"modality": (0, _LAST_MODALITY), "statistic": (0, 1)},
+    "HMAP": {"columns": (1, 65535), "rows": (1, 65535), "tiles": (0, 1)},
 }  # fmt: skip
 """Lowest and highest value of whole-number fields; 32 bits otherwise."""
 
@@ -73,6 +77,8 @@ _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "PNTD": {"weight": (0.0, 1.0)},
     "REAC": {"frequency_hz": (0.0, _HUGE)},
     "RCHV": {"factor": (0.0, 1.0)},
+    "SURF": {"m_s2": (0.0, _HUGE), "hz": (0.0, _HUGE)},
+    "HMAP": {"mm": (0.0, _HUGE)},
 }
 """Lowest and highest value of floating-point fields; finite otherwise."""
 
@@ -107,7 +113,7 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
     # Each group assumes that the groups before hold: offsets are compared with sizes first, so
     # a later group may index without bounds.
     kinds: tuple[Callable[[Sections], list[Finding]], ...] = (
-        _time, _references, _numbers, _rows, _columns, _clips, _bodies, _spatial
+        _time, _references, _numbers, _rows, _columns, _clips, _bodies, _spatial, _surfaces
     )  # fmt: skip
     for kind in kinds:
         findings = kind(sections)
@@ -323,4 +329,18 @@ def _spatial(sections: Sections) -> list[Finding]:
             np.diff(values.astype(np.int64), prepend=-1) <= 0
         )
         findings += _first(section, "vertex", values, is_bad, "above the one before")
+    return findings
+
+
+def _surfaces(sections: Sections) -> list[Finding]:
+    """Findings on maps without size or with another number of texels than columns times rows, and
+    on descending amplitudes or frequencies of surfaces."""
+    maps = sections["HMAP"]
+    expected = maps["columns"].astype(np.int64) * maps["rows"]
+    is_bad = maps["texels"] != expected
+    findings = _first("HMAP", "texels", maps["texels"], is_bad, "columns times rows")
+    findings += _first("HMAP", "mm", maps["mm"], maps["mm"] <= 0.0, "above 0")
+    for field in ("m_s2", "hz"):
+        values = sections["SURF"][field]
+        findings += _first("SURF", field, values, values[:, 0] > values[:, 1], "lowest, highest")
     return findings

@@ -66,4 +66,5 @@ def facts(path: Path) -> dict[str, Any]:
         ],
         "bodies": texts_at(sections, sections["BODY"]["name"]),
         "effects": texts_at(sections, effects["name"]),
+        "surfaces": texts_at(sections, sections["SURF"]["name"]),
     }

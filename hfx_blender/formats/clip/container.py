@@ -82,6 +82,9 @@ RECORDS: Final[dict[str, np.dtype[Any]]] = {
         *("first_reached", "reached"),
     ),
     "RCHV": _record("vertex", "factor:f4"),
+    "SURF": _record("name", "map", "m_s2:f4*2", "hz:f4*2"),
+    "HMAP": _record("columns", "rows", "mm:f4*2", "tiles", "first_texel", "texels", "reserved"),
+    "TEXL": np.dtype("<u4"),
 }
 """Record type of each section, in the order of the file."""
 

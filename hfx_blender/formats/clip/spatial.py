@@ -17,6 +17,7 @@ from ...engine.response_filters.controls import About, FilterKind, Operation
 from ...engine.scene import (
     BodyDescription,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     PaintedArea,
     SkinBinding,
@@ -25,6 +26,7 @@ from ...engine.skin.skinned_model import BoundWeights
 from ...engine.volume.shape import FalloffKind
 from ...text import counted
 from ..written import Written
+from . import surface_maps
 from .baked import Played
 from .common_rigs import RigNames, rig_names
 from .container import NONE, Records, Texts, records
@@ -41,12 +43,19 @@ _WHOLE: Final = 65535
 def sections_of(
     recorder: SpatialRecorder, played: Played, texts: Texts
 ) -> tuple[dict[str, Records], Written]:
-    """Sections of a scene's bodies and effects, and notes on losses; no sections without effects.
-    ``played`` is in the order of the baked part; ``texts`` receives all names."""
-    effects = recorder.effects()
-    lost = counted(recorder.left_out(), "a player evaluates no meshes, surfaces, spots and drives")
+    """Sections of a scene's surfaces, bodies and further effects, and notes on losses; no bodies
+    without effects. ``played`` is in the order of the baked part; ``texts`` receives all names."""
+    surfaces, effects = (
+        [item for item in recorder.effects() if isinstance(item[0].area, HapticSurface) == is_kind]
+        for is_kind in (True, False)
+    )
+    explored = surface_maps.sections_of(surfaces, texts)
+    lost = counted(
+        recorder.left_out(),
+        "a player evaluates no meshes, spots and drives, and surfaces only by micro-collisions",
+    )
     if not effects:
-        return {}, Written(notes=lost)
+        return explored, Written(notes=lost)
     models = tuple(dict.fromkeys(effect.model_id for effect, _ in effects))
     bodies = _Bodies(texts, models, recorder.detail)
     skinned = [b for b in recorder.scene.bodies if isinstance(b.binding, SkinBinding)]
@@ -65,7 +74,7 @@ def sections_of(
         if _has_fixed_place(actuator)
     ]
     lost += counted(fixed_actuators, "actuators at a place in the room follow no avatar")
-    return sections, Written(notes=lost)
+    return sections | explored, Written(notes=lost)
 
 
 class _Bodies:

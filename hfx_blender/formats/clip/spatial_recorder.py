@@ -16,10 +16,12 @@ from ...engine.scene import (
     AnimationBlock,
     EffectBlock,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     PaintedArea,
     SceneDescription,
 )
+from ...engine.texture.haptic_map import SurfaceRenderer
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from . import DETAIL
 
@@ -31,13 +33,15 @@ EffectState = dict[str, npt.NDArray[Any]]
 
 ``level``, the highest of all samples, and ``parameters`` (P,) of that sample; ``shape``, an
 index into :data:`SHAPES`, and ``half_segment``; ``matrix`` (4, 4) and ``controls``
-(filters, WIDTH) of the response at the first active sample. Painted: shape and half segment 0.
+(filters, WIDTH) of the response at the first active sample. Painted areas
+and surfaces: shape and half segment 0.
 """
 
 
 class SpatialRecorder:
-    """Recorder of the first state and highest level of a scene's volumes and painted areas.
-    ``detail`` is the level of detail of the models in the clip; 0 stores all vertices."""
+    """Recorder of the first state and highest level of a scene's volumes, painted areas and
+    micro-collision surfaces. ``detail`` is the level of detail of the models in the clip; 0 stores
+    all vertices."""
 
     def __init__(self, scene: SceneDescription, detail: int = DETAIL) -> None:
         self.scene, self.detail = scene, detail
@@ -58,7 +62,10 @@ class SpatialRecorder:
                 continue
             is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
             has_shape = bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
-            if isinstance(effect.area, PaintedArea) or (is_volume and has_shape):
+            is_mapped = isinstance(effect.area, HapticSurface) and (
+                effect.area.texture.renderer is SurfaceRenderer.MCHA
+            )
+            if isinstance(effect.area, PaintedArea) or is_mapped or (is_volume and has_shape):
                 self._keep(k, _state(effect, animated, rows))
             else:
                 self._others.add(k)
@@ -90,11 +97,12 @@ class SpatialRecorder:
                     self._keep(k, {name: part[f"{k}.{name}"] for name in names})
 
     def effects(self) -> list[tuple[EffectDescription, EffectState]]:
-        """Active volumes and painted areas in scene order, each with its state."""
+        """Active effects of supported areas in scene order, each with its state."""
         return [(self.scene.effects[k], seen) for k, seen in sorted(self._found.items())]
 
     def left_out(self) -> list[str]:
-        """Names of active effects of unsupported areas (meshes, spots, drives), in scene order."""
+        """Names of active effects of unsupported areas (meshes, spots, drives, surfaces of further
+        renderers), in scene order."""
         return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
 
 
@@ -103,7 +111,7 @@ def _state(
 ) -> EffectState:
     """State of an effect: level (at most 1) and parameters of the strongest of the sample ``rows``.
     Shape, matrix and clipped response controls are those of the first row of ``rows``; a painted
-    area has shape 0, the unit matrix and no controls."""
+    area or surface has shape 0, the unit matrix and no controls."""
     best = rows[int(np.argmax(animated.levels[rows]))]
     shape, half, matrix = 0, 0.0, np.eye(4)
     controls = np.zeros((0, WIDTH))

@@ -149,6 +149,22 @@ static void feel(const hfx_clip *clip) {
   free(matrices);
 }
 
+static void explore(const hfx_clip *clip) {
+  hfx_stroke stroke = {0, 0, 0, 0};
+  hfx_surface surface;
+  float out[2];
+  uint32_t i, sum = 0;
+  for (i = 0; !hfx_clip_surface(clip, i, &surface); i++) sum += (uint32_t)strlen(surface.name);
+  for (i = 0; i < 6; i++) {
+    const uint32_t count = hfx_clip_surfaces(clip), index = count ? drawn(count + 1) : 0;
+    const double u = drawn(4) ? odd() : drawn(200) * 0.01, v = drawn(4) ? odd() : drawn(200) * 0.01;
+    hfx_surface_feel(clip, index, &stroke, u, v, drawn(2) ? -1.0 : odd(), odd(), out);
+    if (!(out[0] - out[0] == 0.0f && out[1] - out[1] == 0.0f)) abort(); /* no finite number */
+    if (drawn(8) == 0) hfx_surface_lift(&stroke);
+  }
+  (void)sum;
+}
+
 int main(int count, char **given) {
   unsigned long inputs, done, opened = 0;
   unsigned char *clips[64];
@@ -176,6 +192,7 @@ int main(int count, char **given) {
     opened += hfx_clip_open(&clip, exact, size) == 0;
     play(&clip);
     feel(&clip);
+    explore(&clip);
     free(exact);
   }
   for (k = 0; k < known; k++) free(clips[k]);
