@@ -114,6 +114,24 @@ RUN(run_trigger) {
       hfx_live_trigger(BODY, number_at(arguments[0]), *(const double *)arguments[1]);
 }
 
+/* add_volume(effect: int) -> int: its number, or a reason below 0 */
+RUN(run_add_volume) {
+  (void)userdata;
+  *(int64_t *)result = hfx_live_add_volume(BODY, number_at(arguments[0]));
+}
+
+/* remove_volume(number: int) -> int */
+RUN(run_remove_volume) {
+  (void)userdata;
+  *(int64_t *)result = hfx_live_remove_volume(BODY, number_at(arguments[0]));
+}
+
+/* moves_skin(bone: int) -> int: 1 or 0 */
+RUN(run_moves_skin) {
+  (void)userdata;
+  *(int64_t *)result = hfx_live_moves_skin(BODY, number_at(arguments[0]));
+}
+
 /* evaluate(seconds: float) -> PackedFloat32Array: all columns, as of hfx_player_advance */
 RUN(run_evaluate) {
   const uint32_t count = hfx_live_columns(BODY);
@@ -141,6 +159,9 @@ static const method METHODS[] = {
     {"set_volume", run_set_volume, TYPE_INT, {TYPE_INT, TYPE_FLOATS}, 2},
     {"set_parameter", run_set_parameter, TYPE_INT, {TYPE_INT, TYPE_INT, TYPE_FLOAT}, 3},
     {"trigger", run_trigger, TYPE_INT, {TYPE_INT, TYPE_FLOAT}, 2},
+    {"add_volume", run_add_volume, TYPE_INT, {TYPE_INT}, 1},
+    {"remove_volume", run_remove_volume, TYPE_INT, {TYPE_INT}, 1},
+    {"moves_skin", run_moves_skin, TYPE_INT, {TYPE_INT}, 1},
     {"evaluate", run_evaluate, TYPE_FLOATS, {TYPE_FLOAT}, 1},
     {"get_weights", run_get_weights, TYPE_FLOATS, {TYPE_INT}, 1},
     {"get_level", run_get_level, TYPE_FLOAT, {TYPE_INT}, 1},

@@ -101,6 +101,11 @@ uint32_t hfx_live_weights(const hfx_live_body *self, uint32_t effect, float *out
   return there;
 }
 
+int32_t hfx_live_moves_skin(const hfx_live_body *self, uint32_t bone) {
+  return self && bone < hfx_clip_bones(&self->clip, self->body.body) &&
+         self->body.bones[bone].low[0] <= self->body.bones[bone].high[0];
+}
+
 double hfx_live_level(const hfx_live_body *self, uint32_t effect) {
   return self ? hfx_body_level(&self->body, effect) : 0.0;
 }

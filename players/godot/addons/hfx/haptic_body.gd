@@ -1,23 +1,42 @@
 # SPDX-License-Identifier: MIT
+@tool
 class_name HapticBody
 extends HapticSource
 ## Lets an avatar feel [HapticVolume] nodes and painted areas of a clip, on its own moving skeleton.
 ##
-## The skeleton's rest pose has to be that of the body in the clip. Needs the compiled part of the
-## add-on (bin/); without it nothing is felt, and the log says so. Values are sent each frame.
+## It feels the pose that is drawn, after all [SkeletonModifier3D] nodes (inverse kinematics, tracked
+## hands). The skeleton's rest pose has to be that of the body in the clip. Clip, skeleton and body
+## may be set or changed at any time, and the node may be moved in the tree. Needs the compiled part
+## of the add-on (bin/). What is missing is said by a warning of the node and, once, in the log;
+## nothing is felt until then. Values are sent each frame.
 
+const HapticBones := preload("haptic_bones.gd")
 ## Blender's axes, the clip's, to Godot's: (x, z, -y).
 const TO_GODOT := Transform3D(Basis(Vector3.RIGHT, Vector3.FORWARD, Vector3.UP), Vector3.ZERO)
+const _NAMES := 12  # of missing bones in a message
 
-@export var skeleton: Skeleton3D
+@export var skeleton: Skeleton3D:
+	set(value):
+		_forget()
+		skeleton = value
 ## The body of the clip; empty: its first.
-@export var body := ""
+@export var body := "":
+	set(value):
+		_forget()
+		body = value
 
-var _core: RefCounted
-var _bones: Array[Dictionary] = []  # of the clip
+var _core: RefCounted  # null: not open
+var _is_stopped := false
+var _bones: Array = []  # of the clip
 var _numbers := PackedInt32Array()  # of the skeleton's bones; -1: as its parent
 var _from_rest: Array[Transform3D] = []
+var _drawn: Array[Transform3D] = []  # poses after modifiers, in the skeleton's space
 var _effects: Array[Dictionary] = []
+var _effect_numbers := {}  # name of a volume effect: its number
+var _levels := {}  # name of a painted area: its level
+var _volumes := {}  # id of a HapticVolume node: number in the core, effect, frame, is late
+var _frame := 0
+var _said := {}  # messages in the log
 
 
 func _init() -> void:
@@ -26,40 +45,97 @@ func _init() -> void:
 
 func _ready() -> void:
 	super()
-	var error := _open()
-	if error != "":
-		_core = null
-		push_error("HapticBody '%s': %s" % [name, error])
+	if Engine.is_editor_hint():
+		set_process(false)
+	elif clip != null and is_instance_valid(skeleton):
+		_is_open()
 
 
 func _process(delta: float) -> void:
-	if _core == null or not _has_focus:
+	if Engine.is_editor_hint() or _is_stopped or not _has_focus or not _is_open():
 		return
+	if _is_drawn_later():
+		_feel.call_deferred(delta)  # behind the skeletons' own updates, which are deferred, too
+	else:
+		_feel(delta)
+
+
+func _notification(what: int) -> void:
+	if what == NOTIFICATION_EXIT_TREE:
+		_close()
+
+
+func _get_configuration_warnings() -> PackedStringArray:
+	var faults := PackedStringArray()
+	var core := _core
+	var fault := _open()
+	if fault == "":
+		fault = _missing_bones()
+	if fault != "":
+		faults.append(fault)
+	if core == null:
+		_close()
+	return faults
+
+
+## Evaluates the body [param seconds] after the last time and gives all columns; neutral values where
+## something is missing. [method _process] calls it in step with the drawn pose; a game that has a
+## clock of its own may do so instead, with the node's processing off.
+func advance(seconds: float) -> PackedFloat32Array:
+	if not _is_open():
+		return clip.get_neutral_values() if clip != null else PackedFloat32Array()
 	_core.set_bones(_matrices())
 	_place_volumes()
-	values_changed.emit(_core.evaluate(delta))
+	return _core.evaluate(seconds)
 
 
+## Ends in silence, until [method start].
 func stop() -> void:
-	_core = null
+	_is_stopped = true
 	super()
 
 
-## Turns a painted area on at a level of 0 (off) to 1.
+## Feels again after [method stop].
+func start() -> void:
+	_is_stopped = false
+
+
+## Turns a painted area on: 0 (off) to 1 of its level in the clip. It stays so where the clip, the
+## skeleton or the place in the tree changes.
 func trigger(effect: String, level := 1.0) -> void:
+	_levels[effect] = level
+	if _core == null:
+		return
 	for k in _effects.size():
-		if _core != null and _effects[k].name == effect:
+		if _effects[k].name == effect and _effects[k].is_painted:
 			_core.trigger(k, level)
+			return
+	_say("The clip has no painted area '%s'." % effect)
 
 
-## What each vertex of the model of an effect (its number in the clip) feels of it, 0 to 1.
+## What each vertex of the model of an effect (its number in the clip) feels of it, 0 to 1; of several
+## volumes the most.
 func get_weights(effect: int) -> PackedFloat32Array:
-	return _core.get_weights(effect) if _core != null else PackedFloat32Array()
+	if _core == null:
+		return PackedFloat32Array()
+	var weights: PackedFloat32Array = _core.get_weights(effect)
+	for volume: Dictionary in _volumes.values():
+		if volume.effect == effect:
+			var further: PackedFloat32Array = _core.get_weights(volume.number)
+			for k in further.size():
+				weights[k] = maxf(weights[k], further[k])
+	return weights
 
 
-## Level of an effect, with its response to the touch, 0 to 1.
+## Level of an effect, with its response to the touch, 0 to 1; of several volumes the highest.
 func get_level(effect: int) -> float:
-	return _core.get_level(effect) if _core != null else 0.0
+	if _core == null:
+		return 0.0
+	var level: float = _core.get_level(effect)
+	for volume: Dictionary in _volumes.values():
+		if volume.effect == effect:
+			level = maxf(level, _core.get_level(volume.number))
+	return level
 
 
 ## A transform as 3 x 4 numbers, row after row.
@@ -73,73 +149,194 @@ static func rows_of(transform: Transform3D) -> PackedFloat32Array:
 	)
 
 
+func _forget() -> void:
+	_close()
+	_said.clear()
+	update_configuration_warnings()
+
+
+## Ends in silence; what has been touched, and all impacts, are forgotten.
+func _close() -> void:
+	for change in ["skeleton_updated", "bone_list_changed", "rest_updated", "tree_exiting"]:
+		if is_instance_valid(skeleton) and skeleton.has_signal(change):
+			var handler := _keep_pose if change == "skeleton_updated" else _close
+			if skeleton.is_connected(change, handler):
+				skeleton.disconnect(change, handler)
+	var was_open := _core != null
+	_core = null
+	_volumes.clear()
+	_drawn.clear()
+	if was_open:
+		_silence()
+
+
+## Opens the core where that is possible now.
+func _is_open() -> bool:
+	if _core != null or not is_inside_tree():
+		return _core != null
+	var fault := _open()
+	if fault != "":
+		_close()
+		_say(fault)
+		return false
+	_say(_missing_bones())
+	for change in ["skeleton_updated", "bone_list_changed", "rest_updated", "tree_exiting"]:
+		if skeleton.has_signal(change):
+			skeleton.connect(change, _keep_pose if change == "skeleton_updated" else _close)
+	return true
+
+
+func _say(message: String) -> void:
+	if message != "" and not _said.has(message):
+		_said[message] = true
+		push_warning("HapticBody '%s': %s" % [name, message])
+
+
 func _open() -> String:
-	if clip == null or skeleton == null:
-		return "choose a clip and a skeleton."
+	if _core != null:
+		return ""
+	if clip == null:
+		return "Choose a clip."
+	if not is_instance_valid(skeleton):
+		return "Choose the Skeleton3D of the avatar."
+	if not skeleton.is_inside_tree():
+		return "The skeleton is not in the scene."
 	var bodies := clip.get_bodies()
 	if bodies.is_empty():
-		return "the clip has no spatial part."
+		return "The clip has no body: export the scene from Blender, not a track."
 	var names := bodies.map(func(each: Dictionary) -> String: return each.name)
 	var number := 0 if body == "" else names.find(body)
 	if number < 0:
-		return "the clip has no body '%s', but: %s." % [body, ", ".join(names)]
+		return "The clip has no body '%s', but: %s." % [body, ", ".join(names)]
 	if not ClassDB.class_exists(&"HapticBodyCore"):
-		return "the compiled part of the add-on is not there (python players/native/build.py)."
+		return "The compiled part of the add-on is not there (python players/native/build.py)."
+	_bones = bodies[number].bones
+	_numbers = HapticBones.find(_bones, skeleton)
+	if _numbers.count(-1) == _numbers.size():
+		return "No bone of '%s' has a known name." % skeleton.name
 	_core = ClassDB.instantiate(&"HapticBodyCore")
 	var error: int = _core.open(clip.bytes, number)
 	if error != 0:
-		return "the core refuses the clip (%d); 'hfx validate' says why." % error
-	_bones = bodies[number].bones
+		_core = null
+		return "The core refuses the clip (%d); 'hfx validate' says why." % error
 	_effects = clip.get_effects()
-	_find_bones()
-	return "" if _numbers.count(-1) < _numbers.size() else "no bone of the skeleton has a known name."
-
-
-func _find_bones() -> void:
-	_numbers.clear()
+	_effect_numbers.clear()
+	for k in _effects.size():
+		if not _effects[k].is_painted:
+			_effect_numbers[_effects[k].name] = k
+		_core.trigger(k, _levels.get(_effects[k].name, 0.0) if _effects[k].is_painted else 0.0)
 	_from_rest.clear()
-	for bone in _bones:
-		var human: String = bone.human
-		var names: Array[String] = [
-			bone.name, human.left(1).to_upper() + human.substr(1), human,
-			bone.mixamo, "mixamorig:" + bone.mixamo, "mixamorig_" + bone.mixamo, bone.unreal,
-		]
-		var found := -1
-		for each in names:
-			if found < 0 and each != "":
-				found = skeleton.find_bone(each)
-		_numbers.append(found)
+	for bone in _numbers:
 		_from_rest.append(
-			skeleton.get_bone_global_rest(found).affine_inverse() * TO_GODOT
-			if found >= 0 else Transform3D.IDENTITY
+			skeleton.get_bone_global_rest(bone).affine_inverse() * TO_GODOT
+			if bone >= 0 else Transform3D.IDENTITY
 		)
+	return ""
+
+
+## A sentence about bones of the clip that move skin and are not in the skeleton.
+func _missing_bones() -> String:
+	var missing := PackedStringArray()
+	var moving := 0
+	for k in _bones.size():
+		if _core.moves_skin(k) == 1:
+			moving += 1
+			if _numbers[k] < 0:
+				missing.append(_bones[k].name)
+	if missing.is_empty():
+		return ""
+	var shown := ", ".join(missing.slice(0, _NAMES)) + (", ..." if missing.size() > _NAMES else "")
+	return (
+		"%d of %d bones that move skin are not in '%s' and follow their parents: %s."
+		% [missing.size(), moving, skeleton.name, shown]
+	)
+
+
+## Whether the pose, or the place of a volume on a bone, is known only after this frame's processing.
+func _is_drawn_later() -> bool:
+	if _has_modifiers():
+		return true
+	for volume: Dictionary in _volumes.values():
+		if volume.is_late:
+			return true
+	return false
+
+
+func _has_modifiers() -> bool:
+	for child in skeleton.get_children():
+		if child.is_class("SkeletonModifier3D") and child.active:
+			return true
+	return false
+
+
+func _feel(delta: float) -> void:
+	if is_inside_tree() and not _is_stopped and _has_focus and _is_open():
+		values_changed.emit(advance(delta))
+
+
+## Keeps the drawn pose: Godot takes the changes of modifiers back when they have been drawn.
+func _keep_pose() -> void:
+	if _core != null and _has_modifiers():
+		_drawn = _poses()
+
+
+func _poses() -> Array[Transform3D]:
+	var poses: Array[Transform3D] = []
+	for bone in _numbers:
+		poses.append(skeleton.get_bone_global_pose(bone) if bone >= 0 else Transform3D.IDENTITY)
+	return poses
 
 
 ## For each bone of the clip: the clip's rest space to Godot's world.
 func _matrices() -> PackedFloat32Array:
+	var poses := _drawn
+	if poses.is_empty() or not _has_modifiers():
+		poses = _poses()
 	var placed: Array[Transform3D] = []
 	var rows := PackedFloat32Array()
+	var at := skeleton.global_transform
 	for k in _bones.size():
 		var parent: int = _bones[k].parent
 		if _numbers[k] >= 0:
-			var pose := skeleton.get_bone_global_pose(_numbers[k])
-			placed.append(skeleton.global_transform * pose * _from_rest[k])
+			placed.append(at * poses[k] * _from_rest[k])
 		else:
-			placed.append(placed[parent] if parent >= 0 else skeleton.global_transform * TO_GODOT)
+			placed.append(placed[parent] if parent >= 0 else at * TO_GODOT)
 		rows.append_array(rows_of(placed[k]))
 	return rows
 
 
-## Volumes of which there is no node, or none that is visible, are off.
+## Each visible node is a volume of its own; those that are hidden or gone are off.
 func _place_volumes() -> void:
-	var there := {}
-	for volume: HapticVolume in get_tree().get_nodes_in_group(HapticVolume.GROUP):
-		if volume.is_visible_in_tree():
-			there[volume.effect] = volume
-	for k in _effects.size():
-		if _effects[k].is_painted:
+	_frame += 1
+	for node: HapticVolume in get_tree().get_nodes_in_group(HapticVolume.GROUP):
+		var effect: int = _effect_numbers.get(node.effect, -1)
+		if effect < 0:
+			_say(_unknown_effect(node))
 			continue
-		var volume: HapticVolume = there.get(_effects[k].name)
-		_core.trigger(k, volume.level if volume != null else 0.0)
-		if volume != null:
-			_core.set_volume(k, rows_of(volume.global_transform * TO_GODOT))
+		var id := node.get_instance_id()
+		var volume: Dictionary = _volumes.get(id, {})
+		if not volume.is_empty() and volume.effect != effect:
+			_core.remove_volume(volume.number)
+			volume = {}
+		if volume.is_empty():
+			var number: int = _core.add_volume(effect)
+			if number < 0:
+				continue
+			volume = {"number": number, "effect": effect, "is_late": node.is_on_bone()}
+			_volumes[id] = volume
+		volume.frame = _frame
+		_core.set_volume(volume.number, rows_of(node.global_transform * TO_GODOT))
+		_core.trigger(volume.number, node.level if node.is_visible_in_tree() else 0.0)
+	for id in _volumes.keys():
+		if _volumes[id].frame != _frame:
+			_core.remove_volume(_volumes[id].number)
+			_volumes.erase(id)
+
+
+func _unknown_effect(node: HapticVolume) -> String:
+	if node.effect == "":
+		return "HapticVolume '%s' has no effect." % node.name
+	return (
+		"The clip has no volume '%s' (of the node '%s'), but: %s."
+		% [node.effect, node.name, ", ".join(_effect_numbers.keys())]
+	)

@@ -46,12 +46,13 @@ static func from_bytes(file: PackedByteArray) -> HapticClip:
 
 ## One sentence about what is wrong with the bytes; empty: nothing.
 func fault() -> String:
-	var error := _read()
+	var error := _find_parts()
+	_is_read = false
 	if error != "":
 		return error
-	if bytes.decode_u32(16) != _crc32(bytes, 20):
+	if not _is_checksum(bytes.slice(20), bytes.decode_u32(16)):
 		return "The haptic clip is damaged: its checksum is not that of its content."
-	return ""
+	return _read()
 
 
 ## Length, seconds.
@@ -76,6 +77,15 @@ func get_row_count() -> int:
 func get_devices() -> Array[Dictionary]:
 	_read()
 	return _devices
+
+
+## Indices of the devices of a name: those with this id, or with it and _left or _right; "": all.
+func find_devices(id: String) -> PackedInt32Array:
+	var found := PackedInt32Array()
+	for k in get_devices().size():
+		if id == "" or _devices[k].id in [id, id + "_left", id + "_right"]:
+			found.append(k)
+	return found
 
 
 ## For each actuator: id, modality, first_column, columns, side, parts, bone, human_bone,
@@ -112,7 +122,8 @@ func get_bodies() -> Array[Dictionary]:
 	return found
 
 
-## Volumes and painted areas: name, is_painted, modality, shape, half_segment.
+## Volumes and painted areas: name, is_painted, modality, shape, half_segment, level, and transform,
+## that of a [HapticVolume] where the scene has it first.
 func get_effects() -> Array[Dictionary]:
 	_read()
 	var found: Array[Dictionary] = []
@@ -124,6 +135,8 @@ func get_effects() -> Array[Dictionary]:
 			"modality": MODALITIES[mini(bytes.decode_u32(at + 8), 3)],
 			"shape": SHAPES[mini(bytes.decode_u32(at + 20), 3)],
 			"half_segment": bytes.decode_float(at + 24),
+			"level": bytes.decode_float(at + 36),
+			"transform": _transform(at + 76),
 		})
 	return found
 
@@ -140,7 +153,6 @@ func get_neutral_values() -> PackedFloat32Array:
 func _read() -> String:
 	if _is_read:
 		return ""
-	_parts = {}
 	_rate_hz = 0.0
 	_row_count = 0
 	_devices.clear()
@@ -159,6 +171,7 @@ func _read() -> String:
 
 
 func _find_parts() -> String:
+	_parts = {}
 	if bytes.size() < 24 or bytes.slice(0, 8).hex_encode() != MAGIC.replace(" ", ""):
 		return "This is no haptic clip."
 	if bytes.decode_u32(8) > VERSION:
@@ -301,14 +314,33 @@ func _text(at: int) -> String:
 	return bytes.slice(begin, end).get_string_from_utf8() if end >= begin else ""
 
 
-static func _crc32(data: PackedByteArray, from: int) -> int:
-	var table := PackedInt64Array()
-	for number in 256:
-		var value := number
-		for bit in 8:
-			value = (value >> 1) ^ 0xEDB88320 if value & 1 else value >> 1
-		table.append(value)
-	var crc := 0xFFFFFFFF
-	for k in range(from, data.size()):
-		crc = (crc >> 8) ^ table[(crc ^ data[k]) & 0xFF]
-	return crc ^ 0xFFFFFFFF
+## A matrix of the clip's space as a transform of Godot's: (x, z, -y).
+func _transform(at: int) -> Transform3D:
+	var n: Array[float] = []
+	for k in 12:
+		n.append(bytes.decode_float(at + 4 * k))
+	var turned := Transform3D(Basis(Vector3.RIGHT, Vector3.FORWARD, Vector3.UP), Vector3.ZERO)
+	var placed := Transform3D(
+		Vector3(n[0], n[4], n[8]), Vector3(n[1], n[5], n[9]), Vector3(n[2], n[6], n[10]),
+		Vector3(n[3], n[7], n[11])
+	)
+	return turned * placed * turned.affine_inverse()
+
+
+## Whether data has a CRC-32. GDScript would take 0.3 s a megabyte: here Godot's gzip checks it, given
+## the data as gzip's stored blocks, which begin with their length and its complement.
+static func _is_checksum(data: PackedByteArray, checksum: int) -> bool:
+	var packed := "1f8b08000000000000ff".hex_decode()
+	for first in range(0, data.size(), 0xFFFF):
+		var size := mini(data.size() - first, 0xFFFF)
+		var head := PackedByteArray([int(first + size == data.size()), 0, 0, 0, 0])
+		head.encode_u16(1, size)
+		head.encode_u16(3, size ^ 0xFFFF)
+		packed.append_array(head)
+		packed.append_array(data.slice(first, first + size))
+	var end := PackedByteArray()
+	end.resize(8)
+	end.encode_u32(0, checksum)
+	end.encode_u32(4, data.size())
+	packed.append_array(end)
+	return packed.decompress(data.size(), FileAccess.COMPRESSION_GZIP).size() == data.size()

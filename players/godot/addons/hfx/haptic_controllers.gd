@@ -22,8 +22,11 @@ const _SILENCE_S := 0.01
 @export var right: XRController3D
 ## The haptic action of the project's OpenXR action map.
 @export var action := "haptic"
-## Id of a device in the clip (say oculus_touch); empty: all devices.
-@export var device := ""
+## Id of a device in the clip (say oculus_touch), with or without its _left or _right; empty: all.
+@export var device := "":
+	set(value):
+		device = value
+		_felt.clear()
 
 var _felt := {}  # source: [its clip, its columns by side, its newest values]
 var _on := {"left": false, "right": false}
@@ -72,9 +75,8 @@ func _columns_of(clip: HapticClip) -> Dictionary:
 	if clip == null:
 		return found
 	var actuators := clip.get_actuators()
-	for each in clip.get_devices():
-		if device != "" and each.id != device and each.id.trim_suffix("_left").trim_suffix("_right") != device:
-			continue
+	for index in clip.find_devices(device):
+		var each := clip.get_devices()[index]
 		for k in range(each.first_actuator, mini(each.first_actuator + each.actuators, actuators.size())):
 			var actuator: Dictionary = actuators[k]
 			if actuator.modality == "vibration" and found.has(actuator.side):

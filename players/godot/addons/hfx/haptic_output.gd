@@ -11,37 +11,58 @@ const _ADDRESS := "127.0.0.1"
 const _TOKEN_DIGITS := 32
 
 ## Players and bodies of one clip.
-@export var sources: Array[HapticSource] = []
+@export var sources: Array[HapticSource] = []:
+	set(value):
+		for source in sources:
+			if is_instance_valid(source) and source.values_changed.is_connected(_send):
+				source.values_changed.disconnect(_send)
+		sources = value
+		_felt.clear()
+		for source in sources:
+			if source != null:
+				source.values_changed.connect(_send.bind(source))
 ## Id of the device in the clip (say waist_belt); empty: its first.
 @export var device := ""
-@export_range(1, 65535) var port := 7010
+@export_range(1, 65535) var port := 7010:
+	set(value):
+		port = value
+		_socket.close()
 ## What HFX shows as it begins; empty: the environment variable HFX_TOKEN, which HFX takes, too.
-@export var token := ""
+@export var token := "":
+	set(value):
+		token = value
+		_is_ready = false
 
 var _socket := PacketPeerUDP.new()
-var _head := PackedByteArray()
+var _head := PackedByteArray()  # empty: without a token
+var _is_ready := false
 var _number := 0
 var _felt := {}  # source: its newest values
 
 
-func _ready() -> void:
-	var digits := token if token != "" else OS.get_environment("HFX_TOKEN")
-	if digits.length() != _TOKEN_DIGITS or not digits.is_valid_hex_number():
-		push_error("HapticOutput '%s': the token has to be %d hexadecimal digits." % [name, _TOKEN_DIGITS])
-		return
-	_head = "HFX1".to_ascii_buffer() + digits.hex_decode()
-	_socket.connect_to_host(_ADDRESS, port)
-	for source in sources:
-		source.values_changed.connect(_send.bind(source))
-
-
 func _send(values: PackedFloat32Array, source: HapticSource) -> void:
 	_felt[source] = values
+	if not is_inside_tree() or not _has_token():
+		return
+	if not _socket.is_socket_connected():
+		_socket.connect_to_host(_ADDRESS, port)
 	for each in source.clip.get_devices():
 		if device != "" and each.id != device:
 			continue
 		_socket.put_packet(_datagram(each, source.clip))
 		return
+
+
+func _has_token() -> bool:
+	if not _is_ready:
+		_is_ready = true
+		_head.clear()
+		var digits := token if token != "" else OS.get_environment("HFX_TOKEN")
+		if digits.length() == _TOKEN_DIGITS and digits.is_valid_hex_number():
+			_head = "HFX1".to_ascii_buffer() + digits.hex_decode()
+		else:
+			push_error("HapticOutput '%s': the token has to be %d hexadecimal digits." % [name, _TOKEN_DIGITS])
+	return not _head.is_empty()
 
 
 func _datagram(found: Dictionary, clip: HapticClip) -> PackedByteArray:

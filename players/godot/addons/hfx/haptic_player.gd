@@ -14,13 +14,18 @@ const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 
 ## Plays as soon as the node is in the scene.
 @export var autoplay := false
-## Begins again at the end.
-@export var loop := false
+## Begins again at the end. A named clip loops by itself if it is meant to; where this is set while
+## a named clip plays, it applies to that, too.
+@export var loop := false:
+	set(value):
+		loop = value
+		_loops = value
 ## Scales how far all strengths are from neutral.
 @export_range(0.0, 4.0, 0.01) var gain := 1.0
 
 var _playing := false
 var _paused := false
+var _loops := false  # what plays now
 var _position := 0.0
 var _start := 0.0
 var _end := 0.0
@@ -40,26 +45,30 @@ func _process(delta: float) -> void:
 	values_changed.emit(advance(delta))
 
 
-## Begins at the beginning, or with a named clip of the scene.
-func play(named_clip := "") -> void:
+## Begins at the beginning, or with a named clip of the scene. Gain, factors and loop stay. A name that
+## the clip does not have is an error, and ends in silence; the result is false.
+func play(named_clip := "") -> bool:
 	if clip == null:
 		push_error("HapticPlayer '%s' has no clip." % name)
-		return
-	_start = 0.0
-	_end = clip.get_length()
-	if named_clip != "":
-		if not clip.get_named_clips().has(named_clip):
-			push_error(
-				"The clip has no '%s'; it has: %s." % [named_clip, ", ".join(clip.get_named_clips().keys())]
-			)
-			return
-		var found: Array = clip.get_named_clips()[named_clip]
-		_start = found[0]
-		_end = found[1]
-		loop = found[2]
+		return false
+	var part: Array = [0.0, clip.get_length(), loop]
+	var is_known := named_clip == "" or clip.get_named_clips().has(named_clip)
+	if not is_known:
+		push_error(
+			"HapticPlayer '%s': the clip has no '%s'; it has: %s."
+			% [name, named_clip, ", ".join(clip.get_named_clips().keys())]
+		)
+		stop()
+		part = [0.0, 0.0, false]
+	elif named_clip != "":
+		part = clip.get_named_clips()[named_clip]
+	_start = part[0]
+	_end = part[1]
+	_loops = part[2]
 	_playing = _end > _start
 	_paused = false
 	seek(_start)
+	return is_known
 
 
 ## Stands still, in silence, until it is called with false.
@@ -69,7 +78,8 @@ func pause(is_paused := true) -> void:
 		_silence()
 
 
-## Ends in silence.
+## Ends in silence, at the beginning of what was played. Where a clip ends by itself, the position
+## stays at its end.
 func stop() -> void:
 	var was_playing := _playing
 	_playing = false
@@ -87,9 +97,14 @@ func seek(seconds: float) -> void:
 
 
 ## Scales one parameter (amplitude_m_s2, frequency_hz, pressure_kpa, temperature_c, speed_m_s): its
-## deviation from neutral, a frequency itself.
-func set_parameter(parameter: String, factor: float) -> void:
-	_factors[parameter] = _positive(factor)
+## deviation from neutral, a frequency itself; false, without effect: the clip has no such parameter.
+func set_parameter(parameter: String, factor: float) -> bool:
+	if clip != null and not parameter.begins_with("direction"):  # directions are not scaled
+		for column in clip.get_columns():
+			if column.parameter == parameter:
+				_factors[parameter] = _positive(factor)
+				return true
+	return false
 
 
 func is_playing() -> bool:
@@ -113,7 +128,7 @@ func advance(seconds: float) -> PackedFloat32Array:
 	var spans := [Vector2i(_shown_row + 1, now)]
 	if _position < _end:
 		spans[0].x = mini(spans[0].x, now)
-	elif loop:
+	elif _loops:
 		var past := _position - _end
 		var length := _end - _start
 		_position = _start + fmod(past, length)
@@ -121,7 +136,7 @@ func advance(seconds: float) -> PackedFloat32Array:
 		spans.append(Vector2i(_row_of(_start), now if past < length else _row_of(_end)))
 	else:
 		_playing = false
-		_position = _start
+		_position = _end
 		finished.emit.call_deferred()
 		_silence.call_deferred()
 		if spans[0].x > now:  # all of it has been felt

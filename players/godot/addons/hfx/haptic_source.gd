@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+@tool
 class_name HapticSource
 extends Node
 ## What [HapticPlayer] and [HapticBody] have in common: values of all columns of a [HapticClip].
@@ -12,8 +13,10 @@ signal values_changed(values: PackedFloat32Array)
 
 @export var clip: HapticClip:
 	set(value):
-		stop()
+		if clip != null:
+			_forget()
 		clip = value
+		update_configuration_warnings()
 ## Silent while the window or the headset is in the background.
 @export var silent_without_focus := true
 
@@ -21,6 +24,8 @@ var _has_focus := true
 
 
 func _ready() -> void:
+	if Engine.is_editor_hint():
+		return
 	var headset := XRServer.find_interface("OpenXR")
 	if headset != null and headset.is_initialized():
 		headset.session_focussed.connect(_set_focus.bind(true))
@@ -29,21 +34,30 @@ func _ready() -> void:
 
 
 func _notification(what: int) -> void:
+	if Engine.is_editor_hint():
+		return
 	match what:
 		NOTIFICATION_APPLICATION_FOCUS_OUT, NOTIFICATION_APPLICATION_PAUSED:
-			if not get_viewport().use_xr:  # a headset has a focus of its own
+			if not is_inside_tree() or not get_viewport().use_xr:  # a headset has a focus of its own
 				_set_focus(false)
 		NOTIFICATION_APPLICATION_FOCUS_IN, NOTIFICATION_APPLICATION_RESUMED:
 			_set_focus(true)
-		NOTIFICATION_PAUSED, NOTIFICATION_DISABLED:
+		NOTIFICATION_PAUSED, NOTIFICATION_DISABLED, NOTIFICATION_EXIT_TREE:
 			_silence()
-		NOTIFICATION_EXIT_TREE:
-			stop()
+
+
+func _get_configuration_warnings() -> PackedStringArray:
+	return [] if clip != null else ["Choose a clip."]
 
 
 ## Ends in silence.
 func stop() -> void:
 	_silence()
+
+
+## The clip is about to change.
+func _forget() -> void:
+	stop()
 
 
 func _set_focus(has_focus: bool) -> void:
