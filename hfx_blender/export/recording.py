@@ -267,6 +267,8 @@ class SceneRecorders:
             with np.load(file, allow_pickle=False) as arrays:
                 parts.append(dict(arrays))
         if self.volumes is not None:
+            # Shapes cannot be stored as arrays: the block of each volume's first sample is read
+            # again.
             for first in self.volumes.first_samples(parts):
                 for block in block_at(first):
                     self.volumes.add(block)

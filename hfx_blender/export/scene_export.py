@@ -84,6 +84,7 @@ class ExportSettings:
     def __post_init__(self) -> None:
         writing.check(self.formats, self.devices)
         devices = {device.id: device for device in self.devices}
+        # Fields of a frozen dataclass are set through object.
         object.__setattr__(self, "devices", tuple(devices.values()))
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
@@ -200,6 +201,7 @@ class SceneExport:
             recorders = self._recorders()
 
             def blocks_at(sample: int) -> Iterable[AnimationBlock]:
+                # Positions of blocks are fixed in time, so this block equals the recorded one.
                 start = sample // BLOCK_SIZE * BLOCK_SIZE
                 return self.reader.blocks((start, start + BLOCK_SIZE))
 
@@ -328,6 +330,7 @@ class SceneExport:
         """Write the files of all formats next to the track; InputError without any result. Returns
         the rendering without devices that failed in a clip."""
         settings = self._settings
+        # Formats simplify within the scene's tolerance, but never beyond 1 % of full scale.
         tolerance = min(self.tolerance.amplitude, DEFAULT_TOLERANCE)
         if settings.per_clip:
             written, rendered = write_clips(

@@ -139,6 +139,8 @@ class SoundRecorder:
         count = wav.sample_count(time.sample_count, time.rate_hz)
 
         def blocks() -> Iterator[F64]:
+            # A new mix for each pass: long sound is rendered twice (peak, then file), and
+            # reverberation has memory.
             reverberators = Reverberators(
                 len(settings.layout), wav.RATE_HZ, settings.reverberation_s
             )

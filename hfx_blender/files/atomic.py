@@ -95,6 +95,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     if is_durable and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
+    # Two exports into a folder take turns, so that their files never mix.
     with folder_locked(folder):
         _replace(files, targets, is_durable)
     return tuple(targets)
@@ -105,6 +106,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
     back. Restoring needs hard links. ``is_durable`` forces the folders to the disk."""
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
+    # All names change together from here on: a forced end of the process waits for the lock.
     placing.acquire()
     try:
         for file, target in zip(files, targets, strict=True):
@@ -207,6 +209,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         # The block may hide the write error behind a second error; report the write error.
         fault = raw.fault if raw is not None and isinstance(error, Exception) else None
         if fault is None and isinstance(error, OSError):
+            # An error without a name, such as that of a full disk, is about this file too.
             own_names = {str(path), str(temporary), str(path.parent)}
             if error.filename is None or str(error.filename) in own_names:
                 fault = error
@@ -257,6 +260,7 @@ def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
     for path in paths:
         with suppress(OSError, ValueError):
             state = path.stat()
+            # File systems without inodes report 0, which would match every file.
             if state.st_ino:
                 identities.append((state.st_dev, state.st_ino))
     for identity in identities:

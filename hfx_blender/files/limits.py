@@ -44,6 +44,7 @@ class Limit:
         message begins with ``name`` of the file and ``clause``, subject and verb: ``values would
         take``, ``the envelope lasts``."""
         if not amount <= self.allowed:  # also true for NaN
+            # A larger whole number has no float, and its division would fail.
             times = amount / self.default if amount < _COUNTLESS else math.inf
             cure = ""
             if not times <= MOST_TIMES:

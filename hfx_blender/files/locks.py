@@ -97,6 +97,7 @@ def folder_locked(folder: Path) -> Iterator[None]:
 
 def _is_taken_in_time(descriptor: int) -> bool:
     """Lock a file within :data:`PATIENCE_S`; False if another process holds the lock for longer."""
+    # Waiting locks of the system have no time limit, hence repeated tries.
     until = time.monotonic() + PATIENCE_S
     while True:
         with suppress(OSError):
@@ -113,6 +114,7 @@ def take_lock(descriptor: int, place: int = 0) -> None:
     if sys.platform == "win32":
         import msvcrt
 
+        # Windows locks from the current position on.
         os.lseek(descriptor, place, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         os.lseek(descriptor, 0, os.SEEK_SET)

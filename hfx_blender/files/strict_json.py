@@ -124,6 +124,7 @@ def mapped(path: Path) -> bytes:
     refuse_no_file(path)
     try:
         with open(path, "rb") as file:
+            # An empty file cannot be mapped.
             if not os.fstat(file.fileno()).st_size:
                 return b""
             content: Any = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -172,6 +173,7 @@ def _located(text: str) -> str:
             return f"{shown_place(location) or 'the document'}: {value.described}"
         if isinstance(value, dict | list):
             members = value.items() if isinstance(value, dict) else enumerate(value)
+            # The last entry is taken next: reversed, so that the first fault of the file is named.
             waiting += [(item, (location, key)) for key, item in reversed(list(members))]
     return ""
 

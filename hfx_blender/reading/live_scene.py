@@ -178,6 +178,8 @@ class LiveScene:
         has_history = self._answers and step_s is not None and self._before is not None
         if not has_history and step_s is None:
             self.engine.responses.settling.memories.clear()
+        # The rows before give the engine motion: responses react to speed and to the begin of a
+        # touch.
         if has_history and self._before is not None:
             before, before_poses = self._before
             own = len(effects) - len(stays)
@@ -278,6 +280,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 *_CONSTANT_PROPERTIES(hfx),
                 hfx.body.name if hfx.body else "",
                 hfx.avatar.name if hfx.avatar else "",
+                # Hashes instead of arrays, as a signature is made at every update of the scene.
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
                 hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
                 visibility.is_disabled(obj),

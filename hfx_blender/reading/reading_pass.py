@@ -172,6 +172,7 @@ class ReadingPass:
         bodies."""
         on = np.zeros(count, np.bool_)
         for k in self.in_scene & effects.keys():
+            # Negated, so that NaN counts as on and is reported by the engine.
             on |= ~(effects[k].levels <= 0.0)
         return on
 

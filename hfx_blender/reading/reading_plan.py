@@ -69,6 +69,7 @@ def plan_of(
         return Plan(reason=handler, in_own_scene=True, in_one_go=True, is_sequential=True)
     plan = Plan()
     reasons = []
+    # Shared: a parent of many objects is read and sampled once.
     parents = Parents()
     for k in found.active:
         effect, state = found.effects[k], found.activations[k]
@@ -87,6 +88,7 @@ def plan_of(
     if not reasons:
         return plan
     own = stepping.why_own_scene(found.read)
+    # Simulations are played in the user's scene; a scratch scene lacks their caches.
     if own is None and found.simulation is not None:
         own = "particles move"
     presampled = {}

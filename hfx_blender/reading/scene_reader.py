@@ -334,6 +334,7 @@ class SceneReader:
     def _is_in_scene(self, index: int) -> bool:
         """True for a sample from the scene's first frame up to, without, the end of the last frame,
         the scene's or the last read."""
+        # The last frame lasts a whole frame.
         end = max(self.found.scene.frame_end, self.time.frame_last) + 1
         return self.time.scene_start <= self.time.frame(index) < end
 

@@ -137,6 +137,7 @@ class _Batch:
             # Parts finish in any order; the merge needs all of them, in order of time.
             if len(scene.parts) == len(scene.shares):
                 ordered = tuple(scene.parts[k] for k in sorted(scene.parts))
+                # First in the queue: a merge completes a scene, further parts only begin others.
                 self._ready.appendleft((scene, 0, replace(unit, kind="merge", done=ordered)))
         else:
             # Parts still in the queue are useless if one of them has failed.

@@ -146,5 +146,6 @@ def parts_of(size: int, count: int) -> list[tuple[int, int]]:
 
 def _between(cuts: list[int], count: int) -> list[tuple[int, int]]:
     rounded = {round(cut / SAMPLES_PER_CHUNK) * SAMPLES_PER_CHUNK for cut in cuts}
+    # Rounded cuts may coincide: a set holds each edge once, so no part is empty.
     edges = sorted({0, count, *(cut for cut in rounded if 0 < cut < count)})
     return list(pairwise(edges))

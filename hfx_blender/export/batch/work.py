@@ -60,6 +60,7 @@ def run_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         raise
     except OSError as error:
         _state.clear()
+        # Without a file name the fault is in no file of the user.
         if error.filename is None:
             return _defect(unit, error)
         fault = fault_of_file(error)
@@ -158,6 +159,7 @@ def _open(unit: Unit) -> None:
         now = None
     # Parts and merges of a scene follow one another in a worker, and reading restores the scene.
     if now is None or now != _state.opened or unit.kind == "scene":
+        # Before opening: after a failure no file counts as open.
         _state.clear()
         blender_session.open_blend(path)
         _state.opened = now

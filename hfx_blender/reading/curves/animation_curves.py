@@ -73,6 +73,7 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
         points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
         keys.foreach_get("co", points)
         grouped.key_frames.update(points[::2].tolist())
+        # Rare cases, left to Blender frame by frame: modifiers and extrapolation have many forms.
         if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
             grouped.other.append((curve, column))
             continue
@@ -93,6 +94,7 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
         if kinds.max() > _LAST_KIND:  # easing
             grouped.other += [(curve, column) for column, curve, _ in members]
             continue
+        # Linear and constant segments never use handles: none are copied from Blender.
         curved = _BEZIER in kinds
         grouped.keyed.append(
             (
@@ -155,6 +157,7 @@ class _Strip:
         """Frames of the scene, unsorted, of keys within the played frames and of both their ends,
         for each of up to 1000 repetitions; the last repetition is not cut."""
         first, last = self.action_frames
+        # Motion starts and stops at the ends of a strip, so both count as keys.
         keys = np.array([first, *self.curves.key_frames, last])
         keys = (keys[(keys >= first) & (keys <= last)] - first) * self.scale
         length = (last - first) * self.scale
@@ -234,12 +237,15 @@ class AnimatedValues:
         solo too, channels of unmuted tracks get columns."""
         solo = any(track.is_solo for track in data.nla_tracks)
         for track in data.nla_tracks:
+            # With a solo track the mute switches of tracks do not count.
             if track.mute and not track.is_solo:
                 continue
             strips = []
             for strip in track.strips:
                 _refuse_other_strips(name, strip)
                 curves = _grouped(compat.strip_fcurves(strip), self._selects)
+                # Strips silenced by another track's solo still give their channels the default
+                # value.
                 columns = self._columns_of(curves, default)
                 strips.append(_Strip(strip, curves, columns))
             if track.is_solo or not solo:
@@ -258,6 +264,7 @@ class AnimatedValues:
         """Values (T, C) at frames of the scene, columns as in ``columns``. Tracks are evaluated
         from bottom to top, then the action. ``single`` uses Blender's float32 arithmetic; see
         :meth:`KeyedCurves.sample`."""
+        # Below all strips Blender's NLA starts from the default, not from the stored value.
         values = np.tile(np.array(self._below, np.float64), (len(frames), 1))
         # A strip with influence below 1 blends with the tracks below; the assigned action replaces
         # all strips, as Blender's NLA does with Replace and an influence of 1.

@@ -51,6 +51,7 @@ def time_base(
             if bad.path == "rate":
                 raise InputError(f"Scene '{scene.name}': {bad}.")
         rate_hz = Fraction(scene.hfx.rate).limit_denominator(1000)
+    # Exact fractions, so that the times of late samples do not drift.
     time = TimeBase(fps, rate_hz, scene.frame_start, first, last)
     if time.sample_count > MOST_SAMPLES:
         raise InputError(

@@ -230,6 +230,8 @@ class EffectChunks:
     def read(self, which: int, indices: I64) -> EffectBlock:
         """Block of effect ``which`` at ascending, not empty sample indices (n,); if the reader has
         ``lone_samples``, all must be among these."""
+        # A comparison reads a few distant samples: a chunk around each would cost 256 times as
+        # much.
         if self._lone_samples is not None:
             rows = np.searchsorted(self._lone_samples, indices)
             return _rows_of(self._chunk(0, self._lone_samples)[which], rows)

@@ -247,6 +247,7 @@ class PlainRig:
             return seat
         # Children hang on the posed bone, at its tail unless the parent uses the head.
         seat = seat @ self.keyed.rest[k]
+        # The Y axis of a bone points from head to tail.
         seat[:, :3, 3] += seat[:, :3, 1] * along * self._lengths[bone]
         return seat
 
@@ -286,6 +287,7 @@ def _channel_places(
             continue
         # Curves of bones that do not exist, as after renaming, move nothing.
         name = bpy.utils.unescape_identifier(match[1])
+        # A changing mode would change the rotation channel that counts.
         if match[2] == "rotation_mode":
             raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
         if name in bones:

@@ -77,6 +77,8 @@ class PresampledRig:
                 if any(_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)):
                     track.strips.remove(strip)
         if self._mixed is not None:
+            # Blender 4.2 has no slots; later versions animate nothing, without an error, until a
+            # slot is set.
             slot = getattr(data, "action_slot", None)
             data.action = self._mixed.copy()
             created.append(data.action)
@@ -97,6 +99,7 @@ class PresampledRig:
         assert self.copy is not None
         for name, values in self.sampled.items():
             self.copy.pose.bones.foreach_set(name, values[row])
+        # Values set in bulk do not mark an object as changed: without a tag the pose would stay.
         self.copy.update_tag(refresh={"OBJECT"})
 
     def sample(self, chunk: int) -> None:

@@ -96,6 +96,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     ]
     if not playing:
         return Activation(ActivationSource.OFF, clips=named)
+    # A held value lasts beyond the strip, so the strip's ends are no bounds.
     if any(strip.extrapolation != "NOTHING" for strip in playing):
         return Activation(ActivationSource.ANIMATED, clips=named)
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)

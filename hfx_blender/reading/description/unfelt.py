@@ -206,6 +206,7 @@ def is_never_strong(
     spans = spans_of_value(effect, path, neutral)
     if spans is not None:
         return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    # The value of now counts for all frames only without animation.
     value = limited(effect.hfx, name)
     is_weak = value <= 0.0 if neutral is None else abs(value - neutral) < NEUTRAL_WITHIN_C
     return is_weak and not visibility.is_keyed(effect, path)

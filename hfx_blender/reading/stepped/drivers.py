@@ -57,6 +57,7 @@ class RetriedDrivers:
         ]
         self._pairs = [(owner, _sentence(owner, curve)) for owner, curve in pairs]
         self._drivers = [curve.driver for _, curve in pairs]
+        # Failures from before this reading are retried as well.
         self._failed = [*range(len(pairs))]
         # Blender reports infinite and NaN results of scripts on standard error only.
         self._scripted = [

@@ -269,6 +269,8 @@ class Instances:
             for frame in sorted(frames):
                 stepper.set_frame(frame)
                 now = self._sources.keys_now(self._found.layer.depsgraph)
+                # Keys at sub-frames count for the frame before; the masks below are a frame wider
+                # on both sides.
                 seen[int(frame) - self._first] |= now
         self._keys = tuple(sorted(set().union(*seen)))
         if len(self._keys) > MOST:

@@ -57,6 +57,8 @@ class Simulation:
             # step through fractions.
             if remapped[0] != remapped[1]:
                 render.frame_map_old = render.frame_map_new = 100
+            # A cache may begin before the scene: its simulation needs all frames from its own
+            # start.
             for frame in range(min([scene.frame_start, *starts]), self._last + 1):
                 self._scene.frame_set(frame)
                 self.frames_played += 1

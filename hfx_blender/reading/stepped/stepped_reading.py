@@ -224,6 +224,8 @@ class SteppedReading:
         settings only the placement is read."""
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
+        # Of a disabled object evaluated_get() returns the original, as of an earlier frame, without
+        # an error.
         if not evaluated.is_evaluated or evaluated.hide_viewport:
             return EffectRow()
         # Most effects have constant settings, and only the placement is animated: reading all
@@ -354,6 +356,7 @@ class SteppedReading:
         needed = [body]
         if isinstance(binding, SurfaceBinding):
             needed += avatar_meshes.meshes_of(body)
+        # Blender poses no disabled object: its evaluated copy would be in rest pose.
         if any(stepper.evaluated(obj).hide_viewport for obj in needed):
             return None
         unit_m = self._unit_m

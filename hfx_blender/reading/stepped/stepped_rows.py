@@ -39,6 +39,8 @@ def scratch_scenes(
     if rigs:
         presampled = [rig.obj for rig in rigs]
         others = [obj for obj in objects if obj not in presampled]
+        # An object that follows a rig needs the original: then the scene without copies below
+        # serves.
         with suppress(NotModelledError):
             whole = stack.enter_context(stepping.scratch_scene(found.scene, others, rigs))
     whole = whole or stack.enter_context(stepping.scratch_scene(found.scene, objects))

@@ -118,6 +118,7 @@ def own_scene(found: HapticObjects) -> Iterator[Stepper]:
     none."""
     scene, simulation = found.scene, found.simulation
     with _marked_as_stepping():
+        # Markers change the scene's camera during the steps.
         before, camera = (scene.frame_current, scene.frame_subframe), scene.camera
         has_code = foreign_handler() is not None or runs_code(scene_objects(scene))
         instanced = (o for o in bpy.data.objects if o.hfx.role == "EFFECT")
@@ -216,6 +217,7 @@ def scratch_scene(
         created: list[bpy.types.ID] = [scratch]
         stepper = None
         try:
+            # A new scene has Blender's defaults: its times and subdivisions would differ.
             for name in _RENDER_SETTINGS:
                 setattr(scratch.render, name, getattr(scene.render, name))
             linked = (member for obj in objects for member in (obj, *_metaball_family(obj, scene)))
@@ -263,6 +265,7 @@ def foreign_handler() -> str | None:
     """Clause that names the first frame handler of another add-on or script; None without any."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
+        # Handlers without a module, such as partial objects, count as foreign.
         module = getattr(handler, "__module__", None) or ""
         if module != _OURS and not module.startswith(f"{_OURS}."):
             name = getattr(handler, "__name__", type(handler).__name__)
