@@ -71,7 +71,8 @@ def set_keys(
 
 
 def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
-    """Drawn fades as (frame, strength 0 to 1) at start, whole frames and end; empty without any."""
+    """Drawn fades as (frame, strength 0 to 1) at the strip's start, whole frames and end, in frames
+    of the NLA; empty without any."""
     if not strip.use_animated_influence:
         return []
     start, end = strip.frame_start, strip.frame_end

@@ -71,7 +71,8 @@ class SurfaceMap:
         return self.is_steady and bool(is_same)
 
     def positions(self, points: np.ndarray) -> np.ndarray:
-        """Positions (A, 3) float32 of the mesh's own vertices, from evaluated vertices (E, 3)."""
+        """Positions (A, 3) float32 of the mesh's own vertices, from evaluated vertices (E, 3), in
+        their space."""
         positions = points[self.corners[:, 0]].astype(np.float32)
         attached = np.flatnonzero(self.weights[:, 0] != 1.0)
         if len(attached):

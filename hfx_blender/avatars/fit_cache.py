@@ -80,8 +80,8 @@ def read(key: str) -> dict[str, Any] | None:
 
 
 def write(key: str, document: Mapping[str, object]) -> None:
-    """Write nested dictionaries of JSON values and arrays into the cache. The least recently used
-    entries above the limit are deleted."""
+    """Write nested dictionaries of JSON values and arrays into the cache, if the disk allows. The
+    least recently used entries above the limit are deleted."""
     path = _path(key)
     arrays: dict[str, np.ndarray] = {}
     values = json.dumps(_without_arrays(document, "", arrays))

@@ -105,7 +105,8 @@ def _opened(blend: Path) -> BinaryIO:
 
 
 def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
-    """Yield code, structure number and content of DNA1 and of blocks of the given structures."""
+    """Yield code, structure number and content of DNA1 and of blocks of the given structures,
+    without blocks above ``_LARGEST``. ValueError for an unknown format or a damaged block."""
     magic = _exactly(file, 12)
     # Blender 5: 64-bit block sizes, in another order of fields.
     if magic == b"BLENDER17-01":

@@ -251,7 +251,8 @@ def _device(device: str | None, target: FormatInfo) -> DeviceConfig:
 
 
 def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
-    """Read a raster and check that its columns and device match; csv files name no device."""
+    """Read a raster for a device; csv files name no device and get its id. InputError for other
+    columns, or the raster of another device."""
     raster: Raster = info.function("read_raster")(source)
     expected = columns_of(device)
     if raster.columns != expected:

@@ -54,7 +54,8 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Convert the file; print results, notes and omissions. InputError without any result."""
+    """Convert the file; print results, notes and omissions; returns 0. UsageError for options out
+    of range, InputError without any result."""
     from ..errors import UsageError
     from .conversion import convert
 

@@ -154,7 +154,8 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
 
 
 def _own_scripts(console: Console) -> list[DeviceScript]:
-    """Scripts in the user's device folder that belong to a configuration, sorted by path."""
+    """Scripts in the user's device folder that belong to a configuration, sorted by path;
+    unreadable scripts are left out with a warning."""
     from ..devices.live import approval
     from ..files import resources
 

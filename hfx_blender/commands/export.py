@@ -206,7 +206,7 @@ class _Reporter:
             self._console.say(f"{unit.title}: {self._as_given(remark)}")
 
     def interrupted(self, count: int) -> None:
-        """Report the number of finished scenes of an interrupted batch; nothing for none."""
+        """Warn of an interrupted batch with the number of complete scenes; nothing for none."""
         complete = sum("error" not in outcome for outcome in self._outcomes)
         if complete:
             self._console.warn(

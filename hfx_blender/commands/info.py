@@ -46,7 +46,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Print the facts of a file, as text or JSON."""
+    """Print the facts of a file, as text or JSON; returns 0. InputError for an unknown suffix."""
     from ..formats.files import facts_of, is_known
 
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
@@ -102,7 +102,8 @@ def _blend(path: Path) -> dict[str, Any]:
 
 
 def _where(effect: Any) -> dict[str, Any]:
-    """Facts about the area of an effect."""
+    """Facts about the area of an effect: painted vertices; path in metres and radius in Blender
+    units; device and actuators; or the shape."""
     from ..authoring.effects.effects import area
     from ..authoring.paths import paths
 

@@ -167,7 +167,8 @@ def _no_progress(share: float) -> None:
 def _listening(
     options: argparse.Namespace, targets: Targets, stack: ExitStack
 ) -> tuple[ValueSource, str]:
-    """Open a port for a game's values; returns the source and a note with address and token."""
+    """Open a port for a game's values, closed with ``stack``; returns the source and a note with
+    address and token. UsageError for a track, ``--from``, or a token that is not hexadecimal."""
     from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
     from ..formats.clip.container import SUFFIX
 
@@ -190,7 +191,8 @@ def _listening(
 def _opened(
     options: argparse.Namespace, names: list[str], stack: ExitStack
 ) -> tuple[ValueSource, Targets]:
-    """Open the file and load the devices, with their scripts for a track and None for a clip."""
+    """Open the file and load the devices, with their scripts for a track and None for a clip.
+    InputError for a file of another kind, or an unusable device."""
     from ..devices.configuration import load_device
     from ..devices.live import live_settings
     from ..devices.live.track_playback import PlayedTrack

@@ -95,7 +95,8 @@ class PlayedClip:
 
 
 def _device_of(sections: Sections, device: DeviceConfig, body: str | None, path: str) -> Any:
-    """Record of a device on the named body, or on the first body that wears it."""
+    """Record of a device on the named body, or on the first body that wears it. InputError without
+    such a record."""
     ids, bodies = (texts_at(sections, sections["DEVC"][device_id]) for device_id in ("id", "body"))
     for k, (device_id, wearer) in enumerate(zip(ids, bodies, strict=True)):
         if device_id == device.id and body in (None, wearer):

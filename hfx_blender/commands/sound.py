@@ -87,7 +87,7 @@ def settings_of(options: argparse.Namespace) -> Any:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Open the scene and write the sound."""
+    """Open the scene and write the sound into the output folder; returns 0."""
     bpy = blender_session.start()
 
     from ..blender import linked_files

@@ -185,7 +185,8 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stroke_of(options: argparse.Namespace) -> Any:
-    """Stroke from the options: along a line, or along the path of a file."""
+    """Stroke from the options: along a line, or along the path of a file, at 100 mm/s by default,
+    or with the file's own times. UsageError for options out of range or in conflict."""
     import numpy as np
 
     from ..engine.texture import stroke
@@ -233,7 +234,8 @@ def _refuse_lasting(seconds: float) -> None:
 
 
 def path_table(path: Path) -> Any:
-    """Read rows x, y or time, x, y (n, 2 or 3) of a CSV file; a first line may be a heading."""
+    """Read rows x, y or time, x, y (n, 2 or 3) of a CSV file; a first line may be a heading.
+    InputError for an unreadable file, rows of other lengths, or fewer than two rows."""
     import numpy as np
 
     refuse_no_file(path)

@@ -193,7 +193,8 @@ def steps_of(options: argparse.Namespace) -> Any:
 
 
 def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Write a surface into the output folder; returns facts about the results."""
+    """Write a surface into the output folder, with a .blend unless ``--no-blend``; returns facts
+    about the results."""
     from ..generation import generated
 
     written = generated.write(surface, options.output, __version__)

@@ -200,7 +200,8 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
 
 
 def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
-    """Estimate relief and roughness from a photograph."""
+    """Estimate relief and roughness from a photograph; ``--height`` rescales the relief. UsageError
+    without ``--size``."""
     import numpy as np
 
     from ..engine.texture.relief.relief_estimate import estimate

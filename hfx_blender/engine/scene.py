@@ -59,7 +59,7 @@ class TimeBase:
         )
 
     def times_s(self, indices: I64) -> F64:
-        """Times of samples in seconds since ``scene_start``."""
+        """Times of samples in seconds since ``scene_start``, in the shape of ``indices``."""
         # A division for each sample instead of sums, so that errors do not add up.
         start_s, rate_hz = self._in_floats
         return start_s + np.asarray(indices, np.float64) / rate_hz

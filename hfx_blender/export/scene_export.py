@@ -253,7 +253,9 @@ class SceneExport:
         folder: Path,
         made_from: Mapping[str, Any],
     ) -> ExportReport:
-        """Write the files and the report of a recorded track, and move them into ``folder``."""
+        """Write the files and the report of a recorded track, and move them into ``folder``, the
+        report last. Stale files of silenced devices are removed. InputError for warnings if strict,
+        before any move."""
         settings = self._settings
         stem = track.with_name(track.name.removesuffix(SUFFIX))
         answering = {

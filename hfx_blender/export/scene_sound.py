@@ -108,7 +108,8 @@ class SoundRecorder:
                 self._touches[number, run.indices] = run.levels
 
     def sources(self) -> list[SoundSource]:
-        """Sound sources of all volumes that are ever on, each with its own tone."""
+        """Sound sources of all volumes that are ever on, each with its own tone; a silent volume
+        stays at its last position."""
         sources = []
         settings = self._settings
         steps = (0, 2, 4, 7, 9)  # major pentatonic

@@ -113,7 +113,8 @@ def holds_too_many(folder: Path) -> bool:
 
 
 def _files_in(folder: Path) -> list[Path]:
-    """Files of a folder and its subfolders with suffixes in :data:`KINDS`; empty for no folder."""
+    """Files of a folder and its subfolders with suffixes in :data:`KINDS`, unsorted; empty for no
+    folder. InputError for more than :data:`MOST_FILES` files of any kind."""
     files: list[Path] = []
     count = 0
     for subfolder, _, names in os.walk(folder):

@@ -101,7 +101,8 @@ class WatchedFolder:
 
     def settled(self) -> list[Path]:
         """Poll the folder; return new pictures with equal size and time at two polls, sorted. Each
-        picture is returned once, and again after a change."""
+        picture is returned once, and again after a change. Empty files and broken links are in
+        ``passed_over``."""
         states: dict[Path, tuple[int, int]] = {}
         self.passed_over = []
         for path in sorted(self.folder.iterdir())[:_MOST_FILES]:

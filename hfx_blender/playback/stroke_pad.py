@@ -164,7 +164,7 @@ class StrokePad:
 
     def release(self, time_s: float) -> Take | None:
         """End the stroke and return it, also as :attr:`take`; None for a stroke below the shortest
-        duration, with a :attr:`fault`."""
+        duration, with a :attr:`fault`. The pad is ready for the next stroke."""
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
         self.cancel()
@@ -182,7 +182,7 @@ class StrokePad:
         self._times, self._points, self.trail_m, self.now = [], [], [], StrokeState()
 
     def recent(self, seconds: float) -> list[tuple[float, StrokeState]]:
-        """Times and values of the last seconds of the current or the last stroke."""
+        """Times and values of the last seconds of the current or the last stroke, oldest first."""
         if not self.history:
             return []
         begin = self.history[-1][0] - seconds

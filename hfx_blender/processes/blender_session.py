@@ -61,7 +61,8 @@ def start() -> Any:
 
 @contextmanager
 def _temporary_folder() -> Iterator[None]:
-    """Context manager in which a starting Blender uses a new folder for temporary files.
+    """Context manager in which a starting Blender uses a new folder for temporary files, removed at
+    the end of the process; no effect if Blender runs or the folder cannot be made.
     ``bpy.app.tempdir`` cannot be removed instead: without permission to create a folder, Blender
     uses the user's temporary folder itself."""
     global _temporary

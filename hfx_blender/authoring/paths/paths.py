@@ -76,7 +76,8 @@ def add_spot(
 
 
 def move_to_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Move an effect's object, which marks the effect, to the start of the path on the body."""
+    """Move an effect's object, which marks the effect, to the start of the path on the posed body.
+    No effect without a body, or with a parent."""
     body = effect.hfx.body
     if body is not None and effect.parent is None:
         effect.location = Anchors.of(path_of(effect)[:1]).posed_on(body, depsgraph)[0][0].tolist()

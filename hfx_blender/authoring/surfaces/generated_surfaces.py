@@ -176,7 +176,8 @@ class ReliefEstimation:
         return self._worker.is_running
 
     def result(self) -> EstimatedRelief:
-        """Estimated relief; waits for the process. InputError if the estimation failed."""
+        """Estimated relief; waits for the process and removes its files, so call once. InputError
+        if the estimation failed."""
         try:
             # A refusal is a message of the worker; an exit code is a crash.
             refusal = self._worker.receive()

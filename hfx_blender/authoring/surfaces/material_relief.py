@@ -163,8 +163,7 @@ def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
 
 def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], None]:
     """Rewire a material to a diffuse shader with the relief's normal; return the undo function.
-    Unchanged if unknown shaders bend the surface.
-    """
+    Unchanged, with an undo without effect, if unknown shaders bend the surface."""
     if relief.is_surface_bent:
         return lambda: None
     node = material.node_tree.nodes.new("ShaderNodeBsdfDiffuse")

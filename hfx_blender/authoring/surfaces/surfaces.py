@@ -207,7 +207,8 @@ def ensure_maps(obj: bpy.types.Object) -> None:
 
 
 def field_of(obj: bpy.types.Object) -> HeightField | None:
-    """Stored relief; None for an imported map. InputError if no relief is stored."""
+    """Stored relief, in its own size, or the present size of a UV unit for a material or image;
+    None for an imported map. InputError if no relief is stored."""
     import numpy as np
 
     from ...engine.texture.height_field import HeightField

@@ -390,10 +390,9 @@ class DeviceThread:
             return max(0.0, self._next_s() - self._clock.now())
 
     def _next_s(self) -> float:
-        """Time at which :meth:`turn` is due, the earliest of the next update, the oldest queued
-        frame and the end of validity of the values; -inf: at once, after arming or for a cut to
-        silence.
-        """
+        """Time of the clock at which :meth:`turn` is due, the earliest of the next update, the
+        oldest queued frame and the end of validity of the values; -inf: at once, after arming or
+        for a cut to silence."""
         if self._begins or self._is_cut:
             return -math.inf
         due = self._due_s

@@ -355,7 +355,8 @@ _signals: list[int] = []
 
 
 def main() -> None:
-    """Run the output process of the process in ``sys.argv[1]`` until that process ends."""
+    """Run the output process until the process in ``sys.argv[1]`` ends or a signal comes; then stop
+    all devices, close their ports and exit with 0."""
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):

@@ -75,7 +75,8 @@ class DelayQueue:
             self._frames.popleft()
 
     def due_s(self, offset_s: float) -> float:
-        """Time at which the oldest frame is to be played; inf for an empty queue."""
+        """Time at which the oldest frame is to be played, its arrival plus ``offset_s``; inf for an
+        empty queue."""
         return self._frames[0][0] + offset_s if self._frames else math.inf
 
     def taken(self, now_s: float, offset_s: float) -> F64 | None:

@@ -214,8 +214,9 @@ class WebSocket:
             self._socket.close()
 
     def _take(self, content: bytes) -> None:
-        """Process received bytes: answer pings, and pass messages on. An empty ``content``
-        processes bytes that came with the handshake."""
+        """Process received bytes: answer pings, and pass messages on; a closing or faulty server is
+        marked as lost. An empty ``content`` processes bytes that came with the handshake.
+        OutputLostError for a message that is not UTF-8 text."""
         with self._lock:
             if content:
                 self._protocol.receive_data(content)

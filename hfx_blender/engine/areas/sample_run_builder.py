@@ -179,8 +179,9 @@ def boundary_of(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
 
 
 def impacts(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) -> Impact:
-    """Times (seconds), approach speeds (m/s, at least 0) and normals of contacts begun since the
-    previous sample; NaN for earlier contacts. ``indices`` are the block's sample indices."""
+    """Times (seconds since the scene's start), approach speeds (m/s, at least 0) and outward world
+    normals of contacts begun since the previous sample; NaN for earlier contacts. ``indices`` are
+    the block's sample indices."""
     count = len(hits.vertices)
     times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
     normals = np.full((count, 3), np.nan, np.float32)

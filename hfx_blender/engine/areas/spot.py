@@ -29,8 +29,8 @@ def lengths_along(path: F64) -> F64:
 
 
 def places_on(path: F64, shares: F64) -> F64:
-    """Points (T, 3) at fractions (T,) of a path's length; 0 is the start, 1 the end, clipped.
-    ``path`` (n, 3) has n > 0 points; one point is a fixed place."""
+    """Points (T, 3) at fractions (T,) of a path's length, in its space; 0 is the start, 1 the end,
+    clipped. ``path`` (n, 3) has n > 0 points; one point is a fixed place."""
     lengths = lengths_along(path)
     at = np.clip(shares, 0.0, 1.0) * lengths[-1]
     return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(3)], axis=1)
@@ -92,8 +92,8 @@ class SpotSkin:
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
         """Vertex sets for T positions; equal successive sets are shared unless ``own_sets``.
 
-        ``focus`` (T, 4) is that of :class:`~hfx_blender.engine.samples.SampleRun`; ``radii_m`` is
-        (T,).
+        ``focus`` (T, 4): centre in rest space and radius, m, of which only the centre is used;
+        ``radii_m`` is (T,).
         """
         set_index = np.zeros(len(focus), np.int64)
         vertex_sets: list[tuple[I32, F32]] = []

@@ -31,7 +31,7 @@ def _directed_edges(model: PerceptualModel) -> tuple[I64, I64]:
 
 
 def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Dilate an area: maximum of the weights of each vertex and all its neighbours, ``steps``
+    """Dilate an area: maximum of the weights (V,) of each vertex and all its neighbours, ``steps``
     times."""
     starts, ends = _directed_edges(model)
     for _ in range(steps):
@@ -42,14 +42,14 @@ def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Erode an area: minimum of the weights of each vertex and all its neighbours, ``steps``
+    """Erode an area: minimum of the weights (V,) of each vertex and all its neighbours, ``steps``
     times."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 
 def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Smooth an area ``steps`` times: each weight becomes the mean of itself and the mean of its
-    neighbours' weights, half of itself without neighbours."""
+    """Smooth an area ``steps`` times: each weight (V,) becomes the mean of itself and the mean of
+    its neighbours' weights, half of itself without neighbours."""
     starts, ends = _directed_edges(model)
     count = np.maximum(np.bincount(starts, minlength=len(weights)), 1)
     for _ in range(steps):
@@ -59,7 +59,7 @@ def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
-    """Swap the left and right sides of an area, by ``model.mirror``."""
+    """Weights (V,) with left and right sides swapped, by ``model.mirror``; a new array."""
     return np.asarray(weights[model.mirror])
 
 

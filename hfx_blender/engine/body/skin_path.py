@@ -63,9 +63,9 @@ class SkinPaths:
         return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
 
     def curve(self, knots: F64, closed: bool = False) -> F64:
-        """Smooth curve (Catmull-Rom 1974) through knots, projected on the skin, in steps of at most
-        4 mm; where it leaves the skin, knots are added. Raises InputError: two knots are on
-        unconnected parts of the skin."""
+        """Smooth curve (m, 3) (Catmull-Rom 1974) through knots (n, 3), projected on the skin, in
+        steps of at most 4 mm; where it leaves the skin, knots are added. Raises InputError: two
+        knots are on unconnected parts of the skin."""
         knots = _distinct(knots)
         if len(knots) < 2:
             return knots
@@ -153,8 +153,8 @@ class SkinPaths:
         return path
 
     def _over_edges(self, a: F64, b: F64) -> F64:
-        """Points of the shortest path over mesh edges between the vertices nearest to ``a`` and
-        ``b``, with ``a`` and ``b`` as ends. Raises InputError if unconnected."""
+        """Points (m, 3) of the shortest path over mesh edges between the vertices nearest to ``a``
+        and ``b`` (3,), with ``a`` and ``b`` as ends. Raises InputError if unconnected."""
         from scipy.sparse.csgraph import dijkstra
 
         first, last = self._tree.query(np.stack([a, b]))[1].tolist()
@@ -211,8 +211,9 @@ def _evenly(path: F64, count: int) -> F64:
 
 
 def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
-    """Catmull-Rom segments between successive knots, ends included. ``counts`` are the numbers of
-    steps of a segment; one number applies to all segments."""
+    """Points of Catmull-Rom segments between successive knots (n, 3), ends included, before
+    projection. ``counts`` are the numbers of steps of a segment; one number applies to all
+    segments."""
     closed = closed and len(knots) > 2
     if closed:
         padded = np.concatenate([knots[-1:], knots, knots[:2]])

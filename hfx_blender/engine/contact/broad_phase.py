@@ -63,7 +63,7 @@ class BlockBroadPhase:
         return self._posed[body.id]
 
     def bounds(self, body: BodyDescription, model_id: str) -> ReachableBounds:
-        """Cluster boxes of a model on a body at all rows with a known pose; cached."""
+        """World boxes of a model's clusters on a body at all rows with a known pose; cached."""
         key = (body.id, model_id)
         if key not in self._bounds:
             pose = self._block.poses[self._number[body.id]]
@@ -138,7 +138,7 @@ class _VolumeBoxes:
         )
 
     def meet(self, low: F64, high: F64, *, is_bent: bool = False) -> list[bool]:
-        """Test each volume for meeting a box with corners (3,), m; True for an unknown box.
+        """Test each volume for meeting a world box with corners (3,), m; True for an unknown box.
         ``is_bent`` enlarges the volumes' boxes by their size and 5 cm."""
         # Volumes on a curved path leave their box by at most its size, skin by at most 5 cm.
         spare = np.nan_to_num(self._high - self._low) + _BEND_M if is_bent else 0.0
@@ -288,7 +288,7 @@ class CompiledBroadPhase:
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
 
     def reach_surface(self, surface: SurfacePlaces) -> Reached:
-        """Finish the broad phase of a body that no bones move, with its positions."""
+        """Finish the broad phase of a body that no bones move, with its world positions."""
         return self._reached(None, surface, (None, None, None, surface.pointers), None)
 
     def _reached(

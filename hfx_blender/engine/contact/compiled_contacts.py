@@ -105,7 +105,8 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
 
 
 def _posing(query: ContactQuery, reached: Reached) -> native.Posing:
-    """Source of positions for the library; also fills in skin of sampled and tracked clusters."""
+    """Source of posed vertices for the library: bones, or the evaluated surface. Also fills in the
+    skin of sampled and tracked clusters."""
     skin, table = query.skin, query.skin.skin.table
     if len(reached.wide):
         table.need(reached.wide)

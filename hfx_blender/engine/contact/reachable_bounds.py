@@ -45,8 +45,8 @@ class ReachableBounds:
     def around(
         cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
     ) -> ReachableBounds:
-        """Bounds from cluster boxes (n, C, 3) at rows (n,). NaN at a row makes ``of_rows`` NaN
-        there, and is ignored in ``of_clusters``; boxes around nothing are inf to -inf."""
+        """Bounds from world cluster boxes (n, C, 3) at rows (n,). NaN at a row makes ``of_rows``
+        NaN there, and is ignored in ``of_clusters``; boxes around nothing are inf to -inf."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
         # A NaN at one row must not hide the cluster's boxes at all the rest.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)

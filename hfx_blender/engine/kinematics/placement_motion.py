@@ -30,7 +30,8 @@ class Motion:
 
     @classmethod
     def between(cls, before: F64, after: F64) -> Motion:
-        """Motion from matrices (n, 4, 4) at the start and at the end."""
+        """Motion from matrices (n, 4, 4) at the start and at the end, as a turn, a stretch and a
+        shift."""
         # Rotation and stretch are interpolated apart, so that no axis shrinks on the way.
         start, end = _polar(before[:, :3, :3]), _polar(after[:, :3, :3])
         axes, angles = _axis_angle(end[0] @ start[0].transpose(0, 2, 1))
@@ -43,7 +44,8 @@ class Motion:
         )
 
     def at(self, share: float) -> F64:
-        """Matrices (n, 4, 4) at a fraction 0..1 of the interval."""
+        """Matrices (n, 4, 4) at a fraction 0..1 of the interval: place and stretch linear, turn at
+        constant speed."""
         matrices = np.zeros((len(self.angles), 4, 4))
         stretch = self.stretches[0] + share * (self.stretches[1] - self.stretches[0])
         # Rodrigues' formula: the part of the turn about each axis.
@@ -94,7 +96,8 @@ def _polar(linear: F64) -> tuple[F64, F64]:
 
 
 def _axis_angle(turns: F64) -> tuple[F64, F64]:
-    """Unit axes (n, 3) and angles (n,) of rotations (n, 3, 3); axis X for no rotation."""
+    """Unit axes (n, 3) and angles (n,), radians, of rotations (n, 3, 3); axis X and angle 0 for no
+    rotation."""
     skew = 0.5 * np.stack(
         [
             turns[:, 2, 1] - turns[:, 1, 2],

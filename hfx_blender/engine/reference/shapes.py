@@ -58,7 +58,8 @@ def rise(shape: Shape, points: F64) -> F64:
 
 
 def gauge(shape: Shape, points: F64) -> F64:
-    """Minkowski functional (N,) of a convex shape: below 1 inside, 1 on the boundary.
+    """Minkowski functional (N,) of a convex shape at points (3, N), shape space: below 1 inside, 1
+    on the boundary.
 
     For a capsule the distance from the segment of its axis. Meshes have none.
     """
@@ -74,12 +75,12 @@ def gauge(shape: Shape, points: F64) -> F64:
 
 
 def winding_numbers(corners: F64, points: F64) -> F64:
-    """Winding number (N,) of a closed triangle mesh (F, 3, 3) around each point; 0 outside its
+    """Winding number (N,) of a closed triangle mesh (F, 3, 3) around points (3, N); 0 outside its
     box.
 
     The sum of the triangles' solid angles over 4 pi (Jacobson et al., "Robust inside-outside
-    segmentation using generalized winding numbers", 2013), each by Van Oosterom and Strackee,
-    "The solid angle of a plane triangle", 1983.
+    segmentation using generalized winding numbers", 2013), each by Van Oosterom and Strackee, "The
+    solid angle of a plane triangle", 1983.
     """
     numbers = np.zeros(points.shape[1])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))

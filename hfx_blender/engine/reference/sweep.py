@@ -33,8 +33,8 @@ def passage(shape: Shape, path: F64) -> Interval:
 
 
 def along(path: F64, share: F64) -> tuple[F64, F64]:
-    """Positions (3, N) on paths (steps + 1, 3, N) at fractions (N,) of the time, and velocities per
-    whole time."""
+    """Positions (3, N) on paths (steps + 1, 3, N) at fractions (N,) of the time, and velocities (3,
+    N) per whole time."""
     steps, which = len(path) - 1, np.arange(path.shape[2])
     step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     start: F64 = path[step, :, which].T
@@ -44,7 +44,7 @@ def along(path: F64, share: F64) -> tuple[F64, F64]:
 
 def _passage(shape: Shape, start: F64, end: F64) -> Interval:
     """First and last time (N,), 0 to 1, inside during one straight step from ``start`` to ``end``
-    (3, N)."""
+    (3, N), shape space; (inf, -inf) if never inside. Gaps of a mesh in between count as inside."""
     way = end - start
     with np.errstate(all="ignore"):  # a way along a plane divides by 0
         if isinstance(shape, Cuboid):

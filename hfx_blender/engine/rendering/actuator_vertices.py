@@ -70,7 +70,8 @@ def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
 
 @lru_cache(maxsize=64)
 def _skin_of(parts: tuple[str, ...], side: str | None, model: PerceptualModel) -> tuple[I32, F64]:
-    """Vertices of a model on parts and a side (None: any), and their positions (3, n); cached."""
+    """Vertices of a model on parts and a side (None: any), and their positions (3, n) at rest;
+    cached."""
     allowed = on_parts(parts, model)
     if side is not None:
         allowed &= model.side == SIDES.index(side)

@@ -342,7 +342,7 @@ class DeviceConfig:
 
     @property
     def neutral(self) -> F64:
-        """Neutral value of each column, (columns,); a new array."""
+        """Neutral value of each column, (columns,), in its unit; a new array."""
         return np.array([control.neutral for control in self.controls], np.float64)
 
     @property

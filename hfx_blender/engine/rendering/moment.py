@@ -100,7 +100,7 @@ class MomentRenderer:
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones, each actuator's at the time of its response.
+        """Values (columns,) and tones, each actuator's at the time of its response.
 
         ``now`` are samples of the present moment; ``later`` maps a latency in ms to samples so much
         later. Missing latencies are not compensated.

@@ -40,18 +40,18 @@ class RingingImpact:
 
     @property
     def ends_s(self) -> float:
-        """End of the decay, seconds."""
+        """End of the decay, seconds on the time line of ``time_s``."""
         return self.time_s + duration_s(self.attack_s, self.decay_s)
 
     @property
     def loud_until_s(self) -> float:
-        """Time until which the impact is loud, :data:`LOUD` times attack plus decay after it,
-        seconds."""
+        """Time until which the impact is loud, :data:`LOUD` times attack plus decay after
+        ``time_s``, seconds."""
         return self.time_s + LOUD * (self.attack_s + self.decay_s)
 
     @property
     def peaks_s(self) -> float:
-        """Time of the envelope's peak, seconds."""
+        """Time of the envelope's peak, seconds on the time line of ``time_s``."""
         return self.time_s + peak_s(self.attack_s, self.decay_s)
 
     def rings(self, times_s: F64, before_s: F64) -> Bool:

@@ -28,7 +28,7 @@ _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 def posed(avatar: Avatar, matrices: F64) -> F64:
-    """Avatar vertices (V, 3) transformed by one matrix (3, 4) each."""
+    """Avatar vertices (V, 3) of rest space transformed by one matrix (3, 4) each."""
     moved: F64 = (
         np.einsum("vij,vj->vi", matrices[..., :3], avatar.vertices.astype(np.float64))
         + matrices[..., 3]

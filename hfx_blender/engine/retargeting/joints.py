@@ -145,7 +145,8 @@ def _normalisation(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> F
 
 
 def _frame_joints(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> tuple[F64, F64]:
-    """Points (J, 3) of the common joints of torso, legs and head on both bodies."""
+    """Points (J, 3) of the common joints of torso, legs and head on both bodies, each in the space
+    of its joints."""
     used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
     return np.array([canonical[j] for j in used]), np.array([joints[j] for j in used])
 

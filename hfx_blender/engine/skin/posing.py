@@ -42,8 +42,8 @@ class PosableModel(Protocol):
     def pair_points(
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
-        """Positions (3, N) of the vertices of (cluster, row) pairs, concatenated. ``clusters`` (m,)
-        ascend; ``at`` (m,) are indices into ``rows``."""
+        """Positions (3, N), in the space of ``to_target``, of the vertices of (cluster, row) pairs,
+        concatenated. ``clusters`` (m,) ascend; ``at`` (m,) are indices into ``rows``."""
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions (3, k) of vertices at one row, target space; ``to_target`` is (4, 4)."""
@@ -83,8 +83,8 @@ class PointwiseModel(ABC):
         return self._local(np.concatenate(self.clusters), pose, rows)
 
     def bounds_around(self, places: F64, to_target: F64) -> tuple[F64, F64]:
-        """Lower and upper corners (n, C, 3 each), target space, of the clusters' boxes around the
-        points of :meth:`places`; ``to_target`` (n, 4, 4)."""
+        """Lower and upper corners, (n, C, 3) each, in target space, of the clusters' boxes around
+        the points of :meth:`places`; ``to_target`` (n, 4, 4)."""
         moved = places @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         starts = np.cumsum([0, *(len(ids) for ids in self.clusters[:-1])])
         return np.minimum.reduceat(moved, starts, 1), np.maximum.reduceat(moved, starts, 1)

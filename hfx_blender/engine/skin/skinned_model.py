@@ -101,12 +101,12 @@ class BoneBoxes:
 
     @classmethod
     def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
-        """Boxes of the clusters' vertices by bone; clusters must not be empty."""
+        """Rest-space boxes of the clusters' vertices by bone; clusters must not be empty."""
         return cls(*weights.clusters(clusters).bone_boxes())
 
     @cached_property
     def centres(self) -> F64:
-        """Centres (P, 3) of the boxes."""
+        """Centres (P, 3) of the boxes, rest space."""
         return np.asarray((self.low + self.high) / 2)
 
     @cached_property

@@ -125,8 +125,8 @@ class ContactFollower:
         self._last, self._last_ids = _no_places(), np.zeros(0, np.int64)
 
     def _chosen(self, places: NearestPlaces, time: I64, ids: I64) -> NearestPlaces:
-        """Keep at most ``max_contacts`` at each time, preferred points first, then the nearest.
-        Counts the times cut in ``crowded``."""
+        """Places with at most ``max_contacts`` at each time, preferred points first, then the
+        nearest. Adds the number of cut times to ``crowded``."""
         if len(places.point) <= self._max_contacts:
             return places
         counts = np.bincount(time[places.point])
@@ -162,7 +162,8 @@ class ContactFollower:
         return _joined([_no_places(), *parts]), world
 
     def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
-        """Rotations from search to world space, (1 or T, 3, 3); None for a deforming mesh."""
+        """Rotations from search to world space, (1 or T, 3, 3); None for a mesh that deforms, or is
+        scaled or sheared since the first call."""
         if len(vertices) > 1:
             return None
         linear = matrices[:, :3, :3]

@@ -136,8 +136,9 @@ def _filled(values: F64, weights: F64) -> F64:
 
 
 def _averaged(place: F64, values: F64, shape: tuple[int, int], texel: float) -> F64:
-    """Mean value of the points ``place`` (N, 2) in each texel, (H, W). Empty texels get
-    values interpolated from their surroundings."""
+    """Mean value of the points ``place`` (N, 2), metres from the corner, in each texel, (H, W).
+    Points beyond the upper ends count in the last texels; empty texels are filled by their
+    surroundings."""
     rows, columns = shape
     i = np.minimum((place[:, 0] / texel).astype(np.int64), columns - 1)
     j = np.minimum((place[:, 1] / texel).astype(np.int64), rows - 1)

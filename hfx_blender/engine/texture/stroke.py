@@ -50,7 +50,7 @@ class Stroke:
 
     @property
     def duration_s(self) -> float:
-        """Time from first to last position."""
+        """Time from first to last position, seconds."""
         return float(self.times_s[-1] - self.times_s[0])
 
     @property
@@ -71,7 +71,8 @@ class Stroke:
         return np.asarray(steps.max(axis=1) / np.diff(self.times_s))
 
     def at(self, times_s: F64) -> F64:
-        """Positions (..., 2) at any times; constant before and after the stroke."""
+        """Positions (..., 2) on the surface at any times, m; constant before and after the
+        stroke."""
         times = np.asarray(times_s, np.float64)
         parts = [np.interp(times, self.times_s, self.points_m[:, k]) for k in (0, 1)]
         return np.stack(parts, axis=-1)

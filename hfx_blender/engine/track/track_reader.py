@@ -150,7 +150,7 @@ class TrackReader:
         ]
 
     def _time_s(self, index: int) -> float:
-        """Time of sample ``index``, seconds."""
+        """Time of sample ``index``, seconds since the scene's start."""
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:

@@ -55,11 +55,13 @@ class _Convex:
         return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
     def _squared(self, points: F64) -> F64:
-        """Squared gauge (N,) of points (3, N): 0 in the core, 1 on the boundary, above outside."""
+        """Squared gauge (N,) of points (3, N), shape space: 0 in the core, 1 on the boundary, above
+        outside."""
         raise NotImplementedError
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Depth (N,) of inner points (3, N) under the linear part (3, 3) of a placement, m."""
+        """World depth (N,) of inner points (3, N) under the linear part (3, 3) of a placement,
+        m."""
         raise NotImplementedError
 
     def contains(self, points: F64) -> Bool:
@@ -83,7 +85,7 @@ class Cuboid(_Convex):
         return squared
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Least distance to the six planes."""
+        """Least distance (N,) to the six planes, metres."""
         depths: F64 = np.min((1.0 - np.abs(points)) * _half_widths(linear)[:, None], axis=0)
         return depths
 
@@ -96,7 +98,7 @@ class Sphere(_Convex):
         return _squared_norm(points)
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Distance to the ellipsoid."""
+        """Distance (N,) to the ellipsoid, metres."""
         return Ellipsoid.of_map(linear).depth(points)
 
 
@@ -108,9 +110,9 @@ class Cylinder(_Convex):
         return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Distance to caps and side. A ball inside each of two convex sets is inside their
-        intersection, so the depth is the smaller of the depths between the cap planes and in the
-        infinite cylinder."""
+        """Distance (N,) to caps and side, metres. A ball inside each of two convex sets is inside
+        their intersection, so the depth is the smaller of the depths between the cap planes and in
+        the infinite cylinder."""
         caps = (1.0 - np.abs(points[2])) * _half_widths(linear)[2]
         return np.minimum(caps, _across(linear).depth(points[:2]))
 
@@ -141,7 +143,7 @@ class Capsule(_Convex):
         return squared
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """Distance to side and caps, 0 if flat.
+        """Distance (N,) to side and caps, metres, 0 if flat.
 
         An affine capsule is an ellipsoid swept along a segment. The nearest boundary point is
         either on the side, where the infinite cylinder has the same depth, or on the outer half of

@@ -170,7 +170,7 @@ class InsideGrid:
         self.voxels = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
     def contains(self, points: F64) -> Bool:
-        """Test points (3, N) for being inside, (N,) bool; NaN is outside."""
+        """Test points (3, N), in the mesh's space, for being inside, (N,) bool; NaN is outside."""
         if self.compiled is not None:
             inside = np.empty(points.shape[1], np.bool_)
             loaded().hfx_mesh_inside(self.compiled, points, points.shape[1], inside)

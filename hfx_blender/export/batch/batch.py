@@ -74,7 +74,8 @@ class _Batch:
         self._running: dict[Future[Outcome], tuple[_Scene, int, Unit]] = {}
 
     def leave_out_finished(self) -> None:
-        """Finish scenes with unchanged earlier results, by the journal."""
+        """Give scenes with unchanged earlier results, by the journal, these as outcome; such scenes
+        are not executed."""
 
         def results(scene: _Scene) -> Outcome:
             """Report of the scene, which includes its pieces, or record of the piece; or empty."""
@@ -122,7 +123,8 @@ class _Batch:
             self._running[self._workers.submit(unit, report_progress)] = scene, number, unit
 
     def _take(self, scene: _Scene, number: int, unit: Unit, outcome: Outcome) -> None:
-        """Handle the outcome of a unit: queue parts or the merge of all parts, or finish."""
+        """Handle the outcome of a unit: queue parts or the merge of all parts, or finish the scene.
+        The first failed part finishes its scene; later outcomes of the scene are ignored."""
         if scene.outcome is not None:
             return  # another part of the scene has failed
         if "split" in outcome:

@@ -24,7 +24,7 @@ _INTERVAL_S = 0.2
 
 
 def main() -> None:
-    """Execute units until the owner process ends."""
+    """Execute units until the owner process ends. Without Blender, send the reason and exit."""
     faulthandler.enable()  # report the place of a crash in Blender to the owner process
     # Blender and reports of operators print to standard output.
     nowhere = os.open(os.devnull, os.O_WRONLY)

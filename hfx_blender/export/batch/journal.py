@@ -28,7 +28,8 @@ from .units import Unit
 
 
 def tools() -> dict[str, str | bool]:
-    """Versions that may affect the results, and the presence of the compiled library."""
+    """Versions that may affect the results ("unknown" without Blender), and the presence of the
+    compiled library."""
     # The process that reads the journal need not load Blender: the package states its version.
     bpy = sys.modules.get("bpy")
     if bpy is not None:

@@ -82,7 +82,8 @@ class UnitWorker:
 
     def _start(self, limit_s: float | None) -> Worker:
         """Start a process and wait until its Blender runs; the wait is at most 300 s, or for units
-        with a limit below 300 s at most ``limit_s``, but 60 s or more."""
+        with a limit below 300 s at most ``limit_s``, but 60 s or more. Raises as :meth:`do`,
+        WorkerDiedError also after :meth:`close`."""
         worker = Worker("export.batch.export_worker", variables=self._variables, keeps_errors=True)
         if not self._closed:
             worker.start()
@@ -183,7 +184,7 @@ class ThisProcess:
     slots = 1
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Execute a unit and return a finished future."""
+        """Execute a unit in this thread and return a finished future; errors are outcomes."""
         from .work import run_safely
 
         future: Future[Outcome] = Future()
@@ -219,7 +220,8 @@ class LocalWorkers:
         return [worker.pid for worker in self._workers if worker.pid is not None]
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Begin a unit."""
+        """Queue a unit for the next idle worker, without waiting; the future returns the
+        outcome."""
         return self._pool.submit(self._run_queued, unit, progress)
 
     def _run_queued(self, unit: Unit, progress: Progress) -> Outcome:

@@ -207,7 +207,8 @@ def _settings(
 
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
     """Record the samples of a part into the unit's stage; returns "track" and "volumes" (paths; the
-    latter may be missing) and "recorded" (fields of :class:`.Recorded`)."""
+    latter may be missing) and "recorded" (fields of :class:`.Recorded`). An OutputError names the
+    final file, not that of the stage."""
     assert unit.part is not None
     # A random name: a retry after a lost worker must not meet the files of the first attempt.
     track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"

@@ -238,7 +238,8 @@ def _rows(sections: Sections) -> list[Finding]:
 
 
 def _columns(sections: Sections) -> list[Finding]:
-    """Findings on the owner, parameter and range (lowest <= neutral <= highest) of columns."""
+    """Findings on the first bad owner, parameter and range (lowest <= neutral <= highest) of
+    columns."""
     columns = sections["COLM"]
     owners = np.repeat(np.arange(len(sections["ACTR"])), sections["ACTR"]["columns"])
     # Ranges tile the section, so the owner of each column is known without its field.
@@ -258,7 +259,8 @@ def _columns(sections: Sections) -> list[Finding]:
 
 
 def _clips(sections: Sections) -> list[Finding]:
-    """Findings on clips: 0 <= start < end <= duration of the track, and distinct names."""
+    """Findings on the first clip without 0 <= start < end, beyond the track's end, or with a taken
+    name."""
     clips, at = sections["CLIP"], sections["TIME"][0]
     lasts_s = float(at["rows"]) / float(at["rate_hz"])
     is_bad = (clips["start_s"] < 0.0) | (clips["start_s"] >= clips["end_s"])

@@ -108,7 +108,8 @@ class _ClipOperator(_OfEffect):
         return framing.execute_with_room(self, context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
-        """Start, end and fades of the clip in frames, as arguments of ``clips.add_clip``."""
+        """Start, end and fades of the clip in frames of the scene, as arguments of
+        ``clips.add_clip``."""
         fps = fps_of(context.scene)
         start = self.start if self.start >= 0 else float(context.scene.frame_current)
         return {

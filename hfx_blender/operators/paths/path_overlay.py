@@ -108,7 +108,8 @@ def _ring(
 
 
 def _draw() -> None:
-    """Draw all paths of the scene, those of inactive effects faintly, and the pending path."""
+    """Draw all paths of the scene, those of inactive effects faintly, and the pending path; stop at
+    the first damaged path."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

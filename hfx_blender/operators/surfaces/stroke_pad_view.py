@@ -150,7 +150,8 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
 
 
 def _tiles(image: bpy.types.Image, pad: StrokePad, rectangle: PadPlace) -> None:
-    """Draw the map over the pad, repeated if it tiles, clipped at the edges; at most 64 tiles."""
+    """Draw the map over the pad, repeated if it tiles, clipped at the edges; nothing above 64
+    tiles."""
     import numpy as np
 
     assert pad.texture.map is not None

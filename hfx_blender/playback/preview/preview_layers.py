@@ -149,11 +149,11 @@ class Preview:
     def layers(
         self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Layer]:
-        """Colour layers of the current frame; empty without visible colours, and after an error.
+        """Colour layers of the current frame; empty without visible colours, and after an error,
+        which is in :attr:`fault`.
 
-        ``palette``: key of ``colouring.PALETTES``.
-        ``recorded``: valid record; its samples at ``frame``, the scene's current frame, are used
-        instead of an evaluation.
+        ``palette``: key of ``colouring.PALETTES``. ``recorded``: valid record; its samples at
+        ``frame``, the scene's current frame, are used instead of an evaluation.
         """
         self._take_colours(palette)
         if self._layers is None:

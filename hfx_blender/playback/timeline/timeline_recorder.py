@@ -49,7 +49,7 @@ class TimelineRecorder:
         self._is_working = False
 
     def forget(self) -> None:
-        """Discard all state, for another file or after an undo."""
+        """Stop a recording and discard all state, for another file or after an undo."""
         self._stop()
         self.__init__()  # type: ignore[misc]
         self.invalidate()

@@ -138,8 +138,8 @@ class Digits:
             joints["middle"] = joints["middle"] or bones
 
     def _toes(self, side: str) -> None:
-        """Assign toe joints of side "L" or "R"; a single toe bone becomes the second toe's first
-        joint."""
+        """Assign toe joints of side "L" or "R", at most 3 of a toe, 2 of the big one; a single toe
+        bone becomes the second toe's first joint."""
         chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
         for name in self._take("small_toe", side):
             own = self.names[name].numbers

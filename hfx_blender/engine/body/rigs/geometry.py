@@ -22,8 +22,8 @@ _SOLE_MIN: Final = 0.05  # for directions from soles; larger, because of robes
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:
-    """Unit vector from right to left by the mean of the bone pairs present in ``heads``; None
-    without pairs or if all coincide."""
+    """Unit vector from right to left, armature space, by the mean direction of the bone pairs
+    present in ``heads``; None without pairs or if all coincide."""
     total = np.zeros(3)
     for bone in _PAIRED:
         if f"{bone}.L" in heads and f"{bone}.R" in heads:
@@ -60,7 +60,8 @@ def geometric_left(heads: Mapping[str, F64], least: float = _FOOT_MIN) -> F64 | 
 def left_by_soles(
     rig: Rig, bone_of: Mapping[str, str], heads: Mapping[str, F64], skin: Mapping[str, F64]
 ) -> F64 | None:
-    """Unit vector to the body's left from the soles' offsets to the ankles; None if unclear.
+    """Unit vector to the body's left from the soles' offsets to the ankles, armature space; None if
+    unclear.
 
     ``bone_of`` and ``heads`` map a canonical bone to the avatar bone and to its head (3,); ``skin``
     maps an avatar bone to points (n, 3) of its skin.
@@ -108,8 +109,9 @@ def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
 def _body(
     rig: Rig, reach: Mapping[str, float], pelvis: str, legs: tuple[str, str], trunk: Sequence[str]
 ) -> dict[str, str] | None:
-    """Canonical bones of a body with the given legs and trunk (pelvis to chest). None without one
-    pair of arms and one neck, or with other numbers of joints."""
+    """Canonical bones of a body with the given legs and trunk (pelvis to chest), sides by the feet.
+    None without one pair of arms and one neck, with other numbers of joints, or limbs not
+    across."""
     chest = trunk[-1]
     # Two pairs at the chest, such as wings, leave open which are arms.
     arm_pairs = _pairs(rig, reach, chest)

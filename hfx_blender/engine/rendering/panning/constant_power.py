@@ -60,7 +60,9 @@ class VectorBasePanning:
         return np.asarray((gains / self._crowd)[:, self._place_of])
 
     def _of_units(self, units: F64) -> F64:
-        """Gains (n, P) of the distinct places for unit vectors (n, D), squares summing to 1."""
+        """Gains (n, P) of the distinct places for unit vectors (n, D), squares summing to 1. A
+        vector outside all bases gets those of the nearest arc, in the plane of the adjacent
+        places."""
         gains = np.zeros((len(units), len(self._units)))
         is_known = np.zeros(len(units), np.bool_)
         if len(self._bases):
@@ -175,7 +177,7 @@ class LinePanning:
         self._period = period
 
     def gains(self, points: F64) -> F64:
-        """Gains (n, A), squares summing to 1, for places (n, 1), m; 0 if not finite.
+        """Gains (n, A), squares summing to 1, for places (n, 1) along the line, m; 0 if not finite.
 
         Actuators at one place divide its power. g1 = sqrt(1 - d / D), g2 = sqrt(d / D) at distance
         d from the first of two neighbours that are D apart (Politis, Pugliese, Takala).
