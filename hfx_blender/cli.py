@@ -149,9 +149,8 @@ _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
 def _joined_ranges(arguments: Sequence[str]) -> list[str]:
-    """Join ``--frames -10:20`` into a single argument; argparse would read the range as
-    an option.
-    """
+    """Join ``--frames -10:20`` into a single argument; argparse would read the range as an
+    option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in _MAY_BE_NEGATIVE:

@@ -142,8 +142,7 @@ def _without_accessories(
 ) -> dict[bpy.types.Object, TargetAvatar]:
     """Leave out rigid pieces that hang on bones: accessories such as swords and hats. If most limb
     bones have no skin, the body itself is rigid (a robot): pieces on mapped bones and their parents
-    stay. Returns all targets if there is no skin at all.
-    """
+    stay. Returns all targets if there is no skin at all."""
     rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
     skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}
     skinned = {
@@ -336,8 +335,7 @@ def _skin_weights(
 
 def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
     """Positive weights of a mesh in the vertex groups ``groups`` (indices), with sum 1 per vertex,
-    none for a vertex without; bone k is ``groups[k]``.
-    """
+    none for a vertex without; bone k is ``groups[k]``."""
     column = {group: number for number, group in enumerate(groups)}
     counts, bones, values = [0], [], []
     for vertex in mesh.vertices:

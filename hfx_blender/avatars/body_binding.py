@@ -185,8 +185,7 @@ def _armature_suspects(
     body: bpy.types.Object, mesh: bpy.types.Object, armatures: list[bpy.types.Modifier]
 ) -> dict[str, str]:
     """Causes by "armature" (Preserve Volume, envelopes, vertex group, several modifiers) and
-    "bones" (bendy or not deforming), in words; ``armatures`` is not empty.
-    """
+    "bones" (bendy or not deforming), in words; ``armatures`` is not empty."""
     suspects: dict[str, str] = {}
     modifier = armatures[0]
     if modifier.use_deform_preserve_volume:
@@ -205,8 +204,7 @@ def _armature_suspects(
 
 def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
     """Anchors of each vertex of a model on the nearest triangle of the avatar's undeformed meshes;
-    InputError without faces.
-    """
+    InputError without faces."""
     avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
     rest = [avatar_meshes.rest_surface(mesh, {}) for mesh in meshes]
     vertices = _joined_vertices(
@@ -242,8 +240,7 @@ def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix])
 def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Project points onto the planes of triangles (n, 3, 3). Returns barycentric weights (n, 3),
     clipped near the triangle, and signed heights (n,). A degenerate triangle gives the first corner
-    and height 0.
-    """
+    and height 0."""
     along = corners[:, 1:] - corners[:, :1]
     products = along @ along.transpose(0, 2, 1)
     onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])

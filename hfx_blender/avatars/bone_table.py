@@ -162,8 +162,7 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
 
 def _mapping(convention: str, bones: dict[str, str]) -> BoneMapping:
     """Mapping of ``bones`` (bone by joint), with a fallback joint for each joint without a bone;
-    convention "by hand" for "".
-    """
+    convention "by hand" for ""."""
     return with_corrections(BoneMapping(convention or BY_HAND, {}, {}, ()), bones)
 
 
@@ -193,8 +192,7 @@ def _write(
     armature: bpy.types.Object, convention: str, detected: dict[str, str], bones: dict[str, str]
 ) -> None:
     """Replace all rows of the table, and update the column *follows* once. Joints without a bone in
-    ``detected`` or ``bones`` have "".
-    """
+    ``detected`` or ``bones`` have ""."""
     global _is_filling
     rows = armature.hfx.bone_map
     # Each assignment to a row calls the property's update, which is refresh().

@@ -184,8 +184,7 @@ def measure(
 
 def _is_changing(mesh: bpy.types.Object, name: str) -> bool:
     """Test that the modifier ``name`` is animated, of a simulation or cache type, or has nodes that
-    depend on time; for "keys": animated absolute shape keys.
-    """
+    depend on time; for "keys": animated absolute shape keys."""
     modifier = mesh.modifiers.get(name)
     if modifier is None:
         keys = mesh.data.shape_keys
@@ -271,8 +270,7 @@ class _Copies:
 
     def _enable(self, on: frozenset[str]) -> None:
         """Enable the given suspects on the full copy, and disable further suspects. Mirrors and the
-        body's first Armature modifier, in plain form, stay enabled.
-        """
+        body's first Armature modifier, in plain form, stay enabled."""
         armatures = 0
         for modifier, own in zip(self._full.modifiers, self._mesh.modifiers, strict=True):
             is_enabled = own.name in on or own.name in self._mirrors
@@ -301,8 +299,7 @@ class _Copies:
 
     def _evaluated(self, on: frozenset[str], angle: float) -> _Evaluated:
         """Evaluate both copies with the suspects ``on`` and each bone turned by ``angle`` radians,
-        with alternating sign down the hierarchy; 0 is the rest pose.
-        """
+        with alternating sign down the hierarchy; 0 is the rest pose."""
         self._enable(on)
         for rig in self._rigs:
             for number, bone in enumerate(rig.pose.bones):
@@ -460,8 +457,7 @@ class _Copies:
 
 def _frames(corners: F64) -> F64:
     """Axes (n, 3, 3) of triangles ``corners`` (n, 3, 3): unit vectors along the first edge, across
-    it in the plane, and normal; 0 if degenerate.
-    """
+    it in the plane, and normal; 0 if degenerate."""
     along = corners[:, 1] - corners[:, 0]
     normal = np.cross(along, corners[:, 2] - corners[:, 0])
     axes = np.stack((along, np.cross(normal, along), normal), axis=1)

@@ -80,8 +80,7 @@ def _fitting_models(
 ) -> Generator[float, None, Fit]:
     """Fit all models to the surface, or to the bones alone if the surface is unusable, in steps.
     Unusable are surfaces that fail the target's check, are mostly rigid pieces, or miss a body
-    part; the warning says why. Meshes and notes of the result are empty.
-    """
+    part; the warning says why. Meshes and notes of the result are empty."""
     avatar, target = load_avatar(), layers.joined(targets)
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     no_surface = retarget_target.check(target, name)

@@ -65,8 +65,7 @@ def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
 
 def _check_numbers(numbers: I64) -> I64:
     """Hash of vertex numbers, int64 below 2^30. A vertex that a modifier interpolates has a mean of
-    hashes, which is not the hash of its mean number.
-    """
+    hashes, which is not the hash of its mean number."""
     return (numbers * 2654435761 + 40503) % (1 << 30)
 
 

@@ -178,8 +178,7 @@ def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, fl
 
 def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
     """Flat arrays by name of a fitted model: vertices, skin weights (offsets, bones, values),
-    anchors (corners, places, heights).
-    """
+    anchors (corners, places, heights)."""
     weights, anchors = fitted.weights, fitted.anchors
     arrays = {
         "vertices": fitted.vertices,
@@ -275,8 +274,7 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
 
 def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:
     """Raise InputError if an avatar has another number of meshes or vertices than at fitting;
-    ``again`` ends the message. An avatar without a main mesh passes.
-    """
+    ``again`` ends the message. An avatar without a main mesh passes."""
     meshes = avatar_meshes.meshes_of(armature)
     if armature.hfx.avatar is None:  # the bones alone are followed
         return

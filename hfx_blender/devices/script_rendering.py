@@ -240,10 +240,9 @@ class _ScriptRun:
         self._worker.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
-        """Wait until all rows before the last batch are answered, then send a new batch.
-        So the script always has work, and the pipe has a bounded length. Raises _FaultError: the
-        script has failed, or has exceeded a time limit.
-        """
+        """Wait until all rows before the last batch are answered, then send a new batch. So the
+        script always has work, and the pipe has a bounded length. Raises _FaultError: the script
+        has failed, or has exceeded a time limit."""
         self.wait(self._asked - self._last)
         if self._answered == self._asked:
             self._went_on_at = time.monotonic()
@@ -286,8 +285,7 @@ class _ScriptRun:
     def _process_message(self, received: Message | None) -> None:
         """Process READY, an answer (stored as the next row of ``answers``), or a line to log.
         Raises _FaultError: anything else, as FAULT, an unexpected answer, or None, the worker's
-        end.
-        """
+        end."""
         if received is None and self._worker.fault:
             raise self._fault(f"its process {self._worker.fault}")
         if received is None:

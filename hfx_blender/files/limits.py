@@ -84,8 +84,7 @@ PACKING: Final = 200.0
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:
     """Raise TooLargeError for ``size`` bytes that expand above :data:`PACKING` and
-    :data:`UNPACKED`.
-    """
+    :data:`UNPACKED`."""
     if unfolded > PACKING * size * (_times.get() or 1.0):
         UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
 

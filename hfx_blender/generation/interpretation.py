@@ -185,8 +185,7 @@ class _TextReader:
 
     def _step(self, place: int) -> int:
         """Read the longest pattern at word ``place``: stop, number, weave, negation, "made of",
-        phrase or single word; return the number of words, at least 1.
-        """
+        phrase or single word; return the number of words, at least 1."""
         word = self._words[place]
         if word in _STOPS or word == "but":
             self._end_of_clause()
@@ -218,8 +217,7 @@ class _TextReader:
 
     def _number(self, place: int) -> int:
         """Read "2 mm deep" as depth, "2 mm" as size of features; return the number of words, 1
-        without a unit, which has no effect. InputError outside 0.05..500 mm.
-        """
+        without a unit, which has no effect. InputError outside 0.05..500 mm."""
         following = self._words[place + 1 : place + 3]
         if not following or following[0] not in _UNITS_M:
             return 1
@@ -252,8 +250,7 @@ class _TextReader:
 
     def _phrase(self, place: int) -> int:
         """Read the longest known phrase of 2 or more words at ``place`` as a material, also written
-        as one word unless the first is a quality; return the number of words, 0 for none.
-        """
+        as one word unless the first is a quality; return the number of words, 0 for none."""
         for count in range(LONGEST_PHRASE, 1, -1):
             words = self._words[place : place + count]
             if len(words) < count:
@@ -268,8 +265,7 @@ class _TextReader:
 
     def _single(self, place: int, word: str) -> int:
         """Read a degree, direction, colour, quality or material, first hit in this order; pass over
-        small words, correct or note unknown words. Returns 1.
-        """
+        small words, correct or note unknown words. Returns 1."""
         following = self._words[place + 1 : place + 2]
         # "even" is a degree before a quality, and otherwise a quality.
         is_before_quality = bool(following and base_form(following[0], QUALITIES))
@@ -298,8 +294,7 @@ class _TextReader:
 
     def _is_colour(self, place: int, word: str) -> bool:
         """Test for a word of COLOURS that is no material, has "-toned" or "-coloured", or precedes
-        another colour, fabric or object not made of it: copper dress.
-        """
+        another colour, fabric or object not made of it: copper dress."""
         if word not in COLOURS:
             return False
         if word not in WORDS or word in self._coloured:
@@ -357,8 +352,7 @@ class _TextReader:
 
     def _unknown(self, place: int, word: str) -> None:
         """Read the nearest material, at 0.6 of its weight, or quality of a misspelt word; else
-        append the word to ``unknown``, once.
-        """
+        append the word to ``unknown``, once."""
         # Materials first, as the kind of material matters more than a quality.
         for known in (WORDS, QUALITIES):
             near = nearest_form(word, known)

@@ -59,8 +59,7 @@ def prompt_of(texts: Mapping[str, str]) -> PicturePrompt:
 
 def of_parameters(text: str) -> PicturePrompt:
     """Prompt of AUTOMATIC1111's text: words; from "Negative prompt:" on negative words; a last line
-    of 3 or more "Key: value" pairs is settings, with Seed, Model and Tiling.
-    """
+    of 3 or more "Key: value" pairs is settings, with Seed, Model and Tiling."""
     lines = text.strip().splitlines()
     settings: dict[str, str] = {}
     # Fewer than three settings are words that contain a colon.
@@ -88,8 +87,7 @@ def of_parameters(text: str) -> PicturePrompt:
 
 def _of_graph(graph: Mapping[str, Any]) -> PicturePrompt | None:
     """Prompt of an executed ComfyUI graph: the words that lead to the first sampler with words.
-    None without words.
-    """
+    None without words."""
     nodes = {
         key: node
         for key, node in graph.items()
@@ -123,8 +121,7 @@ def _followed(nodes: Mapping[str, Any], link: Any) -> Mapping[str, Any] | None:
 
 def _words(nodes: Mapping[str, Any], link: Any, role: str, seen: set[int] | None = None) -> str:
     """Words at the end of a chain of links for a role, positive or negative; "" without any. Inputs
-    of the opposite role are not followed. ``seen`` holds the ids of visited nodes.
-    """
+    of the opposite role are not followed. ``seen`` holds the ids of visited nodes."""
     seen = set() if seen is None else seen
     node = _followed(nodes, link)
     if node is None:
@@ -183,8 +180,7 @@ def _items(value: Any) -> list[Any]:
 
 def _as_executed(node: Mapping[str, Any], links: Mapping[Any, Any]) -> dict[str, Any]:
     """Convert a node of a drawn graph to the form of executed graphs; ``links``: number to node.
-    Widget values are guessed by the node's type: the first text, or the first whole number.
-    """
+    Widget values are guessed by the node's type: the first text, or the first whole number."""
     inputs: dict[str, Any] = {}
     values = _items(node.get("widgets_values"))
     kind = str(node.get("type", ""))

@@ -207,8 +207,7 @@ _ENDINGS: Final = (
 
 def tokens(text: str) -> list[str]:
     """Split a text into words, numbers, punctuation and line breaks, in lower case, without accents
-    and possessive endings; other signs are dropped.
-    """
+    and possessive endings; other signs are dropped."""
     # Decomposed, so that accents are characters of their own, and can be left out.
     plain = unicodedata.normalize("NFKD", text.lower())
     plain = "".join(c for c in plain if not unicodedata.combining(c))
@@ -218,8 +217,7 @@ def tokens(text: str) -> list[str]:
 
 def base_form(word: str, known: Container[str]) -> str | None:
     """Form of a word in ``known``: the word, or without an ending (-s, -er, -ing, -y ...) if 3
-    letters stay; None without any.
-    """
+    letters stay; None without any."""
     if word in known:
         return word
     # A stem has at least three letters: "es" of "yes" is no ending.

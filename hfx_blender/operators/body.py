@@ -127,8 +127,7 @@ class _FittingOperator(StepwiseOperator):
 
 class HFX_OT_mark_body(_FittingOperator):
     """Make the active armature a haptic body. The selected meshes become its avatar; without a
-    selection, all skin meshes of the armature
-    """
+    selection, all skin meshes of the armature"""
 
     bl_label = "Add Haptic Body"
 
@@ -231,8 +230,7 @@ def _is_fitted(body: bpy.types.Object) -> bool:
 
 class HFX_OT_fit_body(_FittingOperator):
     """Fit the active haptic body to its avatar again, using the bone table. Id and painted areas
-    are kept
-    """
+    are kept"""
 
     bl_label = "Fit Again"
 

@@ -65,8 +65,7 @@ def _box_of(flags: str, name: str) -> str:
 
 def _check_box(flags: str, name: str, label: str, tip: str) -> BoolProperty:
     """Check box for an item ``name`` of the property ``flags``: a click on an enum flag itself
-    would clear all other flags.
-    """
+    would clear all other flags."""
 
     def is_chosen(self: HFX_OT_export) -> bool:
         return name in getattr(self, flags)

@@ -48,8 +48,7 @@ def holds(region: bpy.types.Region, x: float, y: float) -> bool:
 
 def ray_at(region: bpy.types.Region, x: float, y: float) -> tuple[Vector, Vector]:
     """World-space origin and direction of the ray through a pixel of the window, in a region of a
-    3D viewport. An operator started in the sidebar has another region in its context.
-    """
+    3D viewport. An operator started in the sidebar has another region in its context."""
     at = (x - region.x, y - region.y)
     origin = view3d_utils.region_2d_to_origin_3d(region, region.data, at)
     return origin, view3d_utils.region_2d_to_vector_3d(region, region.data, at)
@@ -131,8 +130,7 @@ def make_room_for_clips(context: bpy.types.Context) -> None:
 
 def _join(window: bpy.types.Window, x: int, y: int) -> None:
     """Join the areas above and below an edge at a window pixel; run by a timer, after Blender has
-    updated the sizes.
-    """
+    updated the sizes."""
     with bpy.context.temp_override(window=window):
         bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))
 

@@ -52,8 +52,7 @@ class HfxOperator(bpy.types.Operator):
 
     def __init_subclass__(cls, **options: object) -> None:
         """Set id and tooltip: ``HFX_OT_add_clip`` is ``hfx.add_clip``, as Blender names the class
-        of an id; the tooltip is the docstring's paragraphs as sentences, without line breaks.
-        """
+        of an id; the tooltip is the docstring's paragraphs as sentences, without line breaks."""
         super().__init_subclass__(**options)
         if cls.__name__.startswith("HFX_OT_"):
             cls.bl_idname = "hfx." + cls.__name__.removeprefix("HFX_OT_")
@@ -321,8 +320,7 @@ EnumItems = list[tuple[str, str, str]]
 
 def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
     """Items function of a dynamic enum from a function of its entries, called at each query; keeps
-    the strings alive, as Blender requires.
-    """
+    the strings alive, as Blender requires."""
     cached: EnumItems = []
 
     def items(_self: object, _context: object) -> EnumItems:

@@ -31,8 +31,7 @@ def _has_window(context: bpy.types.Context) -> bool:
 
 class HFX_OT_workspace(HfxOperator):
     """Go to the HFX workspace: viewport with the HFX tab, NLA editor for clips, timeline. The
-    workspace is added if missing
-    """
+    workspace is added if missing"""
 
     bl_label = "HFX Workspace"
     bl_options = {"REGISTER"}

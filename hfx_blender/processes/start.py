@@ -87,8 +87,7 @@ def is_child() -> bool:
 
 def environment() -> dict[str, str]:
     """Environment of a child: this process's, and the user's folder of body models; only absolute
-    entries of PYTHONPATH; no Python variables if this Python ignores them.
-    """
+    entries of PYTHONPATH; no Python variables if this Python ignores them."""
     # Blender ignores Python's variables, and so do the processes that it starts.
     ignored = "PYTHON" if sys.flags.ignore_environment else ()
     variables = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}

@@ -177,8 +177,7 @@ class Worker:
 
     def how_it_ended(self) -> str:
         """Wait for the exit, kill after 10 s, and describe the end: "crashed (SIGSEGV)", or "ended
-        with code 1 (<last line of standard error>)".
-        """
+        with code 1 (<last line of standard error>)"."""
         try:
             code = self.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:

@@ -39,8 +39,7 @@ def offset(effect: bpy.types.Object, axis: int) -> float:
 
 def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
     """Set the size whose boundary is at a distance (world units, 0 at least) along a local axis;
-    Auto Keying adds a keyframe.
-    """
+    Auto Keying adds a keyframe."""
     from ..authoring.paths import spot_placing
 
     name, component, share = _AXES[effect.hfx.shape][axis]
@@ -204,8 +203,7 @@ class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
 
 def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matrix | None:
     """World matrix of a point on the posed body, Z along the skin's normal; None without a position
-    or body, and after an error.
-    """
+    or body, and after an error."""
     import numpy as np
 
     from ..engine.areas.spot import places_on

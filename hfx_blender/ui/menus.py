@@ -126,8 +126,7 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
 
 def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
     """Draw the next step once the scene has a body: the first steps, then those of the active
-    effect: paint, transfer the area, add a clip, export.
-    """
+    effect: paint, transfer the area, add a clip, export."""
     active, effect, layout = context.object, active_effect(context), self.layout
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         layout.operator("hfx.paint_end", icon="CHECKMARK")

@@ -43,8 +43,7 @@ def draw_text(
     reserved: int = 0,
 ) -> None:
     """Draw a sentence wrapped to the sidebar's width, less ``reserved`` letters, with 20 letters a
-    line at least; the icon precedes the first line.
-    """
+    line at least; the icon precedes the first line."""
     # Background mode has no region and no interface scale.
     width = 0 if context.region is None else context.region.width
     letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - reserved

@@ -171,8 +171,7 @@ def draw(
 
 def through(places: ArrayLike, kind: str, closed: bool = False) -> tuple[F64, F64]:
     """Points projected onto the skin (n, 3), and a path (m, 3) through these, parameters of
-    :func:`draw`. InputError for a point not on the body.
-    """
+    :func:`draw`. InputError for a point not on the body."""
     import numpy as np
 
     # "curve" and "straight" follow the surface; "traced" joins projected points directly.
@@ -302,8 +301,7 @@ def apply(
     scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
 ) -> float:
     """Draw a recipe's path; return the length in metres. A motion in the recipe replaces the
-    keyframes, and starts at ``frame``; without a motion, keyframes stay.
-    """
+    keyframes, and starts at ``frame``; without a motion, keyframes stay."""
     length = draw(effect, recipe.points_m, kind=recipe.kind, closed=recipe.is_closed)
     if recipe.motion:
         fps = fps_of(scene)

@@ -136,8 +136,7 @@ class Picker:
 
     def _canonical(self, place: F64, triangle: int) -> F64:
         """Point (3,) of the rest body with the barycentric weights of a world point ``place`` (3,)
-        in a posed triangle.
-        """
+        in a posed triangle."""
         from ...engine.volume.mesh_distance import barycentric
 
         corners = self._triangles[triangle]

@@ -40,8 +40,7 @@ def place_of(effect: bpy.types.Object) -> F64 | None:
 
 def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
     """Raise InputError if an unmuted driver, or a strip of an unmuted NLA track outside of tweak
-    mode, controls a property; ``label`` names the property.
-    """
+    mode, controls a property; ``label`` names the property."""
     data = effect.animation_data
     if data is None:
         return
@@ -60,8 +59,7 @@ def check_keyable(effect: bpy.types.Object, data_path: str, label: str) -> None:
 
 def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_path: str) -> bool:
     """Test that Auto Keying would key a property at the current frame: Replace needs a keyframe
-    there, Only Insert Available an F-curve.
-    """
+    there, Only Insert Available an F-curve."""
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
@@ -221,8 +219,7 @@ def remove_extension(effect: bpy.types.Object) -> None:
 
 def _extend_to(effect: bpy.types.Object, place: F64) -> None:
     """Append ``place`` to the path as a temporary extension, and move the point there; keyframes
-    are rescaled to their old positions. No extension if the path ends there.
-    """
+    are rescaled to their old positions. No extension if the path ends there."""
     path = paths.path_of(effect)
     if np.linalg.norm(place - path[-1]) < _SAME_PLACE_M:
         effect.hfx.path_position = 1.0
@@ -243,8 +240,7 @@ def _extend_to(effect: bpy.types.Object, place: F64) -> None:
 
 def _move_unkeyed(effect: bpy.types.Object, place: F64) -> None:
     """Move a point without keyframes to ``place``, and draw its path again through it: control
-    points within 1 cm, of traced paths within the length of the move, are dropped.
-    """
+    points within 1 cm, of traced paths within the length of the move, are dropped."""
     path, knots = paths.path_of(effect), paths.knots_of(effect)
     if len(knots) < 2:
         paths.set_path(effect, place[None])
@@ -280,8 +276,7 @@ def _key_position(
     scene: bpy.types.Scene, effect: bpy.types.Object, curve: bpy.types.FCurve, place: F64
 ) -> None:
     """Key the point at ``place`` at the current frame, with a path rerouted by shortest ways to the
-    neighbouring keyframes, whose values change. InputError for more than MAX_POINTS points.
-    """
+    neighbouring keyframes, whose values change. InputError for more than MAX_POINTS points."""
     path = paths.path_of(effect)
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])
@@ -311,9 +306,8 @@ def _shortest(first: F64, last: F64) -> F64:
 
 
 def _set_ascending_values(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
-    """Set ascending keyframe values (k,) in place of ``old`` (k,), which may rise and fall.
-    Handles are scaled by ``scale``, negative where ``old`` fell, and level at its turning points.
-    """
+    """Set ascending keyframe values (k,) in place of ``old`` (k,), which may rise and fall. Handles
+    are scaled by ``scale``, negative where ``old`` fell, and level at its turning points."""
     signs = np.sign(np.diff(old))
     left_scales = np.concatenate([[1.0], signs])
     right_scales = np.concatenate([signs, [1.0]])

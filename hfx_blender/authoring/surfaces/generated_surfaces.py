@@ -51,8 +51,7 @@ def apply_generated(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
 
 def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:
     """New material with the packed images as colour, roughness and displacement in real size; box
-    projection without a UV map. The record is stored as a custom property.
-    """
+    projection without a UV map. The record is stored as a custom property."""
     name = (files.words or files.name)[:_TITLE]
     material = bpy.data.materials.new(name)
     if material.node_tree is None:  # before 5.0 a material can be without nodes
@@ -97,8 +96,7 @@ def _tile_coordinates(
     files: GeneratedFiles, obj: bpy.types.Object, tree: bpy.types.NodeTree
 ) -> bpy.types.NodeSocket:
     """Socket of texture coordinates, 1 per generated tile, from nodes added to ``tree``: UV map
-    scaled by its size, or object coordinates without one.
-    """
+    scaled by its size, or object coordinates without one."""
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)

@@ -85,8 +85,7 @@ def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
 
 def relief_of(material: bpy.types.Material) -> ReliefNodes:
     """Relief nodes of a material: sum of displacement and chained Bump nodes, and another source of
-    normals. Nodes are added; the displacement is unlinked and missing in later bakes.
-    """
+    normals. Nodes are added; the displacement is unlinked and missing in later bakes."""
     tree = material.node_tree
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
@@ -189,8 +188,7 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
     """Label of the first input besides UV map ``uv_map``, as other coordinates, attributes or
-    projections; "" if UVs alone matter.
-    """
+    projections; "" if UVs alone matter."""
     for material in materials:
         for node in nodes_of(material.node_tree):
             dependency = _dependency(node, uv_map)
@@ -254,8 +252,7 @@ def _tallest(
     obj: bpy.types.Object,
 ) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
     """Height (m), material and node of the tallest Bump or Displacement of 1 cm or more, by
-    constant distance, scale and strength; None without any.
-    """
+    constant distance, scale and strength; None without any."""
     unit = metres_of(bpy.context.scene)
     candidates = []
     for slot in obj.material_slots:
@@ -294,8 +291,7 @@ def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
 
 def _bump_height(tree: bpy.types.NodeTree, bump: bpy.types.Node) -> Value:
     """Height of a Bump node, in added nodes: Height * Strength * Distance, negative if inverted;
-    None without a linked Height.
-    """
+    None without a linked Height."""
     height = bump.inputs["Height"]
     if not height.is_linked:
         return None

@@ -61,8 +61,7 @@ def may_bake(obj: bpy.types.Object) -> bool:
 @bpy.app.handlers.persistent
 def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
     """Handler: schedule a bake 0.8 s after the last edit of a material, node tree or image; nothing
-    in background mode.
-    """
+    in background mode."""
     if bpy.app.background or not is_material_update(graph):
         return
     # Each edit delays the bake, so that a slider is dragged without a bake per step.
@@ -88,8 +87,7 @@ def note_painted(graph: bpy.types.Depsgraph) -> None:
 
 def check() -> list[bpy.types.Object]:
     """Return the surfaces, baked before, with an edited material or painted image; sets
-    ``is_outdated`` of material surfaces, and forgets the painted images.
-    """
+    ``is_outdated`` of material surfaces, and forgets the painted images."""
     from . import surfaces
 
     painted = {image for image in bpy.data.images if image.name_full in painted_images}
@@ -123,8 +121,7 @@ def has_edited_material(obj: bpy.types.Object) -> bool:
 def bake_outdated() -> float | None:
     """Timer: make outdated maps of images, and of materials displayed within 2 s whose last bake
     took at most 1.5 s; redraw. Returns seconds to wait within 0.8 s of an edit and in playback,
-    else None.
-    """
+    else None."""
     since = time.monotonic() - last_edit_s[0]
     if since < BAKE_DELAY_S:  # still being edited
         return BAKE_DELAY_S - since

@@ -67,8 +67,7 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
 
 def _triangles(mesh: bpy.types.Mesh, owner: str, world: npt.ArrayLike) -> tuple[F64, F64]:
     """World corners (F, 3, 3), without translation, and areas (F,) of triangles, Blender units;
-    InputError without any area.
-    """
+    InputError without any area."""
     # Translation has no effect on sizes.
     linear = np.array(world, np.float64)[:3, :3]
     points = (mesh_arrays.points(mesh) @ linear.T)[mesh_arrays.triangles(mesh)]
@@ -111,8 +110,7 @@ def layer_of(mesh: bpy.types.Mesh, uv_map: str, owner: str) -> bpy.types.MeshUVL
 
 def _tile(points: F64, uv: F64) -> tuple[float, float] | None:
     """Mean length of a UV unit along U and V, weighted by UV area, of corners (F, 3, 3) and UVs (F,
-    3, 2); None without an area.
-    """
+    3, 2); None without an area."""
     uv_1, uv_2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     determinant = uv_1[:, 0] * uv_2[:, 1] - uv_1[:, 1] * uv_2[:, 0]
     is_valid = np.abs(determinant) > _SMALLEST

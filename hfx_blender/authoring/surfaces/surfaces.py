@@ -139,8 +139,7 @@ def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
 
 def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
     """Store heights, roughness and slope as the relief image, with preview, size and notes; the
-    layers are made again by the next update.
-    """
+    layers are made again by the next update."""
     import numpy as np
 
     from ...engine.texture.mcha import MapSettings, make_map
@@ -171,8 +170,7 @@ def _store_relief(obj: bpy.types.Object, relief: SurfaceRelief) -> None:
 
 def _update_layers(obj: bpy.types.Object) -> None:
     """Make, store and preview the layers of the map, with a warning on saturation, unless their
-    settings are unchanged; imported layers are not stored again.
-    """
+    settings are unchanged; imported layers are not stored again."""
     from . import image_values, material_relief
 
     settings = obj.hfx.surface
@@ -247,8 +245,7 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 
 def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
     """Layer of an imported map, (rows, columns), clipped to 0 to 1. Raises InputError: values are
-    outside of 0 to 1 by more than 0.001, or NaN.
-    """
+    outside of 0 to 1 by more than 0.001, or NaN."""
     import numpy as np
 
     from . import image_values
@@ -266,8 +263,7 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
     """Haptic map of the stored relief, or for ``field`` None of imported layers, with the present
-    settings. InputError if layers or packages are missing.
-    """
+    settings. InputError if layers or packages are missing."""
     import numpy as np
 
     from ...engine.texture.haptic_map import HapticMap, NoticeableSteps

@@ -149,8 +149,7 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
 def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
     """Control of an actuator type for a parameter: range, limits and neutral value. Limits lie
     within the range, and below the modality's maximum for devices. The default of the neutral value
-    is that of the modality, clipped to the limits. InputError for values outside.
-    """
+    is that of the modality, clipped to the limits. InputError for values outside."""
     node = kind["parameters"][known.name]
     if "fixed" in node:
         minimum = maximum = node.number("fixed")
@@ -182,8 +181,7 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
 def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substitution:
     """Read how a device with actuators of ``types`` plays the modality ``source``: target, scale
     and, for vibration, frequency, by default the first resonance of the vibration actuators, else
-    the neutral frequency of the first. InputError if no actuator has the target modality.
-    """
+    the neutral frequency of the first. InputError if no actuator has the target modality."""
     target = node.get("as")
     targets = tuple(dict.fromkeys(kind.modality for kind in types if kind.modality != source))
     if target not in targets:
@@ -200,8 +198,7 @@ def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substit
 def _mount(node: Node) -> Mount:
     """Read the mount of a layout: origin and bend radius, metres, None for a flat layout; the y
     axis is made orthogonal to x, and both of unit length. InputError for near-parallel or zero
-    axes.
-    """
+    axes."""
     # Gram-Schmidt: the part of the y axis along the x axis is removed.
     x = _direction(node["x_axis"])
     y = np.array(node.numbers("y_axis"))
@@ -243,9 +240,8 @@ def _refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 def _place(node: Node, mount: Mount | None) -> Place:
     """Read the place of an actuator: vertices, a place in the room, or a place on the body by its
-    centre, metres, or as a pad, which ``mount`` converts to metres.
-    Raises InputError: a model stands twice, an aim is near 0, or a pad has no ``mount``.
-    """
+    centre, metres, or as a pad, which ``mount`` converts to metres. Raises InputError: a model
+    stands twice, an aim is near 0, or a pad has no ``mount``."""
     ((kind, member),) = node.members().items()
     if kind == "vertices":
         sets = tuple(VertexSet(x["model"], x["hash"], tuple(x["ids"])) for x in member.value)

@@ -237,9 +237,8 @@ def _of_unitouch(document: Node, device_id: str, model: PerceptualModel) -> dict
 
 def _front_mask(node: Node, places: F64) -> Bool:
     """Mask (A,) of actuators at the front: by the first of the views Front and Back with their
-    index, else by Z of ``places`` (A, 3), at or above the middle of its range.
-    Raises InputError: a view has an index of no actuator.
-    """
+    index, else by Z of ``places`` (A, 3), at or above the middle of its range. Raises InputError: a
+    view has an index of no actuator."""
     depth = places[:, 2]
     # Actuators in neither view: the middle of the depths divides front and back.
     is_front = depth >= 0.5 * (depth.min() + depth.max())
@@ -258,10 +257,9 @@ def _front_mask(node: Node, places: F64) -> Bool:
 def _on_skin(
     places: F64, is_front: Bool, parts: tuple[str, ...], model: PerceptualModel
 ) -> list[list[float]]:
-    """Vertices (A, 3) of the perceptual model, metres, for ``places`` (A, 3) of a layout.
-    X and Y are scaled alike and centred, to fill 0.9 of the width or height of ``parts``; the
-    nearest vertex with its normal to the front or back is chosen, by X and Z alone.
-    """
+    """Vertices (A, 3) of the perceptual model, metres, for ``places`` (A, 3) of a layout. X and Y
+    are scaled alike and centred, to fill 0.9 of the width or height of ``parts``; the nearest
+    vertex with its normal to the front or back is chosen, by X and Z alone."""
     allowed = on_parts(parts, model)
     skin = model.vertices[allowed].astype(np.float64)
     faces_front = model.normals[allowed, 1] < 0.0

@@ -29,10 +29,9 @@ _PORTS: Final = {"osc": 9000, "buttplug": 12345, "bhaptics": 15881}
 
 
 def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
-    """Read the encoder and transport of a device, with default hosts and ports.
-    Raises InputError: a host is not local, or the encoder does not fit number, silence or channels
-    of the actuators.
-    """
+    """Read the encoder and transport of a device, with default hosts and ports. Raises InputError:
+    a host is not local, or the encoder does not fit number, silence or channels of the
+    actuators."""
     kind = node["encoder"].get("kind")
     encoder = _encoder(node["encoder"], kind, actuators)
     transport = node["transport"] if "transport" in node else Node({}, node.file)
@@ -98,8 +97,7 @@ def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
     """Read OSC addresses, one for each control with a range, or one template for all; by default
     shares of full scale in bundles. InputError for another number, or a template with the same
-    address for two controls.
-    """
+    address for two controls."""
     counts = [sum(c.minimum < c.maximum for c in x.type.controls) for x in actuators]
     # A single template has to give a different address for each channel.
     if "address" in node:

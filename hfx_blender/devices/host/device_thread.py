@@ -289,8 +289,7 @@ class DeviceThread:
     def _run_stops(self) -> None:
         """Run the stop thread: on request send stop bytes 3 times, without their exceptions, and
         record silence, until the device thread has ended. A stalled port may stall the stop bytes,
-        too.
-        """
+        too."""
         while True:
             self._hush.wait()
             self._hush.clear()
@@ -504,9 +503,8 @@ class DeviceThread:
 
     def _with_pulse(self, values: F64, now: float) -> F64:
         """Copy of values (columns,) with an actuator's strength replaced by the test pulse: a Hann
-        window of 0.3 s with a peak of 30 % of the actuator's range.
-        Returns ``values`` themselves without a pulse, or after its end, which clears the pulse.
-        """
+        window of 0.3 s with a peak of 30 % of the actuator's range. Returns ``values`` themselves
+        without a pulse, or after its end, which clears the pulse."""
         if self.test_pulse is None:
             return values
         actuator, began_s = self.test_pulse

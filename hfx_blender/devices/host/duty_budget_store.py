@@ -281,8 +281,7 @@ class DutyBudgetStore:
 def _locked(folder: Path, identity: str) -> int | None:
     """Lock ``<hash of identity>.lock`` until the returned descriptor is closed; creates folder and
     file. None if the folder is not writable or the file system has no locks. Raises
-    OutputLostError: another process holds the lock.
-    """
+    OutputLostError: another process holds the lock."""
     path = folder / (hashlib.sha256(identity.encode()).hexdigest()[:32] + ".lock")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -320,8 +320,7 @@ class Host:
     def _stop_after_standstill(self, now: float) -> None:
         """Stop all devices if this process did not run for more than :data:`FREEZE_S`. Called by
         the main thread and by the reading thread, before any use of old data: both may run first
-        after a sleep of the computer.
-        """
+        after a sleep of the computer."""
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
             for thread in list(self.device_threads.values()):

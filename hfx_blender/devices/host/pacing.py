@@ -185,8 +185,7 @@ class Ramp:
     def _share(self, since_s: float, intervals_s: F64) -> F64:
         """Share of the ramp ``since_s`` after its start, (0, 1], for each of ``intervals_s``,
         seconds. The ramp has a whole number of equal steps, at least 1; the step that starts now
-        counts as done.
-        """
+        counts as done."""
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
         return np.asarray(np.minimum(step / steps, 1.0))
@@ -236,8 +235,7 @@ class Pace:
     def paced(self, wanted: F64, now_s: float) -> F64:
         """Values (columns,) to send at ``now_s`` for the values ``wanted``: unchanged for actuators
         as fast as ``tick`` or silent, else the strongest since the last update, or the last values
-        if no update is due.
-        """
+        if no update is due."""
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start

@@ -233,8 +233,7 @@ class TimeOn:
     def _empty(self, budget: DutyBudget, slots: I64, length_s: F64, rests: Bool) -> None:
         """Lower the load in place by ``length_s`` (A,) of rest divided by ``rest_s``; none for 0,
         negative or NaN. ``slots`` belong to the actuators in the mask ``rests`` (A,), in order.
-        Load 0 ends their cooling.
-        """
+        Load 0 ends their cooling."""
         # Comparisons are False for NaN: a step of unknown length is no rest.
         length_s = np.where(length_s[rests] > 0.0, length_s[rests], 0.0)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -304,8 +304,7 @@ class ButtplugOutput:
     def send(self, values: F64) -> None:
         """Send the changed levels of values (columns,), unless bytes are unsent or the last command
         was less than ``command_interval_s`` ago; silence of all outputs passes the second test.
-        Raises OutputLostError: the server is lost, or the device is disconnected.
-        """
+        Raises OutputLostError: the server is lost, or the device is disconnected."""
         self._server.check()
         # A device that reconnects may have another index, which may belong to another device.
         device = self._device

@@ -135,9 +135,8 @@ class CsvLog:
 
 
 class LogFile:
-    """Unbuffered writer of a log; :meth:`close` removes a new file after a failed write.
-    Raises OutputLostError: the file may not be overwritten, as of :func:`open_log`, or not written.
-    """
+    """Unbuffered writer of a log; :meth:`close` removes a new file after a failed write. Raises
+    OutputLostError: the file may not be overwritten, as of :func:`open_log`, or not written."""
 
     def __init__(self, path: Path, is_ours: Callable[[bytes], bool] | None = None) -> None:
         self._path = path

@@ -188,8 +188,7 @@ class WebSocket:
     def _keep_alive(self) -> None:
         """Thread: until the connection is closed or lost, wait 50 ms at most for data or room,
         process both, and call ``on_tick``. Lost: any exception, closing by the server, or a server
-        that has read nothing for a second.
-        """
+        that has read nothing for a second."""
         while not self._is_closed and not self._lost:
             try:
                 writing = [self._socket] if self._waiting else []

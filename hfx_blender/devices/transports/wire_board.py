@@ -243,8 +243,7 @@ class WireBoard:
     def _begin(self, patience_s: float) -> None:
         """Start a new session, with a time limit for the answer. The session's random number
         changes the CRC of the configuration, and the board ignores values with the CRC of an
-        earlier session.
-        """
+        earlier session."""
         self._configuration = encode_configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
@@ -272,8 +271,7 @@ class WireBoard:
     def _listen(self) -> None:
         """Process received frames: READY of the present session, and STOPPED of a ready board.
         Other bytes are kept for a message, 100 at most. OutputLostError for STOPPED, or if the
-        board has fewer channels than the device.
-        """
+        board has fewer channels than the device."""
         content = self._port.read()
         frames = self._receiver.take(content)
         text = content.decode("ascii", "backslashreplace")
@@ -306,8 +304,7 @@ class WireBoard:
 def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
     """Longest time on and following rest, for all channels of a board; 0: the board's own. The time
     on is the shortest of the device's types, and the share of time on the smallest; types without a
-    limit do not count.
-    """
+    limit do not count."""
     kinds = [kind for kind in device.actuator_types.values() if math.isfinite(kind.maximum_on_s)]
     if not kinds:
         return 0, 0

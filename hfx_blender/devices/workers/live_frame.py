@@ -100,8 +100,7 @@ def _add_runs(
 ) -> list[Any]:
     """Add the K runs with a sample to ``arrays`` in place, rows in order and vertices concatenated.
     Missing parameters and focus are NaN. Returns ``[run number, device id, actuators, values]`` of
-    each run with a drive.
-    """
+    each run with a drive."""
     present = [run for run in runs if len(run)]
     # Rows of equal width for all modalities, so that one array holds all runs.
     parameters = np.full((len(present), _PARAMETERS), np.nan)

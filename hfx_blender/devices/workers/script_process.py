@@ -146,8 +146,7 @@ class ScriptProcess:
     def _take(self, worker: Worker, received: Message) -> str | None:
         """Execute READY, a LOG line, or the answer to the last question, and send the next
         question. Returns the reason of a fault, which ends the reading ("" for a killed worker),
-        else None.
-        """
+        else None."""
         with self._lock:
             if worker is not self._worker:  # a killed worker
                 return ""

@@ -89,8 +89,7 @@ def main() -> None:
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     """Execute the approved script of a request; return the device and the function ``render``.
     Raises PermissionError: the bytes differ from the request's fingerprint, or are not approved.
-    Raises TypeError: the script has no function ``render``.
-    """
+    Raises TypeError: the script has no function ``render``."""
     request = decode_json(first.body)
     path, configuration = Path(request["path"]), Path(request["configuration"])
     source = path.read_bytes()

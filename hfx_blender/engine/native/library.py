@@ -217,8 +217,7 @@ class Structure(ctypes.Structure):
 def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
     """Convert a field's value to C: an array to its address, a list item by item to a C array of
     addresses, a structure to a pointer; numbers and None stay. Converted copies of arrays are
-    appended to ``kept``.
-    """
+    appended to ``kept``."""
     if value.__class__ is np.ndarray:
         return kind.address(value, kept)
     if value.__class__ is list:

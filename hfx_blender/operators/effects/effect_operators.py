@@ -190,8 +190,7 @@ _MODALITIES = (
 
 class HFX_OT_add_vector_sensation(OnBodyOperator):
     """Add an effect with a curve for each actuator of one device. Other devices ignore the
-    effect
-    """
+    effect"""
 
     bl_label = "Vector Sensation"
     bl_property = "device"

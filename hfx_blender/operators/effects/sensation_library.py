@@ -134,8 +134,7 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
 
 class HFX_OT_save_effects(HfxOperator, ExportHelper):
     """Save the selected effects to a file. Files in your folder of effects are listed in Add >
-    Haptic > Sensation
-    """
+    Haptic > Sensation"""
 
     bl_label = "Save Effects"
     bl_options = {"REGISTER"}

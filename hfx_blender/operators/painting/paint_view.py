@@ -75,8 +75,7 @@ def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
 
 def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     """Save views and opacity of the viewport, make the colours paler, and frame the mesh; no effect
-    without a viewport.
-    """
+    without a viewport."""
     area = framing.viewport(context)
     if area is None:
         return
@@ -134,8 +133,7 @@ def _pixels_per_unit(
     context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
 ) -> float | None:
     """Pixels of one Blender unit at the middle of a mesh, in perspective at the view's pivot; None
-    without a viewport, or behind the viewer.
-    """
+    without a viewport, or behind the viewer."""
     area = framing.viewport(context)
     if area is None:
         return None

@@ -183,8 +183,7 @@ class HFX_OT_draw_path(HfxOperator):
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Append the point under the mouse with its time; outside of the body nothing, or the last
-        point while recording. Freehand points closer than 1 mm are left out.
-        """
+        point while recording. Freehand points closer than 1 mm are left out."""
         region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
         hit = self._picker.hit(*framing.ray_at(region, event.mouse_x, event.mouse_y))
         if hit is None and self.mode == "RECORD" and len(self.stroke):

@@ -34,8 +34,7 @@ def show_pending(
     body: bpy.types.Object | None, places: F64 | None = None, path: F64 | None = None
 ) -> None:
     """Show points (n, 3) during drawing on a body, and a path (m, 3) through them; body None hides
-    both. Metres on the canonical body; without a path, straight segments join the points.
-    """
+    both. Metres on the canonical body; without a path, straight segments join the points."""
     global pending_clicks
     pending_clicks = (body, places, places if path is None else path)
 

@@ -30,8 +30,7 @@ _SHORTCUTS = {"G", "S", "I"}
 
 def _is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
     """Test for G, S or I with further selected objects, or a point that is not selected: Blender's
-    own operators then move, scale and key the selection.
-    """
+    own operators then move, scale and key the selection."""
     effect = active_spot(context)
     others = any(selected != effect for selected in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
@@ -237,8 +236,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
 
     def _show(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         """Move the effect to :attr:`place`, or the nearest place of its path, for display; draw the
-        point's former path.
-        """
+        point's former path."""
         import numpy as np
 
         from ...authoring.paths import spot_placing
@@ -339,8 +337,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
 
 class HFX_OT_key_spot(PathOperator):
     """Insert a keyframe of the point's position; the point moves along the skin between
-    keyframes
-    """
+    keyframes"""
 
     bl_label = "Insert Place Key"
 
@@ -357,8 +354,7 @@ class HFX_OT_key_spot(PathOperator):
 
 def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
     """Move the effect's object to its point on the posed body; no effect for a child object, and
-    without a body or position.
-    """
+    without a body or position."""
     from ...authoring.paths import spot_placing
 
     anchor = spot_placing.place_of(effect)

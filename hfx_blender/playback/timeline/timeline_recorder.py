@@ -144,8 +144,7 @@ class TimelineRecorder:
     def _piece(self, scene: bpy.types.Scene) -> None:
         """Record the next block, or start a recording: settled without a record for a scene without
         effects or bodies, and with :attr:`must_step` for a scene that needs stepping. HfxError as
-        of :func:`.timeline_record.record`.
-        """
+        of :func:`.timeline_record.record`."""
         from .timeline_record import NeedsSteppingError, record
 
         # Each call advances the generator by a block. An edit closes the generator (`_stop`), as

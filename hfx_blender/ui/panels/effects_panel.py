@@ -34,8 +34,7 @@ _OUTSIDE = {
 def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
     """Draw the warning of effects without a body; with bodies in the scene, a button or menu to
     assign one. ``which`` names the effects, as the property of ``hfx.move_to_body``: "ACTIVE" is
-    the active effect, any other value all effects of deleted bodies.
-    """
+    the active effect, any other value all effects of deleted bodies."""
     column = layout.column()
     column.alert = True
     bodiless = effects.effects_without_body(context.scene)

@@ -55,8 +55,7 @@ def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
 
 def refresh() -> None:
     """Rebuild rows if the scene's effects, or the number of the active effect's clips, have
-    changed; never call this while Blender draws.
-    """
+    changed; never call this while Blender draws."""
     manager = bpy.context.window_manager
     new_rows = rows_of(bpy.context.scene)
     if [(row.effect, row.group) for row in manager.hfx_rows] != new_rows:

@@ -111,8 +111,7 @@ def _draw_device(
     context: bpy.types.Context, box: bpy.types.UILayout, item: bpy.types.PropertyGroup
 ) -> None:
     """Draw a device's name, facts, buttons and state; while playing, a button for each actuator
-    with its value, which sends a test pulse.
-    """
+    with its value, which sends a test pulse."""
     from ...devices.configurations.device_facts import facts_of
 
     facts, state = facts_of(item.name), live.state(item.name)
